@@ -1,0 +1,15 @@
+"""What exists: the Franka, the things in the kitchen, and the room; each usable and viewable alone."""
+
+from kitchen_suite.entities.franka import Franka as Franka
+from kitchen_suite.entities.kitchen_arena import Kitchen as Kitchen
+from kitchen_suite.entities.kitchen_arena import KitchenArena as KitchenArena
+from kitchen_suite.entities.kitchen_arena import build_kitchen as build_kitchen
+from kitchen_suite.entities.kitchen_props import Counter as Counter
+from kitchen_suite.entities.kitchen_props import HingeCabinet as HingeCabinet
+from kitchen_suite.entities.kitchen_props import Hood as Hood
+from kitchen_suite.entities.kitchen_props import Kettle as Kettle
+from kitchen_suite.entities.kitchen_props import KitchenProp as KitchenProp
+from kitchen_suite.entities.kitchen_props import Microwave as Microwave
+from kitchen_suite.entities.kitchen_props import Oven as Oven
+from kitchen_suite.entities.kitchen_props import SlideCabinet as SlideCabinet
+from kitchen_suite.entities.kitchen_props import Walls as Walls

@@ -1,0 +1,91 @@
+"""The kitchen's room, and the kitchen as a whole: room, robot and props put together."""
+
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from dm_control import composer, mjcf
+
+from kitchen_suite.entities import assets, kitchen_props
+from kitchen_suite.entities.franka import Franka
+
+
+class KitchenArena(composer.Arena):
+    """Floor, lights, cameras, the robot's pedestal, and named places for everything else."""
+
+    def _build(self, *, visuals: bool = True, name: str = "kitchen") -> None:
+        """Reads the room's MJCF.
+
+        Args:
+          visuals: `False` leaves out materials and textures; the physics stays the same to the bit.
+          name: name of the model.
+        """
+        self._mjcf_root = assets.load_mjcf("kitchen_arena", visuals=visuals)
+        self._mjcf_root.model = name
+
+    def place(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
+        """Attaches an entity at the place that has its name, and returns the frame it hangs on.
+
+        Args:
+          entity: its model name must be that of a site of the room.
+          free: whether it moves freely.
+
+        Raises:
+          ValueError: the room has no place of that name.
+        """
+        name = entity.mjcf_model.model
+        places = {site.name: site for site in self._mjcf_root.find_all("site", exclude_attachments=True)}
+        if name not in places:
+            raise ValueError(f"the kitchen has no place for {name!r}; its places are {sorted(places)}")
+        frame = self.attach(entity, places[name])
+        if free:
+            frame.add("freejoint")
+        return frame
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Kitchen:
+    """A furnished kitchen.
+
+    Attributes:
+      arena: the room, which everything else is attached to.
+      robot: the Franka on its pedestal.
+      props: the things in the room by name, in the order in which their joints are observed.
+    """
+
+    arena: KitchenArena
+    robot: Franka
+    props: Mapping[str, kitchen_props.KitchenProp]
+
+    @property
+    def object_joints(self) -> tuple[mjcf.Element, ...]:
+        """The props' joints in the order of the observation: 21 positions, 20 velocities."""
+        return tuple(joint for prop in self.props.values() for joint in prop.joints)
+
+
+def build_kitchen(*, visuals: bool = True) -> Kitchen:
+    """Puts the kitchen of FrankaKitchen-v1 together.
+
+    Args:
+      visuals: `False` leaves out all geoms that only the eye needs, which is faster; trajectories are the same to the
+        bit.
+    """
+    arena = KitchenArena(visuals=visuals)
+    robot = Franka(visuals=visuals)
+    arena.place(robot)
+    fixed = (
+        kitchen_props.Counter,
+        kitchen_props.Oven,
+        kitchen_props.Hood,
+        kitchen_props.Walls,
+        kitchen_props.SlideCabinet,
+        kitchen_props.HingeCabinet,
+        kitchen_props.Microwave,
+    )
+    props = [prop(visuals=visuals) for prop in fixed]
+    for prop in props:
+        arena.place(prop)
+    kettle = kitchen_props.Kettle(visuals=visuals)
+    arena.place(kettle, free=True)
+    by_name = {prop.mjcf_model.model: prop for prop in (*props, kettle)}
+    return Kitchen(arena=arena, robot=robot, props=MappingProxyType(by_name))

@@ -1,0 +1,123 @@
+"""The things in the kitchen: each one an Entity with an MJCF file of its own in `xml/`, usable and viewable alone.
+
+Sizes, masses and joint parameters are those of the FrankaKitchen-v1 model in gymnasium-robotics 1.4.2.
+"""
+
+from collections.abc import Sequence
+
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from kitchen_suite.entities import assets
+
+
+class KitchenProp(composer.Entity):
+    """A thing with a fixed list of joints, described by one MJCF file."""
+
+    xml_name: str
+    joint_names: Sequence[str] = ()
+
+    def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
+        """Reads the prop's MJCF.
+
+        Args:
+          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          name: prefix of the prop's elements in a scene; its own name when omitted.
+        """
+        self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
+        self._mjcf_root.model = name or self.xml_name
+
+    def _build_observables(self) -> composer.Observables:
+        return KitchenPropObservables(self) if self.joint_names else super()._build_observables()
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """The prop's joints, in the order in which the kitchen observes them."""
+        return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
+
+
+class KitchenPropObservables(composer.Observables):
+    """What a prop shows of itself; disabled by default."""
+
+    @composer.observable
+    def joint_positions(self) -> observable.Generic:
+        """Positions of the prop's joints: `(n,)` float64 [rad] or [m]; qpos; no noise."""
+        return observable.Generic(lambda physics: physics.bind(self._entity.joints).qpos)
+
+    @composer.observable
+    def joint_velocities(self) -> observable.Generic:
+        """Velocities of the prop's joints: `(n,)` float64 [rad/s] or [m/s]; qvel; no noise."""
+        return observable.Generic(lambda physics: physics.bind(self._entity.joints).qvel)
+
+
+class Counter(KitchenProp):
+    """The L-shaped counter with drawers, sink and faucet; nothing of it moves."""
+
+    xml_name = "counter"
+
+
+class Walls(KitchenProp):
+    """The back wall and the left wall."""
+
+    xml_name = "walls"
+
+
+class Oven(KitchenProp):
+    """The oven with four knobs and four burners; a knob's angle [rad] is 174 times its burner's travel [m]."""
+
+    xml_name = "oven"
+    joint_names = (
+        "knob_Joint_1",
+        "bottom_right_burner",
+        "knob_Joint_2",
+        "bottom_left_burner",
+        "knob_Joint_3",
+        "top_right_burner",
+        "knob_Joint_4",
+        "top_left_burner",
+    )
+
+
+class Hood(KitchenProp):
+    """The hood with the light switch; the switch's angle [rad] is 14 times the lamp's travel [m]."""
+
+    xml_name = "hood"
+    joint_names = ("light_switch", "light_joint")
+
+
+class SlideCabinet(KitchenProp):
+    """The cabinet whose door slides to the right."""
+
+    xml_name = "slide_cabinet"
+    joint_names = ("slide_cabinet",)
+
+
+class HingeCabinet(KitchenProp):
+    """The cabinet with a left and a right hinged door."""
+
+    xml_name = "hinge_cabinet"
+    joint_names = ("left_hinge_cabinet", "right_hinge_cabinet")
+
+
+class Microwave(KitchenProp):
+    """The microwave, its door hinged on the left."""
+
+    xml_name = "microwave"
+    joint_names = ("microwave",)
+
+
+class Kettle(KitchenProp):
+    """The kettle; it moves freely once `composer.Arena.add_free_entity` or `KitchenArena.place` has attached it."""
+
+    xml_name = "kettle"
+    joint_names = ("kettle",)
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """The free joint that the arena gave the kettle: 7 positions, 6 velocities. Empty while it stands alone."""
+        freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
+        return () if freejoint is None else (freejoint,)

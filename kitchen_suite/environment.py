@@ -1,0 +1,154 @@
+"""A composer environment that steps faster, counts its time limit in control steps, and survives bad luck."""
+
+import collections
+import math
+from typing import Any
+
+import dm_env
+import numpy as np
+from dm_control import composer
+from dm_control.composer import observation
+from dm_control.rl import control
+from dm_env import specs
+from numpy.typing import ArrayLike
+
+_SUBSTEP_HOOKS = ("before_substep", "after_substep")
+
+
+def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:
+    """Returns a RandomState for what dm_control's pipelines pass as `random`.
+
+    Args:
+      random: a state, which is used as it is; a seed, whose bits above the 32nd are folded onto the lower ones; or
+        `None` for fresh entropy.
+
+    Raises:
+      TypeError: it is something else.
+      ValueError: the seed is negative.
+    """
+    if random is None or isinstance(random, np.random.RandomState):
+        return random or np.random.RandomState()
+    if isinstance(random, bool) or not isinstance(random, int | np.integer):
+        raise TypeError(f"random must be an int, a numpy RandomState or None, got {random!r}")
+    if random < 0:
+        raise ValueError(f"random must not be negative, got {random}")
+    seed, folded = int(random), 0
+    while seed:
+        folded ^= seed & 0xFFFFFFFF
+        seed >>= 32
+    return np.random.RandomState(folded)
+
+
+class Environment(composer.Environment):
+    """`composer.Environment` with four differences.
+
+    - All physics steps of a control step are made in one call when nothing looks at them one by one: no hook of task,
+      entity or user between them, and every enabled observable updated at each step, without delay or buffer.
+    - The time limit is counted in control steps. composer sums physics times, and ends an episode of 280 steps with the
+      281st.
+    - After a `PhysicsError` the next `step` starts a new episode.
+    - `flat_observation` gives one array, as dm_control's suite does.
+    """
+
+    def __init__(
+        self,
+        task: composer.Task,
+        time_limit: float = math.inf,
+        random_state: int | np.random.RandomState | None = None,
+        *,
+        flat_observation: bool = False,
+        **kwargs: Any,
+    ) -> None:
+        """Builds the environment.
+
+        Args:
+          task: what is asked.
+          time_limit: length of an episode [s].
+          random_state: seed, or state to draw from.
+          flat_observation: whether to concatenate all observations under the key `observations`.
+          **kwargs: further arguments of `composer.Environment`.
+
+        Raises:
+          ValueError: `time_limit` is not positive.
+        """
+        if not time_limit > 0:
+            raise ValueError(f"time_limit must be positive, got {time_limit!r}")
+        super().__init__(task, random_state=make_random_state(random_state), **kwargs)
+        steps = time_limit / self.control_timestep()
+        self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
+        self._step_count = 0
+        self._flat_observation = flat_observation
+        self._plan_substeps()
+
+    @property
+    def step_limit(self) -> float:
+        """Control steps in an episode; infinite where there is no limit."""
+        return self._step_limit
+
+    def reset(self) -> dm_env.TimeStep:
+        self._reset_next_step = True
+        timestep = super().reset()
+        self._step_count = 0
+        self._plan_substeps()
+        return self._present(timestep)
+
+    def step(self, action: ArrayLike) -> dm_env.TimeStep:
+        if self._reset_next_step:
+            return self.reset()
+        try:
+            timestep = super().step(action)
+        except control.PhysicsError:
+            self._reset_next_step = True
+            raise
+        self._step_count += 1
+        if timestep.mid() and self._step_count >= self._step_limit:
+            self._reset_next_step = True
+            timestep = timestep._replace(step_type=dm_env.StepType.LAST)
+        return self._present(timestep)
+
+    def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:
+        spec = super().observation_spec()
+        if not self._flat_observation:
+            return spec
+        size = sum(math.prod(part.shape) for part in spec.values())
+        dtype = np.result_type(*(part.dtype for part in spec.values()))
+        key = control.FLAT_OBSERVATION_KEY
+        return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
+
+    def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
+        super().add_extra_hook(hook_name, hook_callable)
+        self._plan_substeps()
+
+    def _present(self, timestep: dm_env.TimeStep) -> dm_env.TimeStep:
+        if not self._flat_observation:
+            return timestep
+        return timestep._replace(observation=control.flatten_observation(timestep.observation))
+
+    def _plan_substeps(self) -> None:
+        """Decides how many physics steps one of composer's substeps makes: all, or one."""
+        total = self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
+        self._steps_per_call = total if self._may_collapse() else 1
+        self._n_sub_steps = total // self._steps_per_call
+
+    def _may_collapse(self) -> bool:
+        hooked = any(
+            getattr(type(self._task), name) is not getattr(composer.Task, name)
+            or getattr(self._hooks, f"_{name}").entity_hooks
+            or getattr(self._hooks, f"_{name}").extra_hooks
+            for name in _SUBSTEP_HOOKS
+        )
+        return not hooked and all(
+            shown.update_interval == observation.updater.DEFAULT_UPDATE_INTERVAL
+            and not shown.delay
+            and shown.buffer_size in (None, observation.updater.DEFAULT_BUFFER_SIZE)
+            for shown in self._task.observables.values()
+            if shown.enabled
+        )
+
+    def _substep(self, action: ArrayLike) -> None:
+        if self._steps_per_call == 1:
+            super()._substep(action)
+            return
+        self._physics.step(self._steps_per_call)
+        # The updates that composer would have made between the steps: none of them would have been read.
+        self._observation_updater._step_counter += self._steps_per_call - 1  # noqa: SLF001

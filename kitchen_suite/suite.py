@@ -1,0 +1,105 @@
+"""Environments by domain and task name, loaded as dm_control's suite loads its own."""
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from kitchen_suite.entities import build_kitchen
+from kitchen_suite.environment import Environment
+from kitchen_suite.tasks import GOALS, KitchenTask, checks
+from kitchen_suite.tasks.kitchen import TIME_LIMIT
+
+
+def kitchen(
+    *,
+    tasks_to_complete: Sequence[str],
+    time_limit: float | None = TIME_LIMIT,
+    random: int | np.random.RandomState | None = None,
+    visuals: bool = True,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    **task_options: Any,
+) -> Environment:
+    """Builds a kitchen environment.
+
+    Args:
+      tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`.
+      time_limit: length of an episode [s]; `None` for no limit.
+      random: seed, or state to draw from.
+      visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
+      environment_kwargs: further arguments of `Environment`.
+      **task_options: further arguments of `KitchenTask`.
+
+    Raises:
+      TypeError: an argument of the wrong type, or an unknown one.
+      ValueError: see `KitchenTask`; or the time limit is not positive and finite.
+    """
+    limit = math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
+    scene = build_kitchen(visuals=checks.flag(visuals, "visuals"))
+    task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
+    settings = {
+        "strip_singleton_obs_buffer_dim": True,
+        "recompile_mjcf_every_episode": False,
+        **(environment_kwargs or {}),
+    }
+    return Environment(task, time_limit=limit, random_state=random, **settings)
+
+
+_KITCHEN_TASKS = {
+    **{name.replace(" ", "_"): (name,) for name in GOALS},
+    "complete": ("microwave", "kettle", "light switch", "slide cabinet"),
+    "partial": ("microwave", "kettle", "light switch", "slide cabinet"),
+    "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
+    "all": tuple(GOALS),
+}
+
+_DOMAINS: Mapping[str, Mapping[str, Callable[..., Environment]]] = MappingProxyType(
+    {
+        "kitchen": MappingProxyType(
+            {name: functools.partial(kitchen, tasks_to_complete=tasks) for name, tasks in _KITCHEN_TASKS.items()}
+        ),
+    }
+)
+
+# Task names by domain.
+TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {domain: tuple(tasks) for domain, tasks in _DOMAINS.items()}
+)
+
+# All pairs of domain and task name.
+ALL_TASKS: tuple[tuple[str, str], ...] = tuple(
+    (domain, task) for domain, tasks in TASKS_BY_DOMAIN.items() for task in tasks
+)
+
+# Those that papers report: the three task sets of D4RL's Franka kitchen.
+BENCHMARKING: tuple[tuple[str, str], ...] = (("kitchen", "complete"), ("kitchen", "partial"), ("kitchen", "mixed"))
+
+
+def load(
+    domain_name: str,
+    task_name: str,
+    task_kwargs: Mapping[str, Any] | None = None,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    visualize_reward: bool = False,
+) -> Environment:
+    """Builds an environment of the suite; called as `dm_control.suite.load` is.
+
+    Args:
+      domain_name: a key of `TASKS_BY_DOMAIN`.
+      task_name: one of that domain's tasks.
+      task_kwargs: arguments of the domain's builder (here: `kitchen`), among them `random` and `time_limit`.
+      environment_kwargs: further arguments of `Environment`.
+      visualize_reward: whether things show by their colour that they pay.
+
+    Raises:
+      TypeError: an argument of the wrong type, or an unknown one.
+      ValueError: an unknown domain or task, or a value that the builder refuses.
+    """
+    tasks = _DOMAINS[checks.choice(domain_name, _DOMAINS.keys(), "domain")]
+    build = tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")]
+    environment = build(**{**(task_kwargs or {}), "environment_kwargs": environment_kwargs})
+    environment.task.visualize_reward = visualize_reward
+    return environment

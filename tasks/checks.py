@@ -1,0 +1,88 @@
+"""Refuses bad arguments with a message that names the value, the place and what is allowed."""
+
+import difflib
+import math
+import numbers
+from collections.abc import Collection, Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def choice(value: object, choices: Collection[str], what: str) -> str:
+    """Returns `value` if it is one of `choices`.
+
+    Raises:
+      TypeError: it is not a string.
+      ValueError: it is none of the choices; the message lists them and names the nearest.
+    """
+    if not isinstance(value, str):
+        raise TypeError(f"{what} must be a string, got {value!r}")
+    if value not in choices:
+        near = difflib.get_close_matches(value.replace("_", " "), choices, n=1) or difflib.get_close_matches(
+            value, choices, n=1
+        )
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"{what} {value!r} does not exist{hint} Choose from {sorted(choices)}")
+    return value
+
+
+def number(value: object, what: str, *, positive: bool = False) -> float:
+    """Returns `value` as a float if it is a finite real number that is not negative (nor zero if `positive`).
+
+    Raises:
+      TypeError: it is not a real number (a bool is not one).
+      ValueError: it is negative, infinite or NaN, or zero where it must be positive.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{what} must be a number, got {value!r}")
+    if not math.isfinite(value) or value < 0 or (positive and value == 0):
+        kind = "positive" if positive else "non-negative"
+        raise ValueError(f"{what} must be finite and {kind}, got {value!r}")
+    return float(value)
+
+
+def flag(value: object, what: str) -> bool:
+    """Returns `value` if it is a bool.
+
+    Raises:
+      TypeError: it is anything else.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{what} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def distinct(values: object, what: str) -> tuple[object, ...]:
+    """Returns `values` as a tuple if it holds at least one element, and none twice.
+
+    Raises:
+      TypeError: it is a string, or cannot be iterated over.
+      ValueError: it is empty, or repeats an element.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"{what} must be a sequence of names, got {values!r}")
+    names = tuple(values)
+    if not names:
+        raise ValueError(f"{what} is empty; name at least one")
+    if repeated := sorted({repr(name) for name in names if names.count(name) > 1}):
+        raise ValueError(f"{what} names {', '.join(repeated)} more than once")
+    return names
+
+
+def vector(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
+    """Returns `value` as a float64 vector, unrounded, if it has `size` finite real elements.
+
+    Raises:
+      TypeError: its elements are not real numbers.
+      ValueError: it has another shape, or holds NaN or inf.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{what} must hold {size} numbers, got {value!r}")
+    if array.shape != (size,):
+        raise ValueError(f"{what} must have shape ({size},), got shape {array.shape}")
+    array = array.astype(np.float64, copy=False)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} must be finite, got {array}")
+    return array

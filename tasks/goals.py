@@ -1,0 +1,171 @@
+"""The seven goals of the kitchen, and the mathematics of reaching them.
+
+The functions work on arrays of shape `(..., n)`: one environment has no leading axis, a batch has one or more.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite.tasks import checks
+
+# Distance below which a task counts as complete, over all joints of the task together [rad, m]; the reference's.
+THRESHOLD = 0.3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Goal:
+    """What one task asks for.
+
+    Attributes:
+      description: what is to be done, in one line.
+      elements: where its values stand in the 21 object positions of the observation.
+      value: where they should be [rad, m; the kettle: m and a quaternion w, x, y, z].
+    """
+
+    description: str
+    elements: tuple[int, ...]
+    value: tuple[float, ...]
+
+
+# Elements and values are those of gymnasium-robotics 1.4.2 (qpos minus the robot's nine).
+GOALS: Mapping[str, Goal] = MappingProxyType(
+    {
+        "bottom burner": Goal(
+            description="turn the knob of the bottom left burner",
+            elements=(2, 3),
+            value=(-0.88, -0.01),
+        ),
+        "top burner": Goal(
+            description="turn the knob of the top left burner",
+            elements=(6, 7),
+            value=(-0.92, -0.01),
+        ),
+        "light switch": Goal(
+            description="turn the light switch on the hood",
+            elements=(8, 9),
+            value=(-0.69, -0.05),
+        ),
+        "slide cabinet": Goal(
+            description="slide the cabinet's door open to the right",
+            elements=(10,),
+            value=(0.37,),
+        ),
+        "hinge cabinet": Goal(
+            description="open the right door of the hinge cabinet, the left one stays shut",
+            elements=(11, 12),
+            value=(0.0, 1.45),
+        ),
+        "microwave": Goal(
+            description="open the microwave's door",
+            elements=(13,),
+            value=(-0.75,),
+        ),
+        "kettle": Goal(
+            description="move the kettle to the top left burner",
+            elements=(14, 15, 16, 17, 18, 19, 20),
+            value=(-0.23, 0.75, 1.62, 0.99, 0.0, 0.0, -0.06),
+        ),
+    }
+)
+
+
+def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | NDArray) -> NDArray[np.float64]:
+    """Euclidean distance of each task's values from its goal.
+
+    Args:
+      achieved: `(..., k)`, the values of all tasks one after the other.
+      desired: `(..., k)`, the goals, likewise.
+      starts: `(n,)`, where each task's values begin.
+
+    Returns:
+      `(..., n)` distances [rad, m].
+    """
+    return np.sqrt(np.add.reduceat(np.square(achieved - desired), starts, axis=-1))
+
+
+def advance(
+    within: NDArray[np.bool_],
+    remaining: NDArray[np.bool_],
+    completion_steps: NDArray[np.int64],
+    step: NDArray[np.int64] | int,
+    *,
+    remove_task_when_completed: bool,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
+    """Books the completions of one control step.
+
+    Args:
+      within: `(..., n)`, whether each task is within its threshold now.
+      remaining: `(..., n)`, whether each task is still to be completed.
+      completion_steps: `(..., n)`, control step at which each was first completed, -1 where it has not been.
+      step: number of the control step just made, from 1; a scalar or `(..., 1)`.
+      remove_task_when_completed: whether a completed task no longer remains.
+
+    Returns:
+      The tasks completed in this step (each pays a reward of 1), then `remaining` and `completion_steps` after it.
+    """
+    completions = within & remaining
+    first = completions & (completion_steps < 0)
+    return (
+        completions,
+        remaining & ~completions if remove_task_when_completed else remaining,
+        np.where(first, step, completion_steps),
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GoalSet:
+    """The tasks of an environment, with their goals laid end to end.
+
+    Attributes:
+      tasks: names in configured order, `n` of them.
+      elements: `(k,)`, where the tasks' values stand in the 21 object positions.
+      starts: `(n,)`, where each task's values begin among the `k`.
+      desired: `(k,)`, the goals.
+    """
+
+    tasks: tuple[str, ...]
+    elements: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    desired: NDArray[np.float64]
+
+    @classmethod
+    def build(cls, tasks: Sequence[str], goals: Mapping[str, ArrayLike] | None = None) -> Self:
+        """Collects the goals of some tasks.
+
+        Args:
+          tasks: names of tasks, spelt as in `GOALS`.
+          goals: goals that replace those of `GOALS`, by task.
+
+        Raises:
+          TypeError: `tasks` is no sequence of strings, or a goal does not hold numbers.
+          ValueError: `tasks` is empty, repeats a task or names an unknown one; a goal is for a task that is not among
+            them, has the wrong length, or is not finite.
+        """
+        names = tuple(checks.choice(name, GOALS.keys(), "task") for name in checks.distinct(tasks, "tasks_to_complete"))
+        if goals is not None and not isinstance(goals, Mapping):
+            raise TypeError(f"goals must map tasks to their goals, got {goals!r}")
+        replaced = {checks.choice(name, names, "goal of task"): goal for name, goal in (goals or {}).items()}
+        sizes = [len(GOALS[name].elements) for name in names]
+        desired = [
+            checks.vector(replaced.get(name, GOALS[name].value), size, f"goal of {name!r}")
+            for name, size in zip(names, sizes, strict=True)
+        ]
+        return cls(
+            tasks=names,
+            elements=np.concatenate([GOALS[name].elements for name in names]),
+            starts=np.cumsum([0, *sizes[:-1]]),
+            desired=np.concatenate(desired),
+        )
+
+    def split(self, flat: NDArray) -> dict[str, NDArray]:
+        """Cuts goals laid end to end, `(..., k)`, into the tasks' own; the pieces are views."""
+        return dict(zip(self.tasks, np.split(flat, self.starts[1:], axis=-1), strict=True))
+
+    def distances(self, achieved: NDArray) -> NDArray[np.float64]:
+        """Distances `(..., n)` of the tasks' values `(..., k)` from their goals."""
+        return goal_distances(achieved, self.desired, self.starts)

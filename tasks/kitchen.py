@@ -1,0 +1,304 @@
+"""The kitchen's multitask goal: bring some of seven things to where they should be."""
+
+import collections
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+from dm_env import specs
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite.entities import Kitchen, KitchenArena
+from kitchen_suite.tasks import checks, noise
+from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, advance
+from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
+from kitchen_suite.tasks.velocity_control import position_target
+
+PHYSICS_TIMESTEP = 0.002  # [s]
+CONTROL_TIMESTEP = 0.08  # [s]
+TIME_LIMIT = 22.4  # [s], 280 control steps
+FEEDBACKS = ("observed", "true", "target")
+
+# Numbers in qpos and in qvel of a free, ball, slide and hinge joint, in the order of MuJoCo's mjtJoint.
+_QPOS_WIDTHS = np.array([7, 4, 1, 1])
+_QVEL_WIDTHS = np.array([6, 3, 1, 1])
+
+_ACHIEVED_RGBA = (0.25, 0.75, 0.3, 1.0)
+
+
+class KitchenTask(composer.Task):
+    """Complete a set of tasks in the kitchen.
+
+    Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
+      same but for the observation noise.
+    Reward: of each step, the number of tasks within their threshold after it, among those still to be completed.
+    End: discount 0 once every task has been completed at some step (unless told otherwise); at the time limit
+      discount 1.
+    Observations: noisy joint positions and velocities of robot and things, 59 numbers; goals without noise.
+    Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
+    """
+
+    def __init__(
+        self,
+        kitchen: Kitchen,
+        *,
+        tasks_to_complete: Sequence[str] = tuple(GOALS),
+        terminate_on_tasks_completed: bool = True,
+        remove_task_when_completed: bool = True,
+        object_noise_ratio: float = 0.0005,
+        robot_noise_ratio: float = 0.01,
+        velocity_scale: float = 2.0,
+        goals: Mapping[str, ArrayLike] | None = None,
+        threshold: float = THRESHOLD,
+        feedback: str = "observed",
+    ) -> None:
+        """Sets the task up in a kitchen.
+
+        Args:
+          kitchen: where it takes place; one kitchen serves one task.
+          tasks_to_complete: names of the tasks, spelt as in `goals.GOALS`; the order is kept wherever they are listed.
+          terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
+          remove_task_when_completed: whether a task pays once (`True`), or in every step within its threshold.
+          object_noise_ratio: scale of the noise on what is seen of the things; 0 for none.
+          robot_noise_ratio: scale of the noise on what is seen of the robot; 0 for none.
+          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
+          goals: goals that replace the usual ones, by task.
+          threshold: distance from the goal below which a task is complete [rad, m].
+          feedback: what the action's velocities are integrated from: the positions last `observed`, noise included
+            (as the reference does); the `true` positions; or the last `target`, so that zero action holds still.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown, repeated or missing name, a goal of the wrong length, or a number that is negative or
+            not finite.
+        """
+        self._goals = GoalSet.build(tasks_to_complete, goals)
+        self._terminate_on_tasks_completed = checks.flag(terminate_on_tasks_completed, "terminate_on_tasks_completed")
+        self._remove_task_when_completed = checks.flag(remove_task_when_completed, "remove_task_when_completed")
+        self._velocity_scale = checks.number(velocity_scale, "velocity_scale")
+        self._threshold = checks.number(threshold, "threshold")
+        self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
+        self._noise_scale = noise.scale(
+            robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
+            object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
+        )
+        self._kitchen = kitchen
+        self._noise = np.zeros(self._noise_scale.size)
+        self._visualize_reward = False
+        self._observables = self._build_observables()
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+
+    def _build_observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        """All observables by public key: the 59 numbers in their order, then the goals."""
+        prefix = self._kitchen.robot.mjcf_model.full_identifier
+        robot = self._kitchen.robot.observables
+        state = {
+            f"{prefix}joint_positions": robot.joint_positions,
+            f"{prefix}joint_velocities": robot.joint_velocities,
+            "object_positions": observable.Generic(self._object_positions),
+            "object_velocities": observable.Generic(self._object_velocities),
+        }
+        for shown, part in zip(state.values(), noise.PARTS, strict=True):
+            shown.corruptor = noise.AddNoise(self._noise[part])
+        goals = {
+            **{f"achieved_goal/{task}": functools.partial(self._achieved_goal, task) for task in self._goals.tasks},
+            **{f"desired_goal/{task}": functools.partial(self._desired_goal, task) for task in self._goals.tasks},
+        }
+        observables = collections.OrderedDict(state)
+        observables.update((key, observable.Generic(function)) for key, function in goals.items())
+        for shown in observables.values():
+            shown.enabled = True
+        return observables
+
+    @property
+    def root_entity(self) -> KitchenArena:
+        return self._kitchen.arena
+
+    @property
+    def kitchen(self) -> Kitchen:
+        """Where the task takes place."""
+        return self._kitchen
+
+    @property
+    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        # The robot's own are among them: composer adds the entities' later, and a key keeps its first place.
+        return self._observables.copy()
+
+    @property
+    def random(self) -> np.random.RandomState:
+        """The random state that the environment last passed to the task."""
+        return self._random
+
+    @property
+    def goals(self) -> dict[str, NDArray[np.float64]]:
+        """Goal of each task, in configured order."""
+        return self._goals.split(self._goals.desired.copy())
+
+    @property
+    def threshold(self) -> float:
+        """Distance from the goal below which a task is complete [rad, m]."""
+        return self._threshold
+
+    @property
+    def tasks_to_complete(self) -> list[str]:
+        """Tasks still to be completed, in configured order."""
+        return self._names(self._remaining)
+
+    @property
+    def step_task_completions(self) -> list[str]:
+        """Tasks that paid in the last step, in configured order."""
+        return self._names(self._completions)
+
+    @property
+    def episode_task_completions(self) -> list[str]:
+        """Tasks completed in this episode, in order of completion."""
+        return list(self.completion_steps)
+
+    @property
+    def completion_steps(self) -> dict[str, int]:
+        """Control step, from 1, at which each task was first completed, in order of completion."""
+        steps = zip(self._goals.tasks, self._completion_steps.tolist(), strict=True)
+        return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
+
+    @property
+    def visualize_reward(self) -> bool:
+        """Whether a thing turns green while its task is within the threshold."""
+        return self._visualize_reward
+
+    @visualize_reward.setter
+    def visualize_reward(self, value: bool) -> None:
+        self._visualize_reward = checks.flag(value, "visualize_reward")
+
+    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
+        """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
+        del physics
+        actuators = self._kitchen.robot.actuators
+        names = "\t".join(actuator.full_identifier for actuator in actuators)
+        return specs.BoundedArray((len(actuators),), np.float64, minimum=-1.0, maximum=1.0, name=names)
+
+    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random = random_state
+        robot, objects = self._kitchen.robot.joints, self._kitchen.object_joints
+        self._robot_qpos, self._robot_qvel = _addresses(physics, robot)
+        self._object_qpos, self._object_qvel = _addresses(physics, objects)
+        self._ctrl = physics.bind(self._kitchen.robot.actuators).element_id
+        self._goal_qpos = self._object_qpos[self._goals.elements]
+        self._geoms = {task: self._moving_geoms(physics, GOALS[task].elements) for task in self._goals.tasks}
+        self._plain_rgba = {task: np.array(physics.bind(geoms).rgba) for task, geoms in self._geoms.items()}
+        self._start(physics)
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        physics.data.qpos[self._robot_qpos] = INITIAL_QPOS[: self._robot_qpos.size]
+        physics.data.qpos[self._object_qpos] = INITIAL_QPOS[self._robot_qpos.size :]
+        physics.data.qvel[:] = 0.0
+        physics.data.ctrl[:] = 0.0
+        self._observe(physics, random_state)
+        self._start(physics)
+
+    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
+        """Sets the servos' targets for the whole control step.
+
+        Raises:
+          TypeError: the action does not hold real numbers.
+          ValueError: the action has another shape than (9,), or holds NaN or inf.
+        """
+        velocities = checks.vector(action, self._ctrl.size, "action")
+        self._random = random_state
+        self._target = position_target(
+            self._feedback_positions, velocities, velocity_scale=self._velocity_scale, timestep=CONTROL_TIMESTEP
+        )
+        physics.data.ctrl[self._ctrl] = self._target
+
+    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._observe(physics, random_state)
+        self._step += 1
+        self._within = self._goals.distances(physics.data.qpos[self._goal_qpos]) < self._threshold
+        self._completions, self._remaining, self._completion_steps = advance(
+            self._within,
+            self._remaining,
+            self._completion_steps,
+            self._step,
+            remove_task_when_completed=self._remove_task_when_completed,
+        )
+        if self._visualize_reward:
+            self._colour(physics)
+
+    def get_reward(self, physics: mjcf.Physics) -> float:
+        del physics
+        return float(self._completions.sum())
+
+    def get_discount(self, physics: mjcf.Physics) -> float:
+        return 0.0 if self.should_terminate_episode(physics) else 1.0
+
+    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
+        del physics
+        return self._terminate_on_tasks_completed and bool((self._completion_steps > 0).all())
+
+    def _start(self, physics: mjcf.Physics) -> None:
+        """Nothing has been completed or commanded yet."""
+        count = len(self._goals.tasks)
+        self._step = 0
+        self._target = self._true_positions(physics)
+        self._within = self._completions = np.zeros(count, bool)
+        self._remaining = np.ones(count, bool)
+        self._completion_steps = np.full(count, -1)
+        if self._visualize_reward:
+            self._colour(physics)
+
+    def _observe(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        """Draws the noise of this control step, and notes what the robot sees of itself."""
+        self._random = random_state
+        self._noise[:] = self._noise_scale * random_state.uniform(-1.0, 1.0, self._noise.size)
+        self._positions = self._true_positions(physics)
+
+    @property
+    def _feedback_positions(self) -> NDArray[np.float64]:
+        """What the velocities of the next action are integrated from."""
+        if self._feedback == "target":
+            return self._target
+        return self._positions + self._noise[noise.PARTS[0]] if self._feedback == "observed" else self._positions
+
+    def _true_positions(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        return physics.data.qpos[self._robot_qpos]
+
+    def _object_positions(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Positions of the things' joints: `(21,)` float64 [rad, m]; qpos; noise by `object_noise_ratio`."""
+        return physics.data.qpos[self._object_qpos]
+
+    def _object_velocities(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Velocities of the things' joints: `(20,)` float64 [rad/s, m/s]; qvel; noise by `object_noise_ratio`."""
+        return physics.data.qvel[self._object_qvel]
+
+    def _achieved_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Present values of what a task's goal is about: `(m,)` float64 [rad, m, quaternion]; qpos; no noise."""
+        return self._goals.split(physics.data.qpos[self._goal_qpos])[task]
+
+    def _desired_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Goal of a task: `(m,)` float64 [rad, m, quaternion]; configuration; no noise."""
+        del physics
+        return self._goals.split(self._goals.desired)[task]
+
+    def _names(self, mask: NDArray[np.bool_]) -> list[str]:
+        return [task for task, chosen in zip(self._goals.tasks, mask, strict=True) if chosen]
+
+    def _moving_geoms(self, physics: mjcf.Physics, elements: Sequence[int]) -> list[mjcf.Element]:
+        """The geoms that move with some elements of the object positions."""
+        joints = self._kitchen.object_joints
+        owners = np.repeat(np.arange(len(joints)), _QPOS_WIDTHS[physics.bind(joints).type])
+        return [geom for i in np.unique(owners[list(elements)]) for geom in joints[i].parent.find_all("geom")]
+
+    def _colour(self, physics: mjcf.Physics) -> None:
+        """Paints the things whose tasks are within their thresholds; the others show their own colours."""
+        for task, within in zip(self._goals.tasks, self._within, strict=True):
+            physics.bind(self._geoms[task]).rgba = _ACHIEVED_RGBA if within else self._plain_rgba[task]
+
+
+def _addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the elements of some joints stand in qpos and in qvel, joint by joint."""
+    bound = physics.bind(joints)
+    return tuple(
+        np.concatenate([start + np.arange(width) for start, width in zip(starts, widths[bound.type], strict=True)])
+        for starts, widths in ((bound.qposadr, _QPOS_WIDTHS), (bound.dofadr, _QVEL_WIDTHS))
+    )
