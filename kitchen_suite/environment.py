@@ -2,6 +2,7 @@
 
 import collections
 import math
+import warnings
 from typing import Any
 
 import dm_env
@@ -73,7 +74,10 @@ class Environment(composer.Environment):
         """
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {time_limit!r}")
-        super().__init__(task, random_state=make_random_state(random_state), **kwargs)
+        with warnings.catch_warnings():
+            # composer notes the state of the random stream, which numpy warns about where it is not a Mersenne twister.
+            warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
+            super().__init__(task, random_state=make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0

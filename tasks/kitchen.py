@@ -174,9 +174,9 @@ class KitchenTask(composer.Task):
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
         del physics
-        actuators = self._kitchen.robot.actuators
-        names = "\t".join(actuator.full_identifier for actuator in actuators)
-        return specs.BoundedArray((len(actuators),), np.float64, minimum=-1.0, maximum=1.0, name=names)
+        names = [actuator.full_identifier for actuator in self._kitchen.robot.actuators]
+        ones = np.ones(len(names))
+        return specs.BoundedArray(ones.shape, ones.dtype, minimum=-ones, maximum=ones, name="\t".join(names))
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state

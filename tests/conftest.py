@@ -1,0 +1,31 @@
+"""Chooses a GL library before MuJoCo is imported; leaves rendering tests out, loudly, where there is none."""
+
+import ctypes.util
+import os
+
+import pytest
+
+_LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
+_ADVICE = "install a GL library (Debian: libegl1 libgl1-mesa-dri, or libosmesa6) to run them"
+
+if "MUJOCO_GL" not in os.environ:
+    os.environ["MUJOCO_GL"] = next(
+        (backend for backend, name in _LIBRARIES.items() if ctypes.util.find_library(name)), "disable"
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if os.environ["MUJOCO_GL"] != "disable":
+        return
+    left_out = [item for item in items if item.get_closest_marker("rendering")]
+    items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=left_out)
+    config.stash[_LEFT_OUT] = len(left_out)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if count := config.stash.get(_LEFT_OUT, 0):
+        terminalreporter.write_line(f"WARNING: {count} rendering tests were left out; {_ADVICE}", yellow=True)
+
+
+_LEFT_OUT = pytest.StashKey[int]()

@@ -1,0 +1,71 @@
+"""The original: FrankaKitchen-v1 of the installed gymnasium-robotics, its model and its code."""
+
+import contextlib
+import warnings
+from collections.abc import Iterator
+from typing import Any
+from unittest import mock
+
+import mujoco
+import numpy as np
+from kitchen_suite.entities import assets
+
+# What the reference calls the bodies that move, by what we call them.
+BODIES = {
+    **{f"franka/link{i}": f"panda0_link{i}" for i in range(1, 8)},
+    "franka/left_finger": "panda0_leftfinger",
+    "franka/right_finger": "panda0_rightfinger",
+    **{f"oven/knob_{i}": f"knob {i}" for i in range(1, 5)},
+    "oven/bottom_right_burner": "Burner 1",
+    "oven/bottom_left_burner": "Burner 2",
+    "oven/top_right_burner": "Burner 3",
+    "oven/top_left_burner": "Burner 4",
+    "hood/switch": "lightswitchroot",
+    "hood/lamp": "lightblock_hinge",
+    "slide_cabinet/door": "slidelink",
+    "hinge_cabinet/left_door": "hingeleftdoor",
+    "hinge_cabinet/right_door": "hingerightdoor",
+    "microwave/door": "microdoorroot",
+    "kettle/": "kettle",
+    "kettle/kettle": "kettleroot",
+}
+
+
+def reference_joint(name: str) -> str:
+    """What the reference calls one of our joints."""
+    entity, _, joint = name.partition("/")
+    return {"franka": f"robot:{joint}", "kettle": "kettle"}.get(entity, joint)
+
+
+def reference_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(assets.asset_dir() / "kitchen_assets" / "kitchen_env_model.xml"))
+
+
+@contextlib.contextmanager
+def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
+    """The original environment, with the one helper replaced that fails since MuJoCo 3.12."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from gymnasium_robotics.envs.franka_kitchen import franka_env, kitchen_env  # noqa: PLC0415
+
+    def robot_get_obs(model: Any, data: Any, names: Any) -> tuple[np.ndarray, np.ndarray]:
+        del model, names
+        return data.qpos[:9].copy(), data.qvel[:9].copy()
+
+    with (
+        mock.patch.object(franka_env, "robot_get_obs", robot_get_obs),
+        mock.patch.object(kitchen_env, "BONUS_THRESH", threshold),
+    ):
+        environment = kitchen_env.KitchenEnv(**kwargs)
+        yield environment
+        environment.close()
+
+
+def colliding_geoms(model: mujoco.MjModel) -> list[int]:
+    return [i for i in range(model.ngeom) if model.geom_contype[i] or model.geom_conaffinity[i]]
+
+
+def random_actions(rng: np.random.Generator, steps: int) -> np.ndarray:
+    """Actions of a random walk that gets about and touches things: some held for a while, some drawn anew each step."""
+    held = np.repeat(rng.uniform(-1.0, 1.0, (-(-steps // 14), 9)), 14, axis=0)[:steps]
+    return np.where(rng.random((steps, 1)) < 0.7, held, rng.uniform(-1.0, 1.0, (steps, 9)))
