@@ -19,12 +19,14 @@ def choice(value: object, choices: Collection[str], what: str) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{what} must be a string, got {value!r}")
     if value not in choices:
-        near = difflib.get_close_matches(value.replace("_", " "), choices, n=1) or difflib.get_close_matches(
-            value, choices, n=1
-        )
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"{what} {value!r} does not exist{hint} Choose from {sorted(choices)}")
+        near = [*_nearest(value.replace("_", " "), choices), *_nearest(value, choices)]
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ValueError(f"{what} {value!r} does not exist{hint}; choose from {sorted(choices)}")
     return value
+
+
+def _nearest(value: str, choices: Collection[str]) -> list[str]:
+    return difflib.get_close_matches(value, choices, n=1)
 
 
 def number(value: object, what: str, *, positive: bool = False) -> float:

@@ -1,0 +1,136 @@
+"""Makes what in these pages comes from the code: tables and pictures.
+
+    python docs/build.py tables     rewrites the tables between their markers in docs/*.md
+    python docs/build.py pictures   renders the scene from every camera into docs/pictures/
+"""
+
+import re
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from dm_control import mjcf
+from kitchen_suite import suite
+from kitchen_suite.tasks import GOALS, noise
+
+DOCS = Path(__file__).parent
+PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
+_MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_UNITS = {"hinge": "rad", "slide": "m", None: "rad"}
+_FREE_POSITIONS = [(part, "m") for part in "xyz"] + [(f"q{part}", "1") for part in "wxyz"]
+_FREE_VELOCITIES = [(f"v{part}", "m/s") for part in "xyz"] + [(f"ω{part} in its own frame", "rad/s") for part in "xyz"]
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table in markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
+
+
+def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, str]]:
+    """Name and unit of each number that a joint contributes to the observation."""
+    if joint.tag == "freejoint":
+        prefix = joint.parent.full_identifier.strip("/")
+        return [(f"{prefix} {part}", unit) for part, unit in (_FREE_VELOCITIES if velocity else _FREE_POSITIONS)]
+    kind = joint.type or joint.dclass and joint.dclass.joint.type
+    return [(joint.name, _UNITS[kind] + ("/s" if velocity else ""))]
+
+
+def observation_table() -> str:
+    """The 59 numbers of the kitchen's observation."""
+    kitchen = suite.load("kitchen", "all", {"visuals": False}).task.kitchen
+    greatest = noise.scale(robot_ratio=0.01, object_ratio=0.0005)
+    parts = (
+        ("franka/joint_positions", kitchen.robot.joints, False),
+        ("franka/joint_velocities", kitchen.robot.joints, True),
+        ("object_positions", kitchen.object_joints, False),
+        ("object_velocities", kitchen.object_joints, True),
+    )
+    elements = [
+        (key, *element)
+        for key, joints, velocity in parts
+        for joint in joints
+        for element in joint_elements(joint, velocity=velocity)
+    ]
+    rows = [
+        (number, f"`{key}`", name, unit, f"±{size:.3g}")
+        for number, ((key, name, unit), size) in enumerate(zip(elements, greatest, strict=True))
+    ]
+    return markdown(("number", "key", "element", "unit", "noise by default"), rows)
+
+
+def goal_table() -> str:
+    """The seven goals of the kitchen."""
+    names = [f"{9 + i}" for i in range(21)]
+    rows = [
+        (f"`{task}`", goal.description, ", ".join(names[i] for i in goal.elements), ", ".join(map(str, goal.value)))
+        for task, goal in GOALS.items()
+    ]
+    return markdown(("task", "what is to be done", "qpos", "goal"), rows)
+
+
+def suite_table() -> str:
+    """The tasks of the suite with what they ask for."""
+    rows = []
+    for domain, name in suite.ALL_TASKS:
+        environment = suite.load(domain, name, {"visuals": False})
+        tasks = ", ".join(environment.task.tasks_to_complete)
+        rows.append((f"`{domain}`", f"`{name}`", tasks, f"{environment.step_limit:.0f}"))
+    return markdown(("domain", "task", "to be completed", "steps"), rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "observation": observation_table,
+    "goals": goal_table,
+    "suite": suite_table,
+}
+
+
+def with_tables(page: str) -> str:
+    """A page with its tables made anew."""
+    return _MARKED.sub(lambda match: f"{match[1]}\n{TABLES[match[2]]()}\n{match[3]}", page)
+
+
+def write_tables() -> None:
+    for path in sorted(DOCS.glob("*.md")):
+        path.write_text(with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def write_pictures() -> None:
+    from PIL import Image  # noqa: PLC0415 - comes with imageio; tables do without
+
+    environment = suite.load("kitchen", "all", {"random": 0})
+    environment.reset()
+    folder = DOCS / "pictures"
+    folder.mkdir(exist_ok=True)
+    model = environment.physics.model
+    for name in (model.camera(i).name for i in range(model.ncam)):
+        picture = environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id=name)
+        Image.fromarray(picture).save(folder / f"kitchen_{name.replace('/', '_')}.png", optimize=True)
+    sheet = [
+        environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview"),
+        depth_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview", depth=True)),
+        class_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, "overview", segmentation=True)),
+    ]
+    Image.fromarray(np.hstack(sheet)).save(folder / "kitchen_rgb_depth_segmentation.png", optimize=True)
+
+
+def depth_picture(depth: np.ndarray) -> np.ndarray:
+    """Depth [m] as shades of grey: white at 1 m, black at 4 m."""
+    shade = np.clip((4.0 - depth) / 3.0, 0.0, 1.0) * 255
+    return np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def class_picture(segmentation: np.ndarray) -> np.ndarray:
+    """A colour for each geom."""
+    colours = np.random.default_rng(1).integers(40, 256, (segmentation[..., 0].max() + 2, 3), dtype=np.uint8)
+    colours[-1] = 0
+    return colours[segmentation[..., 0]]
+
+
+if __name__ == "__main__":
+    commands = {"tables": write_tables, "pictures": write_pictures}
+    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+        sys.exit(__doc__)
+    commands[sys.argv[1]]()

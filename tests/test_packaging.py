@@ -1,0 +1,54 @@
+"""What setup.cfg lists by hand is what there is."""
+
+import configparser
+import fnmatch
+import subprocess
+import sys
+from pathlib import Path
+
+import kitchen_suite
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = {"kitchen_suite": "kitchen_suite", "kitchen_suite.entities": "entities", "kitchen_suite.tasks": "tasks"}
+
+
+@pytest.fixture(scope="module")
+def setup():
+    parser = configparser.RawConfigParser()
+    parser.read(ROOT / "setup.cfg", encoding="utf-8")
+    return parser
+
+
+def test_packages_are_the_folders_with_an_init(setup):
+    found = {
+        ".".join((package, *path.parent.relative_to(ROOT / folder).parts))
+        for package, folder in FOLDERS.items()
+        for path in (ROOT / folder).rglob("__init__.py")
+    }
+    assert set(setup["options"]["packages"].split()) == found
+
+
+def test_every_data_file_is_shipped(setup):
+    for package, folder in FOLDERS.items():
+        patterns = setup["options.package_data"].get(package, "").split()
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and path.suffix not in {".py", ".pyc"}:
+                name = path.relative_to(ROOT / folder).as_posix()
+                assert any(fnmatch.fnmatch(name, pattern) for pattern in patterns), path
+
+
+def test_the_version_is_the_changelogs_newest(setup):
+    assert setup["metadata"]["version"] == "attr: kitchen_suite.__version__"
+    headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
+    assert headings[0].startswith(f"## {kitchen_suite.__version__}")
+
+
+def test_test_files_have_unique_names_and_are_flat():
+    assert all(path.parent == ROOT / "tests" for path in (ROOT / "tests").rglob("test_*.py"))
+
+
+def test_importing_the_suite_neither_registers_nor_prints():
+    code = "import sys, kitchen_suite.suite; assert 'gymnasium_robotics' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

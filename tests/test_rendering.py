@@ -1,0 +1,80 @@
+"""Pictures of the kitchen from every camera, and the entities each viewable alone."""
+
+import mujoco
+import numpy as np
+import pytest
+from dm_control import mjcf
+from kitchen_suite import entities, suite
+
+pytestmark = pytest.mark.rendering
+
+CAMERAS = ("left_cap", "right_cap", "overview", "left", "right", "franka/wrist")
+HEIGHT, WIDTH = 96, 128
+
+
+@pytest.fixture(scope="module")
+def physics():
+    environment = suite.load("kitchen", "all", {"random": 0})
+    environment.reset()
+    yield environment.physics
+    environment.close()
+
+
+def test_the_cameras_have_the_documented_names_and_numbers(physics):
+    assert tuple(physics.model.camera(i).name for i in range(physics.model.ncam)) == CAMERAS
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_every_camera_sees_a_lit_and_varied_scene(physics, camera):
+    picture = physics.render(HEIGHT, WIDTH, camera_id=camera)
+    assert (picture.shape, picture.dtype) == ((HEIGHT, WIDTH, 3), np.uint8)
+    assert picture.std() > 20
+    assert 40 < picture.mean() < 230
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_depth_is_in_metres(physics, camera):
+    depth = physics.render(HEIGHT, WIDTH, camera_id=camera, depth=True)
+    assert (depth.shape, depth.dtype) == ((HEIGHT, WIDTH), np.float32)
+    assert 0.01 < depth.min() < 2.0
+    assert np.median(depth) < 5.0
+
+
+def seen_bodies(physics, camera):
+    segmentation = physics.render(HEIGHT, WIDTH, camera_id=camera, segmentation=True)
+    geoms = np.unique(segmentation[segmentation[..., 1] == mujoco.mjtObj.mjOBJ_GEOM][:, 0])
+    return {physics.model.body(physics.model.geom_bodyid[geom]).name.split("/")[0] for geom in geoms}
+
+
+@pytest.mark.parametrize("camera", ["overview", "left", "right"])
+def test_the_views_of_the_scene_show_robot_and_furniture(physics, camera):
+    bodies = seen_bodies(physics, camera)
+    assert {"franka", "oven", "counter", "kettle", "hood", "slide_cabinet", "hinge_cabinet", "walls"} <= bodies
+
+
+def test_the_wrist_camera_sees_the_fingers_and_what_is_before_them(physics):
+    assert {"franka", "kettle"} <= seen_bodies(physics, "franka/wrist")
+
+
+@pytest.mark.parametrize(
+    "entity",
+    [
+        entities.Franka,
+        entities.Counter,
+        entities.Oven,
+        entities.Hood,
+        entities.Walls,
+        entities.SlideCabinet,
+        entities.HingeCabinet,
+        entities.Microwave,
+        entities.Kettle,
+        entities.KitchenArena,
+    ],
+)
+@pytest.mark.parametrize("visuals", [True, False])
+def test_every_entity_compiles_and_renders_alone(entity, visuals):
+    alone = mjcf.Physics.from_mjcf_model(entity(visuals=visuals).mjcf_model)
+    alone.step()
+    assert np.isfinite(alone.data.qpos).all()
+    if visuals:
+        assert alone.render(HEIGHT, WIDTH).std() > 5
