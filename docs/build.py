@@ -1,7 +1,7 @@
 """Makes what in these pages comes from the code: tables and pictures.
 
-    python docs/build.py tables     rewrites the tables between their markers in docs/*.md
-    python docs/build.py pictures   renders the scene from every camera into docs/pictures/
+python docs/build.py tables     rewrites the tables between their markers in docs/*.md
+python docs/build.py pictures   renders the scene from every camera into docs/pictures/
 """
 
 import re
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from dm_control import mjcf
+
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS, noise
 
@@ -33,7 +34,7 @@ def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, st
     if joint.tag == "freejoint":
         prefix = joint.parent.full_identifier.strip("/")
         return [(f"{prefix} {part}", unit) for part, unit in (_FREE_VELOCITIES if velocity else _FREE_POSITIONS)]
-    kind = joint.type or joint.dclass and joint.dclass.joint.type
+    kind = joint.type or (joint.dclass and joint.dclass.joint.type)
     return [(joint.name, _UNITS[kind] + ("/s" if velocity else ""))]
 
 
@@ -93,12 +94,14 @@ def with_tables(page: str) -> str:
 
 
 def write_tables() -> None:
+    """Rewrites the tables of every page."""
     for path in sorted(DOCS.glob("*.md")):
         path.write_text(with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def write_pictures() -> None:
-    from PIL import Image  # noqa: PLC0415 - comes with imageio; tables do without
+    """Renders the kitchen as it stands at the start of an episode."""
+    from PIL import Image
 
     environment = suite.load("kitchen", "all", {"random": 0})
     environment.reset()

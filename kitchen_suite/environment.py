@@ -3,9 +3,11 @@
 import collections
 import math
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import dm_env
+import mujoco
 import numpy as np
 from dm_control import composer
 from dm_control.composer import observation
@@ -13,31 +15,11 @@ from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import ArrayLike
 
+from kitchen_suite import random_state as random_states
+from kitchen_suite.tasks import checks
+
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
-
-
-def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:
-    """Returns a RandomState for what dm_control's pipelines pass as `random`.
-
-    Args:
-      random: a state, which is used as it is; a seed, whose bits above the 32nd are folded onto the lower ones; or
-        `None` for fresh entropy.
-
-    Raises:
-      TypeError: it is something else.
-      ValueError: the seed is negative.
-    """
-    if random is None or isinstance(random, np.random.RandomState):
-        return random or np.random.RandomState()
-    if isinstance(random, bool) or not isinstance(random, int | np.integer):
-        raise TypeError(f"random must be an int, a numpy RandomState or None, got {random!r}")
-    if random < 0:
-        raise ValueError(f"random must not be negative, got {random}")
-    seed, folded = int(random), 0
-    while seed:
-        folded ^= seed & 0xFFFFFFFF
-        seed >>= 32
-    return np.random.RandomState(folded)
+_PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Environment(composer.Environment):
@@ -77,12 +59,21 @@ class Environment(composer.Environment):
         with warnings.catch_warnings():
             # composer notes the state of the random stream, which numpy warns about where it is not a Mersenne twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
-            super().__init__(task, random_state=make_random_state(random_state), **kwargs)
+            super().__init__(task, random_state=random_states.make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
         self._flat_observation = flat_observation
         self._plan_substeps()
+
+    @property
+    def random_state(self) -> np.random.RandomState:
+        """What the environment draws from; a new one may be given at any time."""
+        return self._random_state
+
+    @random_state.setter
+    def random_state(self, value: int | np.random.RandomState | None) -> None:
+        self._random_state = random_states.make_random_state(value)
 
     @property
     def step_limit(self) -> float:
@@ -94,7 +85,7 @@ class Environment(composer.Environment):
         timestep = super().reset()
         self._step_count = 0
         self._plan_substeps()
-        return self._present(timestep)
+        return timestep._replace(observation=self._flatten(timestep.observation))
 
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
         if self._reset_next_step:
@@ -108,7 +99,7 @@ class Environment(composer.Environment):
         if timestep.mid() and self._step_count >= self._step_limit:
             self._reset_next_step = True
             timestep = timestep._replace(step_type=dm_env.StepType.LAST)
-        return self._present(timestep)
+        return timestep._replace(observation=self._flatten(timestep.observation))
 
     def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:
         spec = super().observation_spec()
@@ -119,14 +110,54 @@ class Environment(composer.Environment):
         key = control.FLAT_OBSERVATION_KEY
         return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
 
+    def continue_episode(self) -> None:
+        """Lets the next `step` go on in an episode that has ended."""
+        self._reset_next_step = False
+
+    def get_state(self) -> dict[str, Any]:
+        """All that the future depends on: physics with the solver's warm start, task, random state, step count."""
+        model, data = self._physics.model.ptr, self._physics.data.ptr
+        physics = np.empty(mujoco.mj_stateSize(model, _PHYSICS_STATE))
+        mujoco.mj_getState(model, data, physics, _PHYSICS_STATE)
+        return {
+            "physics": physics,
+            "task": self._task.get_state(),
+            "step_count": self._step_count,
+            "reset_next_step": self._reset_next_step,
+            "random": self._random_state.get_state(legacy=False),
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
+        """Takes up what `get_state` gave, here or in another environment of the same task.
+
+        Buffers of delayed or buffered observables start anew.
+
+        Returns:
+          The observation.
+
+        Raises:
+          TypeError: something in the state is of the wrong type.
+          ValueError: something in it is missing, has the wrong shape or is not finite; nothing has changed then.
+        """
+        if not isinstance(state, Mapping):
+            raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
+        random = random_states.check_stored(state.get("random"), self._random_state)
+        state = checks.like({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
+        self._random_state.set_state(random)
+        model, data = self._physics.model.ptr, self._physics.data.ptr
+        mujoco.mj_setState(model, data, state["physics"], _PHYSICS_STATE)
+        mujoco.mj_step1(model, data)
+        self._task.set_state(state["task"])
+        self._step_count, self._reset_next_step = int(state["step_count"]), bool(state["reset_next_step"])
+        self._observation_updater.reset(self._physics_proxy, self._random_state)
+        return self._flatten(self._observation_updater.get_observation())
+
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
         super().add_extra_hook(hook_name, hook_callable)
         self._plan_substeps()
 
-    def _present(self, timestep: dm_env.TimeStep) -> dm_env.TimeStep:
-        if not self._flat_observation:
-            return timestep
-        return timestep._replace(observation=control.flatten_observation(timestep.observation))
+    def _flatten(self, observation: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        return control.flatten_observation(observation) if self._flat_observation else observation
 
     def _plan_substeps(self) -> None:
         """Decides how many physics steps one of composer's substeps makes: all, or one."""

@@ -3,7 +3,8 @@
 import difflib
 import math
 import numbers
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,3 +89,33 @@ def vector(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
     if not np.isfinite(array).all():
         raise ValueError(f"{what} must be finite, got {array}")
     return array
+
+
+def like(value: object, template: Any, what: str) -> Any:
+    """Returns a copy of `value` if it is built as `template` is: the same keys, and arrays of the same shapes.
+
+    Args:
+      value: nested dicts of arrays.
+      template: nested dicts of arrays; numbers are taken as arrays without axes.
+      what: name of `value`, for messages.
+
+    Raises:
+      TypeError: a dict or a number is expected where there is something else.
+      ValueError: a key is missing or unknown, a shape differs, or a number is not finite.
+    """
+    if isinstance(template, Mapping):
+        if not isinstance(value, Mapping):
+            raise TypeError(f"{what} must be a dict with the keys {sorted(template)}, got {value!r}")
+        if odd := value.keys() ^ template.keys():
+            raise ValueError(
+                f"{what} must have the keys {sorted(template)}; missing or unknown: {sorted(map(str, odd))}"
+            )
+        return {key: like(value[key], part, f"{what}[{key!r}]") for key, part in template.items()}
+    expected, array = np.asarray(template), np.asarray(value)
+    if array.dtype.kind not in "biuf" or (expected.dtype.kind in "biu" and array.dtype.kind == "f"):
+        raise TypeError(f"{what} must hold {expected.dtype} numbers, got {value!r}")
+    if array.shape != expected.shape:
+        raise ValueError(f"{what} must have shape {expected.shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} must be finite, got {value!r}")
+    return array.astype(expected.dtype)

@@ -88,33 +88,59 @@ def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | 
     return np.sqrt(np.add.reduceat(np.square(achieved - desired), starts, axis=-1))
 
 
-def advance(
-    within: NDArray[np.bool_],
-    remaining: NDArray[np.bool_],
-    completion_steps: NDArray[np.int64],
-    step: NDArray[np.int64] | int,
-    *,
-    remove_task_when_completed: bool,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
-    """Books the completions of one control step.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far the tasks of an episode are after some control step.
 
-    Args:
-      within: `(..., n)`, whether each task is within its threshold now.
+    Attributes:
+      step: `(..., 1)`, number of control steps made.
+      within: `(..., n)`, whether each task is within its threshold.
+      completions: `(..., n)`, whether each task was completed in this step; each that was pays a reward of 1.
       remaining: `(..., n)`, whether each task is still to be completed.
       completion_steps: `(..., n)`, control step at which each was first completed, -1 where it has not been.
-      step: number of the control step just made, from 1; a scalar or `(..., 1)`.
-      remove_task_when_completed: whether a completed task no longer remains.
-
-    Returns:
-      The tasks completed in this step (each pays a reward of 1), then `remaining` and `completion_steps` after it.
     """
-    completions = within & remaining
-    first = completions & (completion_steps < 0)
-    return (
-        completions,
-        remaining & ~completions if remove_task_when_completed else remaining,
-        np.where(first, step, completion_steps),
-    )
+
+    step: NDArray[np.int64]
+    within: NDArray[np.bool_]
+    completions: NDArray[np.bool_]
+    remaining: NDArray[np.bool_]
+    completion_steps: NDArray[np.int64]
+
+    @classmethod
+    def start(cls, shape: tuple[int, ...]) -> Self:
+        """Before the first step; `shape` is `(..., n)`."""
+        nothing = np.zeros(shape, bool)
+        return cls(
+            step=np.zeros((*shape[:-1], 1), np.int64),
+            within=nothing,
+            completions=nothing,
+            remaining=np.ones(shape, bool),
+            completion_steps=np.full(shape, -1),
+        )
+
+    def advance(self, within: NDArray[np.bool_], *, remove_task_when_completed: bool) -> Self:
+        """After one more step, at whose end the tasks are `within` their thresholds or not."""
+        step = self.step + 1
+        completions = within & self.remaining
+        first = completions & (self.completion_steps < 0)
+        return dataclasses.replace(
+            self,
+            step=step,
+            within=within,
+            completions=completions,
+            remaining=self.remaining & ~completions if remove_task_when_completed else self.remaining,
+            completion_steps=np.where(first, step, self.completion_steps),
+        )
+
+    @property
+    def reward(self) -> NDArray[np.float64]:
+        """`(...)`, reward of the last step."""
+        return self.completions.sum(axis=-1).astype(np.float64)
+
+    @property
+    def completed(self) -> NDArray[np.bool_]:
+        """`(..., n)`, whether each task has been completed at some step."""
+        return self.completion_steps > 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

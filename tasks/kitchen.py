@@ -3,6 +3,7 @@
 import collections
 import functools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from dm_control import composer, mjcf
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import Kitchen, KitchenArena
 from kitchen_suite.tasks import checks, noise
-from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, advance
+from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, Progress
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.velocity_control import position_target
 
@@ -142,14 +143,29 @@ class KitchenTask(composer.Task):
         return self._threshold
 
     @property
+    def goal_set(self) -> GoalSet:
+        """The configured tasks, with their goals laid end to end."""
+        return self._goals
+
+    @property
+    def progress(self) -> Progress:
+        """How far the tasks are; arrays of shape `(n,)`, in configured order."""
+        return self._progress
+
+    @property
+    def task_distances(self) -> NDArray[np.float64]:
+        """Distance of each task from its goal, in configured order [rad, m]."""
+        return self._distances.copy()
+
+    @property
     def tasks_to_complete(self) -> list[str]:
         """Tasks still to be completed, in configured order."""
-        return self._names(self._remaining)
+        return self._names(self._progress.remaining)
 
     @property
     def step_task_completions(self) -> list[str]:
         """Tasks that paid in the last step, in configured order."""
-        return self._names(self._completions)
+        return self._names(self._progress.completions)
 
     @property
     def episode_task_completions(self) -> list[str]:
@@ -159,7 +175,7 @@ class KitchenTask(composer.Task):
     @property
     def completion_steps(self) -> dict[str, int]:
         """Control step, from 1, at which each task was first completed, in order of completion."""
-        steps = zip(self._goals.tasks, self._completion_steps.tolist(), strict=True)
+        steps = zip(self._goals.tasks, self._progress.completion_steps.tolist(), strict=True)
         return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
 
     @property
@@ -213,37 +229,51 @@ class KitchenTask(composer.Task):
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._observe(physics, random_state)
-        self._step += 1
-        self._within = self._goals.distances(physics.data.qpos[self._goal_qpos]) < self._threshold
-        self._completions, self._remaining, self._completion_steps = advance(
-            self._within,
-            self._remaining,
-            self._completion_steps,
-            self._step,
-            remove_task_when_completed=self._remove_task_when_completed,
+        self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
+        self._progress = self._progress.advance(
+            self._distances < self._threshold, remove_task_when_completed=self._remove_task_when_completed
         )
         if self._visualize_reward:
             self._colour(physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
-        return float(self._completions.sum())
+        return float(self._progress.reward)
 
     def get_discount(self, physics: mjcf.Physics) -> float:
         return 0.0 if self.should_terminate_episode(physics) else 1.0
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
-        return self._terminate_on_tasks_completed and bool((self._completion_steps > 0).all())
+        return self._terminate_on_tasks_completed and bool(self._progress.completed.all())
+
+    def get_state(self) -> dict[str, Any]:
+        """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
+        return {
+            "noise": self._noise.copy(),
+            "positions": self._positions.copy(),
+            "target": self._target.copy(),
+            "distances": self._distances.copy(),
+            "progress": {name: array.copy() for name, array in vars(self._progress).items()},
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Takes up what `get_state` gave.
+
+        Raises:
+          TypeError: something in it is of the wrong type.
+          ValueError: something in it has the wrong shape, is missing, or is not finite; nothing has changed then.
+        """
+        state = checks.like(state, self.get_state(), "task state")
+        self._noise[:] = state["noise"]
+        self._positions, self._target = state["positions"], state["target"]
+        self._distances, self._progress = state["distances"], Progress(**state["progress"])
 
     def _start(self, physics: mjcf.Physics) -> None:
         """Nothing has been completed or commanded yet."""
-        count = len(self._goals.tasks)
-        self._step = 0
-        self._target = self._true_positions(physics)
-        self._within = self._completions = np.zeros(count, bool)
-        self._remaining = np.ones(count, bool)
-        self._completion_steps = np.full(count, -1)
+        self._target = self._positions = self._true_positions(physics)
+        self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
+        self._progress = Progress.start((len(self._goals.tasks),))
         if self._visualize_reward:
             self._colour(physics)
 
@@ -291,7 +321,7 @@ class KitchenTask(composer.Task):
 
     def _colour(self, physics: mjcf.Physics) -> None:
         """Paints the things whose tasks are within their thresholds; the others show their own colours."""
-        for task, within in zip(self._goals.tasks, self._within, strict=True):
+        for task, within in zip(self._goals.tasks, self._progress.within, strict=True):
             physics.bind(self._geoms[task]).rgba = _ACHIEVED_RGBA if within else self._plain_rgba[task]
 
 

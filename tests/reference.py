@@ -8,6 +8,7 @@ from unittest import mock
 
 import mujoco
 import numpy as np
+
 from kitchen_suite.entities import assets
 
 # What the reference calls the bodies that move, by what we call them.
@@ -46,7 +47,7 @@ def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]
     """The original environment, with the one helper replaced that fails since MuJoCo 3.12."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        from gymnasium_robotics.envs.franka_kitchen import franka_env, kitchen_env  # noqa: PLC0415
+        from gymnasium_robotics.envs.franka_kitchen import franka_env, kitchen_env
 
     def robot_get_obs(model: Any, data: Any, names: Any) -> tuple[np.ndarray, np.ndarray]:
         del model, names

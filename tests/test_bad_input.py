@@ -5,9 +5,11 @@ from importlib import util
 
 import numpy as np
 import pytest
+
 from kitchen_suite import suite
 from kitchen_suite.entities import Kettle, KitchenArena, Microwave, assets
-from kitchen_suite.environment import Environment, make_random_state
+from kitchen_suite.environment import Environment
+from kitchen_suite.random_state import make_random_state
 
 NAN, INF = float("nan"), float("inf")
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from dm_control import composer, mjcf
+
 from kitchen_suite import entities
 
 PROPS = (entities.Oven, entities.Hood, entities.SlideCabinet, entities.HingeCabinet, entities.Microwave)

@@ -6,9 +6,11 @@ import pytest
 from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.rl import control
+
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen
-from kitchen_suite.environment import Environment, make_random_state
+from kitchen_suite.environment import Environment
+from kitchen_suite.random_state import make_random_state
 from kitchen_suite.tasks import KitchenTask
 
 

@@ -4,13 +4,49 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
-from kitchen_suite.entities import build_kitchen
 from reference import BODIES, colliding_geoms, reference_joint, reference_model
 
-JOINT_FIELDS = "type range axis pos stiffness margin solref solimp limited qposadr dofadr".split()
+from kitchen_suite.entities import build_kitchen
+
+JOINT_FIELDS = [
+    "type",
+    "range",
+    "axis",
+    "pos",
+    "stiffness",
+    "margin",
+    "solref",
+    "solimp",
+    "limited",
+    "qposadr",
+    "dofadr",
+]
 DOF_FIELDS = ("damping", "armature", "frictionloss", "invweight0", "M0", "solref", "solimp")
-ACTUATOR_FIELDS = "gainprm biasprm gaintype biastype ctrlrange ctrllimited forcerange forcelimited gear".split()
-GEOM_FIELDS = "type pos quat friction solref solimp margin gap condim priority solmix rbound".split()
+ACTUATOR_FIELDS = [
+    "gainprm",
+    "biasprm",
+    "gaintype",
+    "biastype",
+    "ctrlrange",
+    "ctrllimited",
+    "forcerange",
+    "forcelimited",
+    "gear",
+]
+GEOM_FIELDS = [
+    "type",
+    "pos",
+    "quat",
+    "friction",
+    "solref",
+    "solimp",
+    "margin",
+    "gap",
+    "condim",
+    "priority",
+    "solmix",
+    "rbound",
+]
 BODY_FIELDS = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass")
 # A geom's size has as many meaningful numbers as its type has dimensions; the reference writes more for some.
 SIZES = {"PLANE": 3, "SPHERE": 1, "CAPSULE": 2, "CYLINDER": 2, "BOX": 3, "MESH": 3}
@@ -84,7 +120,9 @@ def test_colliding_geoms_are_equal_by_body_and_order(ours, reference):
         assert ours.body_weldid[ours.geom_bodyid[i]] == bodies.get(reference.body_weldid[reference.geom_bodyid[j]], 0)
         for field in GEOM_FIELDS:
             np.testing.assert_array_equal(
-                getattr(ours, f"geom_{field}")[i], getattr(reference, f"geom_{field}")[j], f"{field} of {ours.geom(i).name}"
+                getattr(ours, f"geom_{field}")[i],
+                getattr(reference, f"geom_{field}")[j],
+                f"{field} of {ours.geom(i).name}",
             )
         used = SIZES[mujoco.mjtGeom(reference.geom_type[j]).name.removeprefix("mjGEOM_")]
         np.testing.assert_array_equal(ours.geom_size[i, :used], reference.geom_size[j, :used])

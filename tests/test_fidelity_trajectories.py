@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
+from reference import original_environment, random_actions, reference_model
+
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen
-from reference import original_environment, random_actions, reference_model
 
 STEPS = 280
 OBSERVATION_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
@@ -74,12 +75,10 @@ def test_noisy_observations_are_the_originals_for_the_same_seed(seed):
     with original_environment(terminate_on_tasks_completed=False) as original:
         seen, _ = original.reset(seed=seed)
         np.testing.assert_array_equal(observation(timestep), seen["observation"])
-        steps = 0
-        for action in random_actions(np.random.default_rng(5), STEPS):
+        for step, action in enumerate(random_actions(np.random.default_rng(5), STEPS), start=1):
             timestep = ours.step(action)
             np.testing.assert_array_equal(observation(timestep), original.step(action)[0]["observation"])
-            steps += 1
-            assert timestep.last() == (steps == STEPS)
+            assert timestep.last() == (step == STEPS)
         # The stream goes on through the next reset.
         np.testing.assert_array_equal(observation(ours.step(None)), original.reset()[0]["observation"])
 

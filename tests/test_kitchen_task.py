@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS, noise
-from kitchen_suite.tasks.goals import GoalSet, advance, goal_distances
+from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.velocity_control import POSITION_HIGH, POSITION_LOW, position_target
 
 
@@ -123,7 +124,9 @@ def test_noise_does_not_depend_on_what_is_enabled():
 def test_zero_action_drifts_as_in_the_original_but_holds_with_target_feedback():
     def drift(feedback):
         timesteps = run(load(feedback=feedback, robot_noise_ratio=0.0), 120)
-        first, last = (timestep.observation["franka/joint_positions"][:7] for timestep in (timesteps[20], timesteps[-1]))
+        first, last = (
+            timestep.observation["franka/joint_positions"][:7] for timestep in (timesteps[20], timesteps[-1])
+        )
         return np.abs(last - first).max()
 
     assert drift("observed") > 0.5
@@ -170,14 +173,14 @@ def test_distances_are_euclidean_over_batches():
 
 def test_completions_are_booked_over_batches():
     within = np.random.default_rng(0).random((6, 50, 3)) < 0.1
-    remaining, steps = np.ones((6, 3), bool), np.full((6, 3), -1)
+    progress, rewards = Progress.start((6, 3)), np.zeros(6)
     for t in range(50):
-        completions, remaining, steps = advance(
-            within[:, t], remaining, steps, t + 1, remove_task_when_completed=True
-        )
-        assert not (completions & remaining).any()
+        progress = progress.advance(within[:, t], remove_task_when_completed=True)
+        rewards += progress.reward
+        assert not (progress.completions & progress.remaining).any()
     first = np.where(within.any(axis=1), within.argmax(axis=1) + 1, -1)
-    np.testing.assert_array_equal(steps, first)
+    np.testing.assert_array_equal(progress.completion_steps, first)
+    np.testing.assert_array_equal(rewards, progress.completed.sum(axis=-1))
 
 
 def test_the_reset_writes_the_references_state_unnormalised():

@@ -6,8 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import kitchen_suite
 import pytest
+
+import kitchen_suite
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"kitchen_suite": "kitchen_suite", "kitchen_suite.entities": "entities", "kitchen_suite.tasks": "tasks"}

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
+
 from kitchen_suite import entities, suite
 
 pytestmark = pytest.mark.rendering

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dm_control.suite.wrappers import action_noise, action_scale, mujoco_profiling, pixels
 from dm_env import test_utils
+
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS
 
