@@ -45,6 +45,20 @@ def number(value: object, what: str, *, positive: bool = False) -> float:
     return float(value)
 
 
+def whole_number(value: object, what: str, *, least: int) -> int:
+    """Returns `value` as an int if it is an integer and not below `least`.
+
+    Raises:
+      TypeError: it is no integer (a bool is not one).
+      ValueError: it is below `least`.
+    """
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
+        raise TypeError(f"{what} must be an integer, got {value!r}")
+    if value < least:
+        raise ValueError(f"{what} must be at least {least}, got {value!r}")
+    return int(value)
+
+
 def flag(value: object, what: str) -> bool:
     """Returns `value` if it is a bool.
 
