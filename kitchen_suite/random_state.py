@@ -44,6 +44,6 @@ def check_stored(stored: object, random_state: np.random.RandomState) -> dict[st
         raise ValueError(f"state['random'] must be of a {generator}, got one of {stored.get('bit_generator')!r}")
     try:
         np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise ValueError(f"state['random'] cannot be taken up by a {generator}: {error!r}") from error
     return dict(stored)

@@ -1,0 +1,172 @@
+"""2,000 odd arguments, actions, options and states: a clear error or valid behaviour, and the environment works on."""
+
+import copy
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
+from kitchen_suite.tasks import GOALS
+
+junk = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.text(max_size=8),
+    st.binary(max_size=4),
+    st.lists(st.floats(), max_size=10),
+    st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
+    st.complex_numbers(),
+    st.just(object()),
+)
+numbers = hnp.arrays(
+    st.sampled_from([np.float64, np.float32, np.int64, np.uint8, np.bool_, np.complex128]),
+    hnp.array_shapes(min_dims=0, max_dims=2, max_side=10),
+)
+nine = hnp.arrays(st.sampled_from([np.float64, np.float32]), (9,), elements=st.floats(-3, 3, width=32))
+
+
+def cases(count):
+    return settings(
+        max_examples=count, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    )
+
+
+@pytest.fixture(scope="module")
+def env():
+    env = FrankaKitchenEnv(["kettle", "microwave"])
+    env.reset(seed=0)
+    return env
+
+
+def attempt(function, *args, **kwargs):
+    """Whether the call went well; if not, it must have raised one of the two errors, with words."""
+    complaint = None
+    try:
+        function(*args, **kwargs)
+    except (ValueError, TypeError) as error:
+        complaint = str(error)
+    assert complaint is None or len(complaint) > 10
+    return complaint is None
+
+
+def assert_works_on(env):
+    observation, reward, terminated, truncated, info = env.step(np.zeros(9))
+    assert np.isfinite(observation["observation"]).all()
+    assert env.observation_space.contains(observation)
+    assert (reward, terminated, truncated) == (0.0, False, False)
+    assert info["tasks_to_complete"] == ["kettle", "microwave"]
+
+
+@cases(800)
+@given(action=st.one_of(junk, numbers, nine))
+def test_actions(env, action):
+    before = env.get_state()
+    if not attempt(env.step, action):
+        after = env.get_state()
+        np.testing.assert_array_equal(after["physics"], before["physics"])
+        assert after["step_count"] == before["step_count"]
+    else:
+        assert np.shape(action) == (9,)
+        env.reset()
+    assert_works_on(env)
+
+
+@cases(400)
+@given(
+    seed=st.one_of(st.none(), st.integers(-5, 2**80), junk),
+    options=st.one_of(st.none(), st.just({}), st.dictionaries(st.sampled_from(["state", "stat", "x"]), junk), junk),
+)
+def test_reset_options_and_seeds(env, seed, options):
+    attempt(env.reset, seed=seed, options=options)
+    assert_works_on(env)
+
+
+def mutations(state):
+    """Ways to spoil a state: keys removed, added or replaced, at any depth."""
+
+    def paths(node, prefix=()):
+        for key, value in node.items():
+            yield (*prefix, key)
+            if isinstance(value, dict):
+                yield from paths(value, (*prefix, key))
+
+    return st.tuples(st.sampled_from(sorted(paths(state), key=str)), st.sampled_from(["remove", "replace", "add"]))
+
+
+@cases(600)
+@given(data=st.data())
+def test_states(env, data):
+    env.reset(seed=1)
+    env.step(np.ones(9))
+    good = env.get_state()
+    path, how = data.draw(mutations(good))
+    bad = copy.deepcopy(good)
+    node = bad
+    for key in path[:-1]:
+        node = node[key]
+    if how == "remove":
+        del node[path[-1]]
+    else:
+        node[path[-1] if how == "replace" else data.draw(st.text(max_size=4))] = data.draw(st.one_of(junk, numbers))
+    if not attempt(env.set_state, bad):
+        np.testing.assert_array_equal(env.get_state()["physics"], good["physics"])
+        assert_same_random(env.get_state(), good)
+    env.set_state(good)
+    assert_works_on(env)
+
+
+def assert_same_random(one, other):
+    assert str(one["random"]) == str(other["random"])
+
+
+ratios = st.one_of(st.floats(0, 1), junk)
+flags = st.one_of(st.booleans(), junk)
+arguments = st.fixed_dictionaries(
+    {},
+    optional={
+        "tasks_to_complete": st.one_of(
+            st.lists(st.sampled_from([*GOALS, "bottom_burner", "toaster"]), max_size=4), st.sampled_from([*GOALS]), junk
+        ),
+        "terminate_on_tasks_completed": flags,
+        "remove_task_when_completed": flags,
+        "object_noise_ratio": ratios,
+        "robot_noise_ratio": ratios,
+        "velocity_scale": ratios,
+        "threshold": ratios,
+        "goals": st.one_of(st.dictionaries(st.sampled_from([*GOALS]), numbers, max_size=2), junk),
+        "feedback": st.one_of(st.sampled_from(["observed", "true", "target", "seen"]), junk),
+        "goal_format": st.one_of(st.sampled_from(["dict", "flat", "list"]), junk),
+        "info_format": st.one_of(st.sampled_from(["lists", "arrays", "array"]), junk),
+        "max_episode_steps": st.one_of(st.integers(-2, 500), junk),
+        "render_mode": st.one_of(st.none(), st.just("rgb_arry"), junk),
+        "width": st.one_of(st.integers(-1, 640), junk),
+        "camera_id": st.one_of(st.integers(-3, 9), junk),
+        "camera_name": st.one_of(st.none(), st.sampled_from(["left", "lef"]), junk),
+        "default_camera_config": st.one_of(st.none(), junk),
+        "visuals": st.one_of(st.none(), st.booleans(), junk),
+        "colour": junk,
+    },
+)
+
+
+@cases(200)
+@given(arguments=arguments)
+def test_arguments(arguments):
+    built = []
+    if attempt(lambda: built.append(FrankaKitchenEnv(**arguments))):
+        env = built[0]
+        observation, info = env.reset(seed=0)
+        assert env.observation_space.contains(observation)
+        assert env.step(np.zeros(9))[0]["observation"].shape == (59,)
+        assert info["tasks_to_complete_mask"].all()
+
+
+def test_unknown_arguments_reach_make_as_a_clear_error():
+    with pytest.raises(TypeError, match="colour"):
+        gymnasium.make(KITCHEN_ID, colour="red")

@@ -1,0 +1,384 @@
+"""The adapter's contract: spaces, formats, infos, states, copies, vectors, pictures."""
+
+import copy
+import pickle
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control.rl import control
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from reference import random_actions
+
+from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
+
+QUALIFIED_ID = f"kitchen_suite.gymnasium_env:{KITCHEN_ID}"
+EASY = {"goals": {"microwave": [0.1]}, "tasks_to_complete": ["microwave", "kettle"]}
+
+
+def actions(steps, seed=0):
+    return random_actions(np.random.default_rng(seed), steps)
+
+
+def assert_same(one, other):
+    assert data_equivalence(one, other, exact=True), (one, other)
+
+
+@pytest.mark.parametrize("goal_format", ["dict", "flat"])
+@pytest.mark.parametrize("info_format", ["lists", "arrays"])
+@pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity")
+def test_gymnasiums_checker_is_content(goal_format, info_format):
+    env = gymnasium.make(KITCHEN_ID, goal_format=goal_format, info_format=info_format)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_make_works_by_itself_in_a_fresh_process():
+    code = f"import gymnasium; env = gymnasium.make({QUALIFIED_ID!r}); env.reset(seed=0); print(env.spec.id)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{KITCHEN_ID}\n", "")
+
+
+@pytest.mark.parametrize(("settings", "steps"), [({}, 280), ({"max_episode_steps": 12}, 12)])
+def test_make_truncates_at_the_limit(settings, steps):
+    env = gymnasium.make(KITCHEN_ID, **settings)
+    env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(steps)]
+    assert ends == [(False, False)] * (steps - 1) + [(False, True)]
+
+
+def test_direct_construction_truncates_by_its_own_limit_and_says_so_in_compute_truncated():
+    env = FrankaKitchenEnv(max_episode_steps=3)
+    env.reset(seed=0)
+    for expected in (False, False, True):
+        observation, _, _, truncated, info = env.step(np.zeros(9))
+        assert truncated == expected
+        assert env.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info) == expected
+
+
+def test_terminated_and_truncated_may_both_be_true():
+    env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]}, max_episode_steps=1)
+    env.reset(seed=0)
+    assert env.step(np.zeros(9))[1:4] == (1.0, True, True)
+
+
+def test_the_flat_goals_are_the_dicts_end_to_end():
+    by_task, flat = (FrankaKitchenEnv(["kettle", "microwave"], goal_format=kind) for kind in ("dict", "flat"))
+    one, other = by_task.reset(seed=0)[0], flat.reset(seed=0)[0]
+    for kind in ("achieved_goal", "desired_goal"):
+        np.testing.assert_array_equal(other[kind], np.concatenate([one[kind]["kettle"], one[kind]["microwave"]]))
+        assert flat.observation_space[kind].shape == (8,)
+
+
+def test_infos_are_fresh_at_every_step():
+    env = FrankaKitchenEnv(**EASY, terminate_on_tasks_completed=False)
+    env.reset(seed=0)
+    kept = [env.step(np.zeros(9))[4] for _ in range(3)]
+    frozen = copy.deepcopy(kept)
+    for value in env.step(np.zeros(9))[4].values():
+        if isinstance(value, list):
+            value.clear()
+        elif isinstance(value, np.ndarray):
+            value[:] = 0
+    assert_same(kept, frozen)
+    assert kept[0]["step_task_completions"] == ["microwave"]
+    assert kept[1]["step_task_completions"] == []
+    assert env.step(np.zeros(9))[4]["episode_task_completions"] == ["microwave"]
+
+
+def test_observations_are_fresh_at_every_step():
+    env = FrankaKitchenEnv()
+    first = env.reset(seed=0)[0]
+    frozen = copy.deepcopy(first)
+    second = env.step(np.zeros(9))[0]
+    for kind in ("achieved_goal", "desired_goal"):
+        for goal in second[kind].values():
+            goal *= np.nan
+    second["observation"] *= np.nan
+    assert_same(first, frozen)
+    assert np.isfinite(env.step(np.zeros(9))[0]["desired_goal"]["kettle"]).all()
+
+
+@pytest.mark.parametrize("info_format", ["lists", "arrays"])
+def test_reset_and_step_infos_have_the_same_keys_shapes_and_types(info_format):
+    env = FrankaKitchenEnv(**EASY, info_format=info_format)
+    infos = [env.reset(seed=0)[1], *(env.step(np.zeros(9))[4] for _ in range(3))]
+    shapes = [{key: (type(value), np.shape(value)) for key, value in info.items()} for info in infos]
+    if info_format == "arrays":
+        assert all(shape == shapes[0] for shape in shapes)
+        assert not any(isinstance(value, list) for value in infos[0].values())
+    assert all(shape.keys() == shapes[0].keys() for shape in shapes)
+    assert all(
+        info[key].dtype == infos[0][key].dtype for info in infos for key in info if isinstance(info[key], np.ndarray)
+    )
+
+
+def test_masks_and_lists_agree():
+    env = FrankaKitchenEnv(**EASY)
+    env.reset(seed=0)
+    info = env.step(np.zeros(9))[4]
+    for name in ("tasks_to_complete", "step_task_completions", "episode_task_completions"):
+        named = [task in info[name] for task in EASY["tasks_to_complete"]]
+        np.testing.assert_array_equal(info[f"{name}_mask"], named)
+    np.testing.assert_array_equal(info["completion_steps"], [1, -1])
+    assert not info["is_success"]
+
+
+class TestComputeReward:
+    """Reward and termination from goals and infos alone."""
+
+    def steps(self, **arguments):
+        env = FrankaKitchenEnv(**{**EASY, "terminate_on_tasks_completed": False, **arguments})
+        env.reset(seed=0)
+        return env, [env.step(action) for action in actions(20)]
+
+    @pytest.mark.parametrize("goal_format", ["dict", "flat"])
+    @pytest.mark.parametrize("info_format", ["lists", "arrays"])
+    @pytest.mark.parametrize("remove", [True, False])
+    def test_it_is_the_reward_of_every_step_and_of_the_batch(self, goal_format, info_format, remove):
+        env, steps = self.steps(goal_format=goal_format, info_format=info_format, remove_task_when_completed=remove)
+        rewards = [step[1] for step in steps]
+        assert sum(rewards) == (1 if remove else 20)
+        achieved, desired = ([step[0][kind] for step in steps] for kind in ("achieved_goal", "desired_goal"))
+        infos = [step[4] for step in steps]
+        assert [env.compute_reward(*each) for each in zip(achieved, desired, infos, strict=True)] == rewards
+        assert isinstance(env.compute_reward(achieved[0], desired[0], infos[0]), float)
+        batched = [stack(goals) for goals in (achieved, desired)]
+        for batch_of_infos in (infos, np.array(infos)):
+            result = env.compute_reward(*batched, batch_of_infos)
+            np.testing.assert_array_equal(result, rewards)
+            assert result.dtype == np.float64
+
+    def test_it_is_stateless(self):
+        env, steps = self.steps()
+        first = steps[0]
+        env.reset()
+        for _ in range(3):
+            assert env.compute_reward(first[0]["achieved_goal"], first[0]["desired_goal"], first[4]) == 1.0
+
+    def test_without_information_every_configured_task_may_pay(self):
+        env = FrankaKitchenEnv(["microwave", "kettle", "slide cabinet"])
+        desired = env.reset(seed=0)[0]["desired_goal"]
+        assert env.compute_reward(desired, desired, {}) == 3.0
+        batch = {task: np.broadcast_to(goal, (2, 4, goal.size)) for task, goal in desired.items()}
+        np.testing.assert_array_equal(env.compute_reward(batch, desired_like(batch), {}), np.full((2, 4), 3.0))
+        empty = {task: goal[0] for task, goal in batch.items()}
+        np.testing.assert_array_equal(env.compute_reward(empty, empty, np.array([{}] * 4)), np.full(4, 3.0))
+        assert env.compute_terminated(desired, desired, {}) is True
+
+    def test_a_batch_may_mix_infos_that_tell_and_that_do_not(self):
+        env = FrankaKitchenEnv(["microwave", "kettle"], goal_format="flat")
+        goals = np.tile(env.reset(seed=0)[0]["desired_goal"], (3, 1))
+        infos = [
+            {},
+            {"tasks_to_complete": ["kettle"], "step_task_completions": [], "episode_task_completions": ["microwave"]},
+            {"tasks_to_complete_mask": [False, False], "episode_task_completions_mask": [True, True]},
+        ]
+        np.testing.assert_array_equal(env.compute_reward(goals, goals, infos), [2.0, 1.0, 0.0])
+        np.testing.assert_array_equal(env.compute_terminated(goals, goals, infos), [True, False, True])
+
+    def test_nothing_terminates_where_completion_does_not(self):
+        env = FrankaKitchenEnv(["microwave"], terminate_on_tasks_completed=False)
+        goal = env.reset(seed=0)[0]["desired_goal"]
+        assert env.compute_terminated(goal, goal, {}) is False
+        batch = {"microwave": np.zeros((4, 1))}
+        np.testing.assert_array_equal(env.compute_terminated(batch, batch, [{}] * 4), np.zeros(4, bool))
+
+    @pytest.mark.parametrize(
+        ("achieved", "info", "error", "words"),
+        [
+            ({"kettle": np.zeros(7)}, {}, ValueError, "achieved_goal lacks .*microwave"),
+            (np.zeros(5), {}, ValueError, r"achieved_goal must have shape \(\.\.\., 8\)"),
+            ({"microwave": np.zeros(1), "kettle": ["far"] * 7}, {}, TypeError, "kettle"),
+            ({"microwave": np.zeros((2, 1)), "kettle": np.zeros((3, 7))}, {}, ValueError, "leading shapes"),
+            (np.zeros((3, 8)), [{}] * 2, ValueError, r"info must be one dict, or a list of one for each"),
+        ],
+    )
+    def test_bad_goals_and_infos_are_refused(self, achieved, info, error, words):
+        env = FrankaKitchenEnv(["microwave", "kettle"])
+        with pytest.raises(error, match=words):
+            env.compute_reward(achieved, np.zeros(8), info)
+
+
+def stack(goals):
+    if isinstance(goals[0], dict):
+        return {task: np.stack([goal[task] for goal in goals]) for task in goals[0]}
+    return np.stack(goals)
+
+
+def desired_like(batch):
+    return {task: goal.copy() for task, goal in batch.items()}
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"]
+)
+@pytest.mark.parametrize("arguments", [{}, {"feedback": "target"}, {**EASY, "goal_format": "flat"}])
+def test_a_copy_goes_on_where_the_original_stands(duplicate, arguments):
+    env = gymnasium.make(KITCHEN_ID, **arguments)
+    env.reset(seed=2**40)
+    for action in actions(15):
+        env.step(action)
+    twin = duplicate(env)
+    assert twin.spec == env.spec
+    assert twin.unwrapped.np_random_seed == env.unwrapped.np_random_seed
+    for action in actions(20, seed=1):
+        assert_same(env.step(action), twin.step(action))
+    assert_same(env.reset(), twin.reset())
+
+
+def test_a_copy_made_before_the_first_reset_starts_as_the_original():
+    env = FrankaKitchenEnv()
+    twin = copy.deepcopy(env)
+    assert_same(env.reset(), twin.reset())
+
+
+def test_a_copy_is_independent():
+    env = FrankaKitchenEnv()
+    env.reset(seed=0)
+    state = env.get_state()
+    twin = copy.deepcopy(env)
+    for action in actions(5):
+        twin.step(action)
+    assert_same(env.get_state(), state)
+
+
+def test_a_state_brings_everything_back():
+    env = FrankaKitchenEnv(**EASY)
+    env.reset(seed=1)
+    before = [env.step(action) for action in actions(10)][-1]
+    state = env.get_state()
+    expected = [env.step(action) for action in actions(10, seed=1)]
+    observation = env.set_state(state)
+    assert_same(observation, before[0])
+    assert_same(env.info(), before[4])
+    assert_same([env.step(action) for action in actions(10, seed=1)], expected)
+    other = FrankaKitchenEnv(**EASY)
+    assert_same(other.reset(options={"state": pickle.loads(pickle.dumps(state))}), (before[0], before[4]))
+    assert_same([other.step(action) for action in actions(10, seed=1)], expected)
+
+
+def test_a_state_serves_a_planner_after_the_end_of_an_episode():
+    env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]})
+    env.reset(seed=1)
+    state = env.get_state()
+    assert env.step(np.zeros(9))[2]
+    env.set_state(state)
+    assert env.step(np.zeros(9))[1:3] == (1.0, True)
+
+
+def test_a_seed_beside_a_state_replaces_only_the_random_state():
+    env = FrankaKitchenEnv()
+    env.reset(seed=1)
+    env.step(np.ones(9))
+    state, seen = env.get_state(), env.get_state()["physics"].copy()
+    observation, _ = env.reset(seed=9, options={"state": state})
+    np.testing.assert_array_equal(env.get_state()["physics"], seen)
+    again, _ = env.reset(options={"state": state})
+    assert_same(observation, again)
+    draws = []
+    for seed in (9, 9, 10):
+        env.reset(seed=seed, options={"state": state})
+        draws.append(env.step(np.zeros(9))[0]["observation"])
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert not np.array_equal(draws[0], draws[2])
+
+
+def test_a_step_after_termination_goes_on_in_the_same_episode():
+    env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]})
+    env.reset(seed=0)
+    env.step(np.ones(9))
+    _, reward, terminated, _, info = env.step(np.ones(9))
+    assert (reward, terminated) == (0.0, True)
+    assert info["episode_step"] == 2
+
+
+def test_a_step_after_a_divergence_starts_a_clean_episode():
+    env = FrankaKitchenEnv()
+    env.reset(seed=0)
+    env.environment.physics.data.qvel[0] = np.nan
+    with pytest.raises(control.PhysicsError):
+        env.step(np.zeros(9))
+    observation, reward, terminated, _, info = env.step(np.zeros(9))
+    assert (reward, terminated, info["episode_step"]) == (0.0, False, 0)
+    assert np.isfinite(observation["observation"]).all()
+    assert env.step(np.zeros(9))[4]["episode_step"] == 1
+
+
+def test_a_new_generator_given_to_the_environment_is_used():
+    env = FrankaKitchenEnv()
+    env.reset(seed=0)
+    env.np_random = np.random.default_rng(7)
+    expected = np.random.default_rng(7).uniform(-1, 1, 59)
+    env.reset()
+    noise = env.get_state()["task"]["noise"]
+    np.testing.assert_allclose(np.sign(noise), np.sign(expected))
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_sub_environment_i_of_a_vector_is_the_single_one_of_seed_plus_i(mode):
+    vector = gymnasium.make_vec(QUALIFIED_ID, num_envs=2, vectorization_mode=mode)
+    singles = [gymnasium.make(KITCHEN_ID) for _ in range(2)]
+    try:
+        seen = [vector.reset(seed=11)[0]]
+        seen += [vector.step(np.stack([action, -action]))[0] for action in actions(3)]
+        for i, (single, sign) in enumerate(zip(singles, (1, -1), strict=True)):
+            alone = [single.reset(seed=11 + i)[0]]
+            alone += [single.step(sign * action)[0] for action in actions(3)]
+            for one, other in zip(seen, alone, strict=True):
+                np.testing.assert_array_equal(one["observation"][i], other["observation"])
+                np.testing.assert_array_equal(one["achieved_goal"]["kettle"][i], other["achieved_goal"]["kettle"])
+    finally:
+        vector.close()
+
+
+@pytest.mark.rendering
+class TestRendering:
+    """Pictures through Gymnasium's own renderer."""
+
+    @pytest.mark.parametrize("camera", [{}, {"camera_name": "left"}, {"camera_id": 1}, {"camera_name": "franka/wrist"}])
+    def test_rgb_has_the_size_asked_for_and_shows_something(self, camera):
+        env = FrankaKitchenEnv(render_mode="rgb_array", width=160, height=120, **camera)
+        env.reset(seed=0)
+        picture = env.render()
+        assert (picture.shape, picture.dtype) == ((120, 160, 3), np.uint8)
+        assert picture.std() > 20
+        env.close()
+
+    def test_depth_is_the_z_buffer_as_in_the_original(self):
+        env = FrankaKitchenEnv(render_mode="depth_array", width=160, height=120)
+        env.reset(seed=0)
+        depth = env.render()
+        assert depth.shape == (120, 160)
+        assert 0.0 <= depth.min() < depth.max() <= 1.0
+        env.close()
+
+    def test_make_collects_pictures_in_list_mode(self):
+        env = gymnasium.make(KITCHEN_ID, render_mode="rgb_array_list", width=64, height=48)
+        env.reset(seed=0)
+        env.step(np.zeros(9))
+        assert [picture.shape for picture in env.render()] == [(48, 64, 3)] * 2
+        env.close()
+
+    def test_pictures_larger_than_the_models_buffer_are_possible(self):
+        env = FrankaKitchenEnv(render_mode="rgb_array", width=1930, height=32)
+        env.reset(seed=0)
+        assert env.render().shape == (32, 1930, 3)
+        env.close()
+
+    def test_a_copy_renders_too(self):
+        env = FrankaKitchenEnv(render_mode="rgb_array", width=64, height=48)
+        env.reset(seed=0)
+        np.testing.assert_array_equal(copy.deepcopy(env).render(), env.render())
+        env.close()
+
+
+def test_the_true_frame_rate_is_told():
+    assert FrankaKitchenEnv.metadata["render_fps"] == 12.5
+
+
+def test_without_a_render_mode_rendering_warns_and_gives_nothing():
+    env = FrankaKitchenEnv()
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
