@@ -13,7 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import Kitchen, KitchenArena
 from kitchen_suite.tasks import checks, noise
+from kitchen_suite.tasks.goal_colours import GoalColours
 from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, Progress
+from kitchen_suite.tasks.joints import addresses
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.velocity_control import position_target
 
@@ -21,12 +23,6 @@ PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]
 TIME_LIMIT = 22.4  # [s], 280 control steps
 FEEDBACKS = ("observed", "true", "target")
-
-# Numbers in qpos and in qvel of a free, ball, slide and hinge joint, in the order of MuJoCo's mjtJoint.
-_QPOS_WIDTHS = np.array([7, 4, 1, 1])
-_QVEL_WIDTHS = np.array([6, 3, 1, 1])
-
-_ACHIEVED_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
 class KitchenTask(composer.Task):
@@ -85,6 +81,7 @@ class KitchenTask(composer.Task):
             robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
             object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
         )
+        self._desired = self._goals.split(self._goals.desired)
         self._kitchen = kitchen
         self._noise = np.zeros(self._noise_scale.size)
         self._visualize_reward = False
@@ -197,12 +194,12 @@ class KitchenTask(composer.Task):
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         robot, objects = self._kitchen.robot.joints, self._kitchen.object_joints
-        self._robot_qpos, self._robot_qvel = _addresses(physics, robot)
-        self._object_qpos, self._object_qvel = _addresses(physics, objects)
+        self._robot_qpos, _ = addresses(physics, robot)
+        self._object_qpos, self._object_qvel = addresses(physics, objects)
         self._ctrl = physics.bind(self._kitchen.robot.actuators).element_id
         self._goal_qpos = self._object_qpos[self._goals.elements]
-        self._geoms = {task: self._moving_geoms(physics, GOALS[task].elements) for task in self._goals.tasks}
-        self._plain_rgba = {task: np.array(physics.bind(geoms).rgba) for task, geoms in self._geoms.items()}
+        self._task_qpos = self._goals.split(self._goal_qpos)
+        self._colours = GoalColours(physics, self._goals.tasks, objects)
         self._start(physics)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -234,7 +231,7 @@ class KitchenTask(composer.Task):
             self._distances < self._threshold, remove_task_when_completed=self._remove_task_when_completed
         )
         if self._visualize_reward:
-            self._colour(physics)
+            self._colours.paint(physics, self._progress.within)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
@@ -275,7 +272,7 @@ class KitchenTask(composer.Task):
         self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
         self._progress = Progress.start((len(self._goals.tasks),))
         if self._visualize_reward:
-            self._colour(physics)
+            self._colours.paint(physics, self._progress.within)
 
     def _observe(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Draws the noise of this control step, and notes what the robot sees of itself."""
@@ -303,32 +300,12 @@ class KitchenTask(composer.Task):
 
     def _achieved_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
         """Present values of what a task's goal is about: `(m,)` float64 [rad, m, quaternion]; qpos; no noise."""
-        return self._goals.split(physics.data.qpos[self._goal_qpos])[task]
+        return physics.data.qpos[self._task_qpos[task]]
 
     def _desired_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
         """Goal of a task: `(m,)` float64 [rad, m, quaternion]; configuration; no noise."""
         del physics
-        return self._goals.split(self._goals.desired)[task]
+        return self._desired[task]
 
     def _names(self, mask: NDArray[np.bool_]) -> list[str]:
         return [task for task, chosen in zip(self._goals.tasks, mask, strict=True) if chosen]
-
-    def _moving_geoms(self, physics: mjcf.Physics, elements: Sequence[int]) -> list[mjcf.Element]:
-        """The geoms that move with some elements of the object positions."""
-        joints = self._kitchen.object_joints
-        owners = np.repeat(np.arange(len(joints)), _QPOS_WIDTHS[physics.bind(joints).type])
-        return [geom for i in np.unique(owners[list(elements)]) for geom in joints[i].parent.find_all("geom")]
-
-    def _colour(self, physics: mjcf.Physics) -> None:
-        """Paints the things whose tasks are within their thresholds; the others show their own colours."""
-        for task, within in zip(self._goals.tasks, self._progress.within, strict=True):
-            physics.bind(self._geoms[task]).rgba = _ACHIEVED_RGBA if within else self._plain_rgba[task]
-
-
-def _addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where the elements of some joints stand in qpos and in qvel, joint by joint."""
-    bound = physics.bind(joints)
-    return tuple(
-        np.concatenate([start + np.arange(width) for start, width in zip(starts, widths[bound.type], strict=True)])
-        for starts, widths in ((bound.qposadr, _QPOS_WIDTHS), (bound.dofadr, _QVEL_WIDTHS))
-    )
