@@ -1,0 +1,41 @@
+"""The benchmark measures what it says, on a very small scale."""
+
+import json
+
+import pytest
+
+from kitchen_suite import benchmark
+
+
+def test_it_prints_a_row_for_every_contender(capsys):
+    assert benchmark.main(["kitchen-benchmark", "--rounds=1", "--steps=2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in benchmark.contenders():
+        (row,) = [line for line in lines if line.startswith(f"{name} ")]
+        ratio, least, greatest, rate = map(float, row.removeprefix(name).split())
+        assert 0 < least == ratio == greatest
+        assert rate > 1
+    assert any("Gymnasium adapter adds" in line for line in lines)
+
+
+def test_json_holds_the_same_and_the_versions(capsys):
+    assert benchmark.main(["kitchen-benchmark", "--rounds=1", "--steps=2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["results"][benchmark.BARE]["ratio"] == 1.0
+    assert {"mujoco", "dm_control", "numpy"} <= result["versions"].keys()
+
+
+@pytest.mark.parametrize("flags", [["--rounds=0"], ["--rounds=many"], ["--speed"], ["fast"]])
+def test_bad_flags_end_with_code_2(flags, capsys):
+    assert benchmark.main(["kitchen-benchmark", *flags]) == 2
+    assert "kitchen-benchmark:" in capsys.readouterr().err
+
+
+def test_the_summary_takes_medians_of_ratios_round_by_round():
+    rates = {benchmark.BARE: [100.0, 200.0, 400.0], "other": [50.0, 200.0, 800.0]}
+    assert benchmark.summarize(rates)["other"] == {
+        "ratio": 1.0,
+        "least": 0.5,
+        "greatest": 2.0,
+        "steps_per_second": 200.0,
+    }
