@@ -176,6 +176,12 @@ class KitchenTask(composer.Task):
         return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
 
     @property
+    def episode_results(self) -> dict[str, bool | dict[str, int]]:
+        """What came of the episode so far, for reports: a verdict, and control steps by what happened then."""
+        steps = self.completion_steps
+        return {"success": len(steps) == len(self._goals.tasks), "tasks_completed": steps}
+
+    @property
     def visualize_reward(self) -> bool:
         """Whether a thing turns green while its task is within the threshold."""
         return self._visualize_reward

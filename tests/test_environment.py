@@ -141,3 +141,50 @@ def test_a_recompiling_environment_gives_the_same_episode():
 def test_a_fixed_initial_state_repeats_itself():
     environment = suite.load("kitchen", "all", {"random": 0, "visuals": False}, {"fixed_initial_state": True})
     np.testing.assert_array_equal(trajectory(environment, 3), trajectory(environment, 3))
+
+
+@pytest.mark.parametrize("legacy_step", [True, False])
+def test_a_state_brings_back_physics_task_and_random_stream(legacy_step):
+    environment = Environment(make_task(), random_state=1, legacy_step=legacy_step, time_limit=1.0)
+    trajectory(environment, 5)
+    state = environment.get_state()
+    expected = [environment.step(np.ones(9)) for _ in range(10)]
+    environment.set_state(state)
+    for before in expected:
+        after = environment.step(np.ones(9))
+        assert after.step_type == before.step_type
+        for key, value in before.observation.items():
+            np.testing.assert_array_equal(after.observation[key], value)
+
+
+def test_setting_a_state_returns_the_observation_of_that_moment():
+    environment = Environment(make_task(), random_state=1, flat_observation=True)
+    environment.reset()
+    seen = environment.step(np.ones(9)).observation
+    state = environment.get_state()
+    environment.step(np.ones(9))
+    np.testing.assert_array_equal(environment.set_state(state)["observations"], seen["observations"])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "words"),
+    [
+        (lambda state: state.pop("physics"), ValueError, r"missing or unknown: \['physics'\]"),
+        (lambda state: state.update(physics=np.zeros(3)), ValueError, r"state\['physics'\] must have shape"),
+        (lambda state: state["task"].update(noise=np.full(59, np.nan)), ValueError, r"\['noise'\] must be finite"),
+        (lambda state: state["task"].update(target="far"), TypeError, r"\['target'\] must hold"),
+        (lambda state: state.update(random=np.random.default_rng().bit_generator.state), ValueError, "MT19937"),
+        (lambda state: state.update(random=3), TypeError, r"state\['random'\] must be a dict"),
+        (lambda state: state["random"].update(state={}), ValueError, "cannot be taken up"),
+    ],
+)
+def test_a_broken_state_is_refused_and_changes_nothing(spoil, error, words):
+    environment = Environment(make_task(), random_state=1)
+    environment.reset()
+    state = environment.get_state()
+    spoil(state)
+    before = environment.get_state()
+    with pytest.raises(error, match=words):
+        environment.set_state(state)
+    np.testing.assert_array_equal(environment.get_state()["physics"], before["physics"])
+    assert str(environment.get_state()["random"]) == str(before["random"])

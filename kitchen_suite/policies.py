@@ -1,0 +1,105 @@
+"""What acts: policies by name, and those a user brings along as `module:callable`.
+
+A policy is called with the present `dm_env.TimeStep` and returns the action; `timestep.first()` tells it that an
+episode starts.
+"""
+
+import pkgutil
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import dm_env
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite.tasks import checks
+
+Policy = Callable[[dm_env.TimeStep], ArrayLike]
+
+# Makes the policy for one episode; the generator is the episode's own.
+PolicyBuilder = Callable[[dm_env.Environment, np.random.Generator], Policy]
+
+
+class PolicyError(Exception):
+    """A policy raised an exception, or returned what is no action."""
+
+
+def random(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+    """Builds a policy of uniform actions; standard normal ones where the action is unbounded."""
+    spec = environment.action_spec()
+    bounded = np.isfinite(spec.minimum) & np.isfinite(spec.maximum)
+    low, high = np.where(bounded, spec.minimum, 0.0), np.where(bounded, spec.maximum, 0.0)
+
+    def policy(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+        del timestep
+        return np.where(bounded, generator.uniform(low, high, spec.shape), generator.standard_normal(spec.shape))
+
+    return policy
+
+
+def zero(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+    """Builds a policy of zero actions."""
+    del generator
+    shape = environment.action_spec().shape
+    return lambda timestep: np.zeros(shape)
+
+
+POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType({"random": random, "zero": zero})
+
+
+def find(name: str) -> PolicyBuilder:
+    """Returns what builds a policy, whose actions are checked and come as float64.
+
+    Args:
+      name: a key of `POLICIES`; or `module:callable`, a policy that is the same object in every episode. Modules are
+        also looked for in the working directory.
+
+    Raises:
+      ValueError: there is no such policy, it cannot be imported, or it cannot be called.
+    """
+    if ":" in name:
+        imported = _imported(name)
+        return lambda environment, generator: _checked(imported, name, environment)
+    try:
+        build = POLICIES[checks.choice(name, POLICIES.keys(), "policy")]
+    except ValueError as error:
+        raise ValueError(f"{error}, or name one of your own as module:callable") from error
+    return lambda environment, generator: _checked(build(environment, generator), name, environment)
+
+
+def _imported(name: str) -> Policy:
+    # A console script, unlike `python -m`, does not look there; last, so that it hides nothing installed.
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+    try:
+        policy = pkgutil.resolve_name(name)
+    except (Exception, SystemExit) as error:  # Importing runs whatever the module holds.
+        raise ValueError(f"policy {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+    if not callable(policy):
+        raise ValueError(f"policy {name!r} cannot be called: it is {policy!r}")
+    return policy
+
+
+def _checked(policy: Policy, name: str, environment: dm_env.Environment) -> Policy:
+    (size,) = environment.action_spec().shape
+
+    def checked(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+        try:
+            action = policy(timestep)
+        except Exception as error:
+            raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_place(error)})") from error
+        try:
+            return checks.vector(action, size, "action").copy()
+        except (TypeError, ValueError) as error:
+            raise PolicyError(f"policy {name!r} returned a bad action: {error}") from error
+
+    return checked
+
+
+def _place(error: Exception) -> str:
+    """Where an exception was raised."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{frame.filename}, line {frame.lineno}"

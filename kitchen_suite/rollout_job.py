@@ -1,0 +1,196 @@
+"""What `kitchen-rollout` does once its flags are read."""
+
+import contextlib
+import dataclasses
+import importlib.metadata
+import sys
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import dm_env
+from tqdm import tqdm
+
+import kitchen_suite
+from kitchen_suite import policies, recording, suite
+from kitchen_suite.environment import Environment
+from kitchen_suite.episodes import Episode, play
+from kitchen_suite.report import WIDTH, Report
+from kitchen_suite.tasks import checks
+
+# Whose versions decide what an episode looks like.
+_PACKAGES = ("dm-control", "mujoco", "numpy", "gymnasium-robotics")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What is asked for; see the flags of `rollout`."""
+
+    domain_name: str
+    task_name: str | None
+    task_kwargs: Mapping[str, Any]
+    policy: str
+    num_episodes: int
+    seed: int
+    output: Path | None
+    video: Path | None
+    camera: str
+    width: int
+    height: int
+    visualize_reward: bool
+
+
+class RolloutJob:
+    """A number of episodes to be played, shown and written."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
+
+        Raises:
+          ImportError: there is no ffmpeg, but a video is asked for.
+          OSError: the output folder cannot be written to or holds episodes, or the assets are missing.
+          TypeError: an argument of the task has the wrong type, or there is no such argument.
+          ValueError: an unknown name, or a value that is refused.
+        """
+        self._settings = settings
+        self._task_name = settings.task_name or default_task(settings.domain_name)
+        self._build_policy = policies.find(settings.policy)
+        self._environment = self._load()
+        self._camera = find_camera(self._environment, settings.camera)
+        if settings.video:
+            recording.check_ffmpeg()
+            self._check_size()
+        if settings.output:
+            recording.claim_folder(settings.output)
+        self._last_seed = settings.seed + settings.num_episodes - 1
+        self._report = Report(last_seed=self._last_seed)
+
+    @property
+    def finished(self) -> int:
+        """Number of episodes played to their end, and written."""
+        return self._report.count
+
+    def run(self) -> None:
+        """Plays all episodes; prints a table, row by row, and a summary, also of what was finished before an error."""
+        settings = self._settings
+        _print(f"{settings.domain_name} {self._task_name}, policy {settings.policy}\n")
+        try:
+            with contextlib.closing(self._environment), self._progress() as watch:
+                for index in range(settings.num_episodes):
+                    episode = play(self._environment, self._build_policy, settings.seed + index, watch)
+                    self._save(index, episode)
+                    _print(self._report.add(episode.outcome))
+        finally:
+            _print(f"\n{self._report.summary()}")
+
+    def _load(self) -> Environment:
+        settings = self._settings
+        # Without a video nobody looks: what only the eye needs would cost time.
+        scene = {"visuals": settings.video is not None}
+        return suite.load(
+            settings.domain_name,
+            self._task_name,
+            task_kwargs={**settings.task_kwargs, **scene},
+            visualize_reward=settings.visualize_reward,
+        )
+
+    def _check_size(self) -> None:
+        settings, largest = self._settings, self._environment.physics.model.vis.global_
+        if settings.width > largest.offwidth or settings.height > largest.offheight:
+            raise ValueError(
+                f"a video of {settings.width} x {settings.height} pixels is too large: the model has room for "
+                f"{largest.offwidth} x {largest.offheight}"
+            )
+
+    @contextlib.contextmanager
+    def _progress(self) -> Iterator[Callable[[dm_env.TimeStep], None]]:
+        """Gives what is to be called at every time step: it moves the bar, and films."""
+        limit, left = self._environment.step_limit, self._settings.num_episodes
+        with self._open_video() as film, tqdm(total=left * limit, unit="step", disable=None, leave=False) as bar:
+
+            def watch(timestep: dm_env.TimeStep) -> None:
+                nonlocal left
+                film()
+                bar.update(not timestep.first())
+                left -= timestep.last()
+                if timestep.last() and bar.total:
+                    bar.total = bar.n + left * limit
+
+            yield watch
+
+    @contextlib.contextmanager
+    def _open_video(self) -> Iterator[Callable[[], None]]:
+        """Gives what adds the present view to the video; it does nothing where no video is asked for."""
+        settings = self._settings
+        if settings.video is None:
+            yield lambda: None
+            return
+        size = {"width": settings.width, "height": settings.height}
+        rate = 1.0 / self._environment.control_timestep()
+        with recording.open_video(settings.video, **size, frames_per_second=rate) as add:
+            yield lambda: add(self._environment.physics.render(**size, camera_id=self._camera))
+
+    def _save(self, index: int, episode: Episode) -> None:
+        if self._settings.output:
+            recording.save_episode(self._settings.output, index, episode, self._metadata())
+
+    def _metadata(self) -> dict[str, Any]:
+        """What an episode needs besides its seed to be played again."""
+        versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+        return {
+            "domain_name": self._settings.domain_name,
+            "task_name": self._task_name,
+            "task_kwargs": dict(self._settings.task_kwargs),
+            "policy": self._settings.policy,
+            "control_timestep": self._environment.control_timestep(),
+            "versions": {"kitchen-suite": kitchen_suite.__version__, **versions},
+        }
+
+
+def default_task(domain_name: str) -> str:
+    """The domain's first benchmark task, or else its first task.
+
+    Raises:
+      ValueError: there is no such domain.
+    """
+    checks.choice(domain_name, suite.TASKS_BY_DOMAIN.keys(), "domain")
+    return next(task for domain, task in (*suite.BENCHMARKING, *suite.ALL_TASKS) if domain == domain_name)
+
+
+def camera_names(environment: Environment) -> list[str]:
+    """Names of all cameras, by number."""
+    model = environment.physics.model
+    return [model.id2name(number, "camera") for number in range(model.ncam)]
+
+
+def find_camera(environment: Environment, camera: str) -> int:
+    """Number of a camera given by name or number.
+
+    Raises:
+      ValueError: there is no such camera.
+    """
+    names = camera_names(environment)
+    if camera.isdecimal() and int(camera) < len(names):
+        return int(camera)
+    return names.index(checks.choice(camera, names, "camera"))
+
+
+def describe_suite() -> str:
+    """All domains with their tasks and cameras."""
+    lines = []
+    for domain, tasks in suite.TASKS_BY_DOMAIN.items():
+        with contextlib.closing(suite.load(domain, tasks[0], task_kwargs={"visuals": False})) as environment:
+            cameras = camera_names(environment)
+        lines += [domain, _listing("tasks", tasks), _listing("cameras", cameras)]
+    return "\n".join(lines)
+
+
+def _listing(what: str, names: Sequence[str]) -> str:
+    return textwrap.fill(", ".join(names), WIDTH, initial_indent=f"  {what:<9}", subsequent_indent=" " * 11)
+
+
+def _print(text: str) -> None:
+    """Prints above the progress bar, at once: an episode may take long, and the reader may be a pipe."""
+    tqdm.write(text)
+    sys.stdout.flush()
