@@ -58,7 +58,7 @@ def terminated(
     """Whether `(...)` all tasks have been completed: by the info, or where it is silent, by the goals."""
     within = goal_distances(achieved, desired, goals.starts) < threshold
     completed = _named(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
-    return completed(default=within).all(axis=-1)
+    return np.all(completed(default=within), axis=-1)
 
 
 def _named(

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import dm_env
 import gymnasium
@@ -25,7 +25,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     copy made by `copy.deepcopy` or pickle goes on where the original stands.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(_RENDER_MODES)}
+    metadata = {"render_modes": list(_RENDER_MODES)}
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a number out of range.
         """
-        self._render_settings = {
+        self._render_settings: dict[str, Any] = {
             "default_cam_config": dict(default_camera_config or self.free_camera()),
             "width": checks.whole_number(width, "width", least=1),
             "height": checks.whole_number(height, "height", least=1),
@@ -201,7 +201,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self._arguments = args, kwargs = state["arguments"]
-        self.__init__(*args, **kwargs)
+        type(self).__init__(self, *args, **kwargs)
         self.spec = state["spec"]
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]

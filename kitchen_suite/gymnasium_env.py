@@ -6,7 +6,7 @@
 import contextlib
 import io
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -39,7 +39,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     Info: see `info`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
+    metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
 
     def __init__(
         self,

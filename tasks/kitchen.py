@@ -37,6 +37,8 @@ class KitchenTask(composer.Task):
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
     """
 
+    _progress: Progress
+
     def __init__(
         self,
         kitchen: Kitchen,
