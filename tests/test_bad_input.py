@@ -131,6 +131,7 @@ def test_without_gymnasium_robotics_the_error_says_what_to_install(monkeypatch):
 def test_a_gymnasium_robotics_without_the_assets_is_named_too(monkeypatch, tmp_path):
     (tmp_path / "gymnasium_robotics").mkdir()
     (tmp_path / "gymnasium_robotics" / "__init__.py").touch()
+    monkeypatch.delitem(sys.modules, "gymnasium_robotics", raising=False)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     with pytest.raises(FileNotFoundError, match=r"carries no folder .*kitchen_franka.*gymnasium-robotics==1\.4\.2"):
         assets.asset_dir()
