@@ -1,5 +1,7 @@
 """What exists: the Franka, the things in the kitchen, and the room; each usable and viewable alone."""
 
+from kitchen_suite.entities.calibration_kitchen import KITCHEN as KITCHEN
+from kitchen_suite.entities.calibration_panda import PANDA as PANDA
 from kitchen_suite.entities.franka import Franka as Franka
 from kitchen_suite.entities.kitchen_arena import Kitchen as Kitchen
 from kitchen_suite.entities.kitchen_arena import KitchenArena as KitchenArena

@@ -51,10 +51,8 @@ class Franka(composer.Entity):
     @property
     def servos(self) -> tuple[Servo, ...]:
         """The nine joints with their servos: the arm's from the base outwards, then the two fingers'."""
-        return (
-            *(link.servo for link in self._calibration.links),
-            *(finger.servo for finger in self._calibration.fingers),
-        )
+        parts = (*self._calibration.links, *self._calibration.fingers)
+        return tuple(part.servo for part in parts)
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
