@@ -151,5 +151,6 @@ PANDA = Calibration(
     # Torsion about the contact's normal keeps a bar from turning between the pads.
     finger_contact={"condim": 4, "friction": (1.5, 0.005, 0.0001)},
     end_effector={"name": "gripper", "pos": (0, 0, _HAND_Z + _TOOL_Z), "quat": _HAND_QUAT},
-    wrist_camera={"pos": (0.06, -0.06, 0.09), "xyaxes": (1, 1, 0, 0.64, -0.64, 0.427), "fovy": 75},
+    # Beside the hand, looking along the fingers, upright while the left finger is above the right one.
+    wrist_camera={"pos": (0.06, -0.06, 0.12), "xyaxes": (-0.64, 0.64, -0.427, 1, 1, 0), "fovy": 75},
 )
