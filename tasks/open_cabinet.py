@@ -8,14 +8,20 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
-from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import CabinetArena, CabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks import checks
 from kitchen_suite.tasks import drawer_observation as observation
-from kitchen_suite.tasks.drawer_control import GRIPPER_OPEN, JOINT_HIGH, JOINT_LOW, arm_target, gripper_target
+from kitchen_suite.tasks.drawer_control import (
+    GRIPPER_OPEN,
+    JOINT_HIGH,
+    JOINT_LOW,
+    OffsetSpec,
+    arm_target,
+    gripper_target,
+)
 from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer
 from kitchen_suite.tasks.drawer_reward import reward_terms, succeeds, terminates
 from kitchen_suite.tasks.drawer_sensors import DrawerSensors
@@ -101,6 +107,11 @@ class OpenCabinetTask(composer.Task):
         return self._scene
 
     @property
+    def drawer(self) -> str:
+        """Which drawer is to be opened."""
+        return self._drawer
+
+    @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return self._observables.copy()
 
@@ -151,12 +162,12 @@ class OpenCabinetTask(composer.Task):
     def visualize_reward(self, value: bool) -> None:
         self._visualize_reward = checks.flag(value, "visualize_reward")
 
-    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
+    def action_spec(self, physics: mjcf.Physics) -> OffsetSpec:
         """Seven joint offsets [rad] and the wish to close the gripper (log odds); unbounded, but finite."""
         del physics
         # One number for both fingers: the last actuator follows the one before it.
         names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:_ACTION_SIZE])
-        return specs.BoundedArray((_ACTION_SIZE,), np.float64, minimum=-np.inf, maximum=np.inf, name=names)
+        return OffsetSpec((_ACTION_SIZE,), np.float64, minimum=-np.inf, maximum=np.inf, name=names)
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
