@@ -153,5 +153,5 @@ PANDA = Calibration(
     finger_contact={"condim": 4, "friction": (1.5, 0.005, 0.0001)},
     end_effector={"name": "gripper", "pos": (0, 0, _HAND_Z + _TOOL_Z), "quat": _HAND_QUAT},
     # Beside the hand, looking along the fingers, upright while the left finger is above the right one.
-    wrist_camera={"pos": (0.06, -0.06, 0.12), "xyaxes": (-0.64, 0.64, -0.427, 1, 1, 0), "fovy": 75},
+    wrist_camera={"pos": (0.08, -0.08, 0.11), "xyaxes": (-0.64, 0.64, -0.427, 1, 1, 0), "fovy": 75},
 )
