@@ -31,7 +31,7 @@ def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> N
     Returns:
       `(..., 7)` targets within the joints' limits [rad].
     """
-    return np.clip(positions + action, JOINT_LOW[:7], JOINT_HIGH[:7])
+    return np.minimum(np.maximum(positions + action, JOINT_LOW[:7]), JOINT_HIGH[:7])
 
 
 def closing_probability(action: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
     give zero.
     """
     handle = snapshot.handle_quaternion * _sign(snapshot.handle_quaternion[..., :1])
-    alignment = np.sum(handle * snapshot.tcp_quaternion, axis=-1, keepdims=True)
+    alignment = (handle * snapshot.tcp_quaternion).sum(axis=-1, keepdims=True)
     return (handle - snapshot.tcp_quaternion * _sign(alignment))[..., _XYZW]
 
 
@@ -95,7 +95,7 @@ SIZE = sum(part.size for part in PARTS.values())
 
 def shown(values: NDArray[np.float64]) -> NDArray[np.float32]:
     """Values as they are shown: clipped, in single precision."""
-    return np.clip(values, -LIMIT, LIMIT).astype(np.float32)
+    return np.minimum(np.maximum(values, -LIMIT), LIMIT).astype(np.float32)
 
 
 def observe(snapshot: Snapshot) -> NDArray[np.float64]:

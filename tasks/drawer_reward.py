@@ -33,9 +33,9 @@ def approach(snapshot: Snapshot) -> NDArray[np.float64]:
 def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
     # The scalar part of handle * conjugate(gripper) is their inner product.
-    scalar = np.sum(snapshot.handle_quaternion * snapshot.tcp_quaternion, axis=-1)
-    alignment = np.cos(2.0 * np.arccos(np.clip(scalar, -1.0, 1.0)))
-    return np.where(opening(snapshot) > 0.0, 1.0, alignment)
+    scalar = (snapshot.handle_quaternion * snapshot.tcp_quaternion).sum(axis=-1)
+    alignment = np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
+    return np.where(_held_open(snapshot), 1.0, alignment)
 
 
 def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
@@ -45,8 +45,12 @@ def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[n
 
 def opening(snapshot: Snapshot) -> NDArray[np.float64]:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
-    amount = np.clip(snapshot.drawer_position, 0.0, 1.0)
-    return np.where(snapshot.handle_distance > _HOLD_DISTANCE, 0.0, 20.0 * (np.exp(amount) - 1.0))
+    return np.where(_held_open(snapshot), 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
+
+
+def _held_open(snapshot: Snapshot) -> NDArray[np.bool_]:
+    """Whether `(...)` the drawer is open at all, and by its handle."""
+    return (snapshot.drawer_position > 0.0) & (snapshot.handle_distance <= _HOLD_DISTANCE)
 
 
 def straddling(snapshot: Snapshot) -> NDArray[np.float64]:
@@ -67,7 +71,7 @@ def effort(
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
     of_action, of_velocity = penalty_coefficients(life_steps)
     velocity = snapshot.joint_velocities[..., :8]
-    return -of_action * np.sum(np.square(action_change), axis=-1) - of_velocity * np.sum(np.square(velocity), axis=-1)
+    return -of_action * np.square(action_change).sum(axis=-1) - of_velocity * np.square(velocity).sum(axis=-1)
 
 
 def termination(snapshot: Snapshot) -> NDArray[np.float64]:

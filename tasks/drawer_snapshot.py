@@ -1,6 +1,7 @@
 """What there is to know about a gripper and a drawer at one moment; all that observation and reward are made of."""
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class Snapshot:
     drawer_position: NDArray[np.float64]
     drawer_velocity: NDArray[np.float64]
 
-    @property
+    @functools.cached_property
     def handle_distance(self) -> NDArray[np.float64]:
         """`(...)`, from the point between the finger tips to the handle [m]."""
-        return np.linalg.norm(self.handle_position - self.tcp_position, axis=-1)
+        return np.sqrt(np.square(self.handle_position - self.tcp_position).sum(axis=-1))

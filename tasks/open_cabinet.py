@@ -94,7 +94,7 @@ class OpenCabinetTask(composer.Task):
             observables[name] = observable.Generic(functools.partial(self._part, place))
             observables[name].enabled = True
             if self._noise_scale[place].any():
-                observables[name].corruptor = functools.partial(self._corrupt, place)
+                observables[name].corruptor = functools.partial(self._noisy_part, place)
         return observables
 
     @property
@@ -233,7 +233,10 @@ class OpenCabinetTask(composer.Task):
     def look(self, physics: mjcf.Physics) -> None:
         """Takes in the present state, which must be up to date in space; for those who set it themselves."""
         self._snapshot = self._sensors.read(physics)
-        self._values = observation.observe(self._snapshot)
+        values = observation.observe(self._snapshot)
+        self._shown = observation.shown(values)
+        # Noise is added before clipping, so that what is shown keeps its range.
+        self._shown_noisily = observation.shown(values + self._noise)
         if self._visualize_reward:
             physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
 
@@ -255,12 +258,12 @@ class OpenCabinetTask(composer.Task):
     def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         """One part of the observation, without noise."""
         del physics
-        return observation.shown(self._values[place])
+        return self._shown[place]
 
-    def _corrupt(self, place: slice, shown: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
-        """The same part with this control step's noise, which is added before clipping; draws nothing."""
+    def _noisy_part(self, place: slice, shown: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
+        """The same part with this control step's noise; draws nothing."""
         del shown, random_state
-        return observation.shown(self._values[place] + self._noise[place])
+        return self._shown_noisily[place]
 
 
 def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
