@@ -6,8 +6,8 @@ Giordano, A. De Luca, "Dynamic Identification of the Franka Emika Panda Robot Wi
 Using Penalty-Based Optimization", IEEE RA-L 4(4), 2019, as franka_ros publishes them
 (franka_description/robots/common/inertial.yaml, Apache-2.0), which also gives base, hand and fingers.
 Servo gains, force limits, armature and joint damping of the arm: those of the Panda in MuJoCo Menagerie (Apache-2.0).
-Fingers: chosen here; a bar of 12 mm held between the pads slips at a pull of about 25 N, five times what a drawer asks
-for.
+Fingers: chosen here; a bar of 12 mm held between the pads slips at a pull of about 20 N, four times what a drawer
+asks for.
 """
 
 import math

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.drawer_control import GRIPPER_OPEN
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
+# Names of the terms, in their order; each is a function of this module.
+TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
+
 # Control steps of an environment's life after which the penalties grow.
 LATE_STAGE = 8_000
 
@@ -97,15 +100,16 @@ def reward_terms(
     Returns:
       Arrays of shape `(...)`.
     """
-    return {
-        "approach": approach(snapshot),
-        "orientation": orientation(snapshot),
-        "grasp": grasp(snapshot, gripper),
-        "opening": opening(snapshot),
-        "straddling": straddling(snapshot),
-        "effort": effort(snapshot, action_change, life_steps),
-        "termination": termination(snapshot),
-    }
+    values = (
+        approach(snapshot),
+        orientation(snapshot),
+        grasp(snapshot, gripper),
+        opening(snapshot),
+        straddling(snapshot),
+        effort(snapshot, action_change, life_steps),
+        termination(snapshot),
+    )
+    return dict(zip(TERMS, values, strict=True))
 
 
 def terminates(snapshot: Snapshot) -> NDArray[np.bool_]:
