@@ -1,12 +1,15 @@
 """What a reset of the open_cabinet domain may draw anew: where the cabinet stands, and what resists the robot."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 from dm_control import mjcf
 from dm_control.composer import variation
 from dm_control.composer.variation import distributions
+from numpy.typing import NDArray
 
 from kitchen_suite.entities import CabinetScene
 
@@ -44,32 +47,58 @@ MODERATE = Randomization(
 
 
 class Randomizer:
-    """Applies a `Randomization` to a compiled scene; draws nothing for what is `None`."""
+    """Applies a `Randomization` to a compiled scene; draws nothing for what is `None`.
+
+    Attributes:
+      values: what holds now, by the names of `Randomization`'s attributes; before the first draw, as it was built.
+    """
 
     def __init__(self, scene: CabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics) -> None:
-        """Notes where the cabinet was built; to be called before anything has been drawn."""
+        """Notes how the scene was built; to be called before anything has been drawn."""
+        self._physics = physics
         self._cabinet = scene.cabinet
-        self._randomization = randomization
+        self._slide = physics.bind(scene.cabinet.drawer_joint(drawer))
+        self._pads = [physics.bind(scene.robot.finger_geoms(side)[0]) for side in ("left", "right")]
         self._place = np.array(physics.bind(mjcf.get_attachment_frame(scene.cabinet.mjcf_model)).pos)
-        self._slide = scene.cabinet.drawer_joint(drawer)
-        self._pads = [scene.robot.mjcf_model.find("geom", f"{side}_finger_pad") for side in ("left", "right")]
-
-    def apply(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        """Draws and sets everything, in the order of `Randomization`'s attributes."""
-        drawn = {
-            field.name: variation.evaluate(wanted, random_state=random_state)
-            for field in dataclasses.fields(self._randomization)
-            if (wanted := getattr(self._randomization, field.name)) is not None
+        built = {
+            "cabinet_offset": np.zeros(3),
+            "cabinet_yaw": np.zeros(()),
+            "drawer_friction": self._slide.frictionloss[0],
+            "drawer_damping": self._slide.damping[0],
+            "pad_friction": self._pads[0].friction[0],
         }
-        if "cabinet_offset" in drawn:
-            self._cabinet.set_pose(physics, position=self._place + drawn["cabinet_offset"])
-        if "cabinet_yaw" in drawn:
-            half = 0.5 * drawn["cabinet_yaw"]
-            self._cabinet.set_pose(physics, quaternion=(np.cos(half), 0.0, 0.0, np.sin(half)))
-        if "drawer_friction" in drawn:
-            physics.bind(self._slide).frictionloss = drawn["drawer_friction"]
-        if "drawer_damping" in drawn:
-            physics.bind(self._slide).damping = drawn["drawer_damping"]
-        if "pad_friction" in drawn:
-            for pad in self._pads:
-                physics.bind(pad).friction[0] = drawn["pad_friction"]
+        wanted = {name: getattr(randomization, name) for name in built}
+        self._variations = {name: value for name, value in wanted.items() if value is not None}
+        self.values = {name: np.array(built[name]) for name in self._variations}
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draws and sets everything, in the order of `Randomization`'s attributes."""
+        self.set(
+            {
+                name: np.broadcast_to(variation.evaluate(wanted, random_state=random_state), self.values[name].shape)
+                for name, wanted in self._variations.items()
+            }
+        )
+
+    def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Sets everything to some values; brings what follows from positions up to date."""
+        self.values = {name: np.array(value, np.float64) for name, value in values.items()}
+        for name, value in self.values.items():
+            getattr(self, f"_set_{name}")(value)
+        mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)
+
+    def _set_cabinet_offset(self, offset: NDArray[np.float64]) -> None:
+        self._cabinet.set_pose(self._physics, position=self._place + offset)
+
+    def _set_cabinet_yaw(self, yaw: NDArray[np.float64]) -> None:
+        self._cabinet.set_pose(self._physics, quaternion=(np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))
+
+    def _set_drawer_friction(self, friction: NDArray[np.float64]) -> None:
+        self._slide.frictionloss = friction
+
+    def _set_drawer_damping(self, damping: NDArray[np.float64]) -> None:
+        self._slide.damping = damping
+
+    def _set_pad_friction(self, friction: NDArray[np.float64]) -> None:
+        for pad in self._pads:
+            pad.friction[0] = friction

@@ -39,3 +39,7 @@ class Snapshot:
     def handle_distance(self) -> NDArray[np.float64]:
         """`(...)`, from the point between the finger tips to the handle [m]."""
         return np.sqrt(np.square(self.handle_position - self.tcp_position).sum(axis=-1))
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Copies of all attributes by name; `Snapshot(**arrays)` is the same snapshot."""
+        return {field.name: np.array(getattr(self, field.name)) for field in dataclasses.fields(self)}

@@ -3,6 +3,7 @@
 import collections
 import functools
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,6 +26,7 @@ from kitchen_suite.tasks.drawer_control import (
 from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer
 from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds, terminates
 from kitchen_suite.tasks.drawer_sensors import DrawerSensors
+from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -145,13 +147,13 @@ class OpenCabinetTask(composer.Task):
         self._life_steps = checks.whole_number(value, "life_steps", least=0)
 
     @property
-    def previous_action(self) -> NDArray[np.float64]:
-        """The last action, `(8,)`; zeros before the first step of an episode."""
-        return self._previous_action.copy()
-
-    @previous_action.setter
-    def previous_action(self, value: ArrayLike) -> None:
-        self._previous_action = checks.vector(value, _ACTION_SIZE, "previous_action").copy()
+    def episode_results(self) -> dict[str, bool | float]:
+        """What came of the episode so far, for reports: open now, open at any time, how far now [m]."""
+        return {
+            "success": self.is_success,
+            "success_at_any_time": self._succeeded,
+            "drawer_opening": self.drawer_opening,
+        }
 
     @property
     def visualize_reward(self) -> bool:
@@ -188,7 +190,7 @@ class OpenCabinetTask(composer.Task):
         physics.data.qvel[:] = 0.0
         physics.data.ctrl[self._ctrl] = pose
         if self._randomizer:
-            self._randomizer.apply(physics, random_state)
+            self._randomizer.draw(random_state)
         self._draw_noise(random_state)
         self._start(physics)
 
@@ -211,7 +213,9 @@ class OpenCabinetTask(composer.Task):
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._draw_noise(random_state)
-        self.look(physics)
+        self._show(self._sensors.read(physics))
+        self._colour(physics)
+        self._succeeded |= self.is_success
         self._terminates = bool(terminates(self._snapshot))
         terms = reward_terms(
             self._snapshot, gripper=self._gripper, action_change=self._action_change, life_steps=self._life_steps
@@ -230,23 +234,55 @@ class OpenCabinetTask(composer.Task):
         del physics
         return self._terminates
 
-    def look(self, physics: mjcf.Physics) -> None:
-        """Takes in the present state, which must be up to date in space; for those who set it themselves."""
-        self._snapshot = self._sensors.read(physics)
-        values = observation.observe(self._snapshot)
-        self._shown = observation.shown(values)
-        # Noise is added before clipping, so that what is shown keeps its range.
-        self._shown_noisily = observation.shown(values + self._noise)
-        if self._visualize_reward:
-            physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
+    def get_state(self) -> dict[str, Any]:
+        """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
+        return {
+            "life_steps": self._life_steps,
+            "previous_action": self._previous_action.copy(),
+            "terminates": self._terminates,
+            "succeeded": self._succeeded,
+            "terms": dict(self._terms),
+            "noise": self._noise.copy(),
+            "snapshot": self._snapshot.arrays(),
+            "randomization": dict(self._randomizer.values) if self._randomizer else {},
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Takes up what `get_state` gave.
+
+        Raises:
+          TypeError: something in it is of the wrong type.
+          ValueError: something in it has the wrong shape, is missing, or is not finite; nothing has changed then.
+        """
+        state = checks.like(state, self.get_state(), "task state")
+        self._life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
+        self._previous_action, self._noise[:] = state["previous_action"], state["noise"]
+        self._terminates, self._succeeded = bool(state["terminates"]), bool(state["succeeded"])
+        self._terms = {name: float(state["terms"][name]) for name in TERMS}
+        if self._randomizer:
+            self._randomizer.set(state["randomization"])
+        self._show(Snapshot(**state["snapshot"]))
 
     def _start(self, physics: mjcf.Physics) -> None:
         """Nothing has been done yet."""
         mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
         self._previous_action = np.zeros(_ACTION_SIZE)
-        self._terminates = False
-        self.look(physics)
         self._terms = dict.fromkeys(TERMS, 0.0)
+        self._terminates = self._succeeded = False
+        self._show(self._sensors.read(physics))
+        self._colour(physics)
+
+    def _show(self, snapshot: Snapshot) -> None:
+        """Makes the observation, without and with this control step's noise."""
+        self._snapshot = snapshot
+        values = observation.observe(snapshot)
+        self._shown = observation.shown(values)
+        # Noise is added before clipping, so that what is shown keeps its range.
+        self._shown_noisily = observation.shown(values + self._noise)
+
+    def _colour(self, physics: mjcf.Physics) -> None:
+        if self._visualize_reward:
+            physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
 
     def _draw_noise(self, random_state: np.random.RandomState) -> None:
         """Draws the observation noise of this control step; nothing where there is none."""

@@ -92,9 +92,9 @@ def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
     random, seen = np.random.default_rng(0), []
     for _ in range(1000):
         env.reset()
-        env.task.life_steps = life = int(random.integers(0, 16_000))
+        life = int(random.integers(0, 16_000))
         actions = 0.3 * random.normal(size=(2, 8))
-        env.task.previous_action = actions[0]
+        env.task.set_state({**env.task.get_state(), "life_steps": life, "previous_action": actions[0]})
         random_state(env.physics, random)
         timestep = env.step(actions[1])
         expected = Recomputed(env.physics, drawer, actions[1] - actions[0], life)
@@ -153,7 +153,7 @@ def test_how_an_episode_starts():
         np.testing.assert_array_equal(data.qvel, 0)
         np.testing.assert_array_equal(data.ctrl, starts[-1])
         assert env.task.reward_terms == dict.fromkeys(TERMS, 0.0)
-        np.testing.assert_array_equal(env.task.previous_action, 0)
+        np.testing.assert_array_equal(env.task.get_state()["previous_action"], 0)
     noise = np.array(starts) - DEFAULT_POSE
     assert (abs(noise) <= 0.125).all()
     # The extremes of 300 draws from U(-0.125, 0.125).
@@ -300,8 +300,13 @@ def test_success_ends_nothing():
     assert env.task.is_success
     assert timestep.mid()
     assert env.task.drawer_opening == pytest.approx(0.31, abs=1e-6)
+    env.physics.named.data.qpos["cabinet/drawer_top_joint"] = 0.25
+    env.step(np.append(np.zeros(7), -50.0))
+    results = env.task.episode_results
+    assert (results["success"], results["success_at_any_time"]) == (False, True)
+    assert results["drawer_opening"] == env.task.drawer_opening < 0.3
     env.reset()
-    assert not env.task.is_success
+    assert not env.task.episode_results["success_at_any_time"]
 
 
 def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
