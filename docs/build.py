@@ -4,6 +4,8 @@ python docs/build.py tables     rewrites the tables between their markers in doc
 python docs/build.py pictures   renders the scene from every camera into docs/pictures/
 """
 
+import dataclasses
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -13,11 +15,19 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite import suite
-from kitchen_suite.tasks import GOALS, noise
+from kitchen_suite.entities import CabinetDesign
+from kitchen_suite.tasks import GOALS, Randomization, drawer_observation, drawer_reward, noise
+from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
 
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+# Joints of the robot [rad, m] and opening of the top drawer [m]: at the start, with the handle grasped, pulled.
+CABINET_MOMENTS = (
+    (DEFAULT_POSE, 0.0),
+    ((0, 0.064, 0, -1.899, 0, 3.534, -0.785, 0.006, 0.006), 0.0),
+    ((0, -1.187, 0, -2.862, 0, 3.246, -0.785, 0.006, 0.006), 0.358),
+)
 _UNITS = {"hinge": "rad", "slide": "m", None: "rad"}
 _FREE_POSITIONS = [(part, "m") for part in "xyz"] + [(f"q{part}", "1") for part in "wxyz"]
 _FREE_VELOCITIES = [(f"v{part}", "m/s") for part in "xyz"] + [(f"ω{part} in its own frame", "rad/s") for part in "xyz"]
@@ -72,19 +82,64 @@ def goal_table() -> str:
 
 
 def suite_table() -> str:
-    """The tasks of the suite with what they ask for."""
+    """The kitchen's tasks in the suite with what they ask for."""
     rows = []
-    for domain, name in suite.ALL_TASKS:
-        environment = suite.load(domain, name, {"visuals": False})
+    for name in suite.TASKS_BY_DOMAIN["kitchen"]:
+        environment = suite.load("kitchen", name, {"visuals": False})
         tasks = ", ".join(environment.task.tasks_to_complete)
-        rows.append((f"`{domain}`", f"`{name}`", tasks, f"{environment.step_limit:.0f}"))
+        rows.append(("`kitchen`", f"`{name}`", tasks, f"{environment.step_limit:.0f}"))
     return markdown(("domain", "task", "to be completed", "steps"), rows)
+
+
+def cabinet_observation_table() -> str:
+    """The parts of the cabinet's observation."""
+    rows = []
+    for name, part in drawer_observation.PARTS.items():
+        place = drawer_observation.SLICES[name]
+        index = str(place.start) if part.size == 1 else f"{place.start}-{place.stop - 1}"
+        rows.append((index, f"`{name}`", first_line(part.compute).split(": ", 1)[1]))
+    return markdown(("index", "key", "content"), rows)
+
+
+def cabinet_reward_table() -> str:
+    """The terms of the cabinet's reward."""
+    rows = [(i, f"`{name}`", first_line(getattr(drawer_reward, name))) for i, name in enumerate(drawer_reward.TERMS, 1)]
+    return markdown(("term", "name", "value"), rows)
+
+
+def cabinet_design_table() -> str:
+    """The parameters of the cabinet."""
+    meanings = attributes(CabinetDesign)
+    rows = [(f"`{each.name}`", each.default, meanings[each.name]) for each in dataclasses.fields(CabinetDesign)]
+    return markdown(("parameter", "default", "meaning"), rows)
+
+
+def cabinet_randomization_table() -> str:
+    """What a reset before the cabinet may draw."""
+    rows = [(f"`{name}`", meaning) for name, meaning in attributes(Randomization).items()]
+    return markdown(("option", "what it draws"), rows)
+
+
+def first_line(documented: object) -> str:
+    """The first line of a docstring, fit for a cell."""
+    return (inspect.getdoc(documented) or "").splitlines()[0].replace("|", "\\|")
+
+
+def attributes(documented: type) -> dict[str, str]:
+    """Names and texts of the section `Attributes` of a docstring."""
+    section = (inspect.getdoc(documented) or "").split("Attributes:\n", 1)[1]
+    entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
+    return {name: re.sub(r"\s+", " ", text) for name, text in entries}
 
 
 TABLES: dict[str, Callable[[], str]] = {
     "observation": observation_table,
     "goals": goal_table,
     "suite": suite_table,
+    "cabinet_observation": cabinet_observation_table,
+    "cabinet_reward": cabinet_reward_table,
+    "cabinet_design": cabinet_design_table,
+    "cabinet_randomization": cabinet_randomization_table,
 }
 
 
@@ -100,6 +155,28 @@ def write_tables() -> None:
 
 
 def write_pictures() -> None:
+    """Renders both domains."""
+    write_kitchen_pictures()
+    write_cabinet_picture()
+
+
+def write_cabinet_picture() -> None:
+    """Renders the start, the grasp and the open drawer, from every camera before the cabinet."""
+    from PIL import Image
+
+    environment = suite.load("open_cabinet", "top_drawer", {"random": 0})
+    environment.reset()
+    moments = []
+    for pose, opening in CABINET_MOMENTS:
+        with environment.physics.reset_context():
+            environment.physics.bind(environment.task.scene.robot.joints).qpos = pose
+            environment.physics.bind(environment.task.scene.cabinet.drawer_joint("top")).qpos = opening
+        cameras = ("overview", "handle", "franka/wrist")
+        moments.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
+    Image.fromarray(np.hstack(moments)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
+
+
+def write_kitchen_pictures() -> None:
     """Renders the kitchen as it stands at the start of an episode."""
     from PIL import Image
 

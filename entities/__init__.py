@@ -1,5 +1,12 @@
-"""What exists: the Franka, the things in the kitchen, and the room; each usable and viewable alone."""
+"""What exists: the Franka, the things in the kitchen, the cabinet, the rooms; each usable and viewable alone."""
 
+from kitchen_suite.entities.cabinet import Cabinet as Cabinet
+from kitchen_suite.entities.cabinet import CabinetDesign as CabinetDesign
+from kitchen_suite.entities.cabinet_arena import CabinetArena as CabinetArena
+from kitchen_suite.entities.cabinet_arena import CabinetScene as CabinetScene
+from kitchen_suite.entities.cabinet_arena import build_cabinet_scene as build_cabinet_scene
+from kitchen_suite.entities.calibration_kitchen import KITCHEN as KITCHEN
+from kitchen_suite.entities.calibration_panda import PANDA as PANDA
 from kitchen_suite.entities.franka import Franka as Franka
 from kitchen_suite.entities.kitchen_arena import Kitchen as Kitchen
 from kitchen_suite.entities.kitchen_arena import KitchenArena as KitchenArena

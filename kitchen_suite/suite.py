@@ -7,10 +7,13 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from dm_control import composer
 
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import CabinetDesign, build_cabinet_scene, build_kitchen
+from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import GOALS, KitchenTask, checks
+from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask, checks
+from kitchen_suite.tasks import open_cabinet as cabinet_task
 from kitchen_suite.tasks.kitchen import TIME_LIMIT
 
 
@@ -37,9 +40,55 @@ def kitchen(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: see `KitchenTask`; or the time limit is not positive and finite.
     """
-    limit = math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
+    limit = _limit(time_limit)
     scene = build_kitchen(visuals=checks.flag(visuals, "visuals"))
     task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
+    return _environment(task, limit, random, environment_kwargs)
+
+
+def open_cabinet(
+    *,
+    drawer: str,
+    time_limit: float | None = cabinet_task.TIME_LIMIT,
+    random: int | np.random.RandomState | None = None,
+    visuals: bool = True,
+    design: CabinetDesign | None = None,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    **task_options: Any,
+) -> Environment:
+    """Builds an environment in which a drawer is to be opened.
+
+    Args:
+      drawer: `top` or `bottom`.
+      time_limit: length of an episode [s]; `None` for no limit.
+      random: seed, or state to draw from.
+      visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
+      design: sizes and resistances of the cabinet; the default design when omitted.
+      environment_kwargs: further arguments of `Environment`.
+      **task_options: further arguments of `OpenCabinetTask`.
+
+    Raises:
+      TypeError: an argument of the wrong type, or an unknown one.
+      ValueError: see `OpenCabinetTask`; or the time limit is not positive and finite.
+    """
+    limit = _limit(time_limit)
+    if not isinstance(design, CabinetDesign | None):
+        raise TypeError(f"design must be a CabinetDesign, got {design!r}")
+    scene = build_cabinet_scene(design, visuals=checks.flag(visuals, "visuals"))
+    task = OpenCabinetTask(scene, drawer=drawer, **task_options)
+    return _environment(task, limit, random, environment_kwargs)
+
+
+def _limit(time_limit: float | None) -> float:
+    return math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
+
+
+def _environment(
+    task: composer.Task,
+    limit: float,
+    random: int | np.random.RandomState | None,
+    environment_kwargs: Mapping[str, Any] | None,
+) -> Environment:
     settings = {
         "strip_singleton_obs_buffer_dim": True,
         "recompile_mjcf_every_episode": False,
@@ -60,6 +109,9 @@ _DOMAINS: Mapping[str, Mapping[str, Callable[..., Environment]]] = MappingProxyT
     {
         "kitchen": MappingProxyType(
             {name: functools.partial(kitchen, tasks_to_complete=tasks) for name, tasks in _KITCHEN_TASKS.items()}
+        ),
+        "open_cabinet": MappingProxyType(
+            {f"{drawer}_drawer": functools.partial(open_cabinet, drawer=drawer) for drawer in DRAWERS}
         ),
     }
 )
@@ -90,7 +142,7 @@ def load(
     Args:
       domain_name: a key of `TASKS_BY_DOMAIN`.
       task_name: one of that domain's tasks.
-      task_kwargs: arguments of the domain's builder (here: `kitchen`), among them `random` and `time_limit`.
+      task_kwargs: arguments of the domain's builder (`kitchen` or `open_cabinet`), among them `random`, `time_limit`.
       environment_kwargs: further arguments of `Environment`.
       visualize_reward: whether things show by their colour that they pay.
 

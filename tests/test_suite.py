@@ -117,7 +117,8 @@ def test_observations_are_fresh_memory(domain, task):
         for value in timestep.observation.values():
             value[...] = np.nan
     again = rollout(environment)
-    for before, after in zip(kept, again, strict=True):
+    # Random actions may end one of the episodes earlier.
+    for before, after in zip(kept, again, strict=False):
         assert all(np.isfinite(after.observation[key]).all() for key in before)
     arrays = [value for timestep in again for value in timestep.observation.values()]
     assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])

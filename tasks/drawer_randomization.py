@@ -1,0 +1,104 @@
+"""What a reset of the open_cabinet domain may draw anew: where the cabinet stands, and what resists the robot."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer import variation
+from dm_control.composer.variation import distributions
+from numpy.typing import NDArray
+
+from kitchen_suite.entities import CabinetScene
+
+# A composer variation or a constant.
+Variation = Any
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Randomization:
+    """What is drawn at every reset; each a composer variation, a constant, or `None` for the scene as it was built.
+
+    Attributes:
+      cabinet_offset: `(3,)`, from the cabinet's place, along the world's axes [m].
+      cabinet_yaw: turn of the cabinet about the vertical [rad].
+      drawer_friction: dry friction of the drawer's slides [N].
+      drawer_damping: [N s/m].
+      pad_friction: coefficient of sliding friction of the finger pads; contact takes the greater one of pad and bar.
+    """
+
+    cabinet_offset: Variation | None = None
+    cabinet_yaw: Variation | None = None
+    drawer_friction: Variation | None = None
+    drawer_damping: Variation | None = None
+    pad_friction: Variation | None = None
+
+
+# A few centimetres and degrees, and resistances within about a third of the built ones.
+MODERATE = Randomization(
+    cabinet_offset=distributions.Uniform(low=(-0.03, -0.05, 0.0), high=(0.03, 0.05, 0.0)),
+    cabinet_yaw=distributions.Uniform(low=-0.1, high=0.1),
+    drawer_friction=distributions.Uniform(low=2.5, high=4.0),
+    drawer_damping=distributions.Uniform(low=10.0, high=20.0),
+    pad_friction=distributions.Uniform(low=1.2, high=1.8),
+)
+
+
+class Randomizer:
+    """Applies a `Randomization` to a compiled scene; draws nothing for what is `None`.
+
+    Attributes:
+      values: what holds now, by the names of `Randomization`'s attributes; before the first draw, as it was built.
+    """
+
+    def __init__(self, scene: CabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics) -> None:
+        """Notes how the scene was built; to be called before anything has been drawn."""
+        self._physics = physics
+        self._cabinet = scene.cabinet
+        self._slide = physics.bind(scene.cabinet.drawer_joint(drawer))
+        self._pads = [physics.bind(scene.robot.finger_geoms(side)[0]) for side in ("left", "right")]
+        self._place = np.array(physics.bind(mjcf.get_attachment_frame(scene.cabinet.mjcf_model)).pos)
+        built = {
+            "cabinet_offset": np.zeros(3),
+            "cabinet_yaw": np.zeros(()),
+            "drawer_friction": self._slide.frictionloss[0],
+            "drawer_damping": self._slide.damping[0],
+            "pad_friction": self._pads[0].friction[0],
+        }
+        wanted = {name: getattr(randomization, name) for name in built}
+        self._variations = {name: value for name, value in wanted.items() if value is not None}
+        self.values = {name: np.array(built[name]) for name in self._variations}
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draws and sets everything, in the order of `Randomization`'s attributes."""
+        self.set(
+            {
+                name: np.broadcast_to(variation.evaluate(wanted, random_state=random_state), self.values[name].shape)
+                for name, wanted in self._variations.items()
+            }
+        )
+
+    def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Sets everything to some values; brings what follows from positions up to date."""
+        self.values = {name: np.array(value, np.float64) for name, value in values.items()}
+        for name, value in self.values.items():
+            getattr(self, f"_set_{name}")(value)
+        mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)
+
+    def _set_cabinet_offset(self, offset: NDArray[np.float64]) -> None:
+        self._cabinet.set_pose(self._physics, position=self._place + offset)
+
+    def _set_cabinet_yaw(self, yaw: NDArray[np.float64]) -> None:
+        self._cabinet.set_pose(self._physics, quaternion=(np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))
+
+    def _set_drawer_friction(self, friction: NDArray[np.float64]) -> None:
+        self._slide.frictionloss = friction
+
+    def _set_drawer_damping(self, damping: NDArray[np.float64]) -> None:
+        self._slide.damping = damping
+
+    def _set_pad_friction(self, friction: NDArray[np.float64]) -> None:
+        for pad in self._pads:
+            pad.friction[0] = friction

@@ -1,0 +1,123 @@
+"""The seven reward terms of the open_cabinet domain, its ends and its success; all on arrays of shape `(..., n)`.
+
+Figures are those of MotrixLab's franka-open-cabinet (Apache-2.0), but for the stage of the penalties, which follows
+the environment's published description.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.tasks.drawer_control import GRIPPER_OPEN
+from kitchen_suite.tasks.drawer_snapshot import Snapshot
+
+# Names of the terms, in their order; each is a function of this module.
+TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
+
+# Control steps of an environment's life after which the penalties grow.
+LATE_STAGE = 8_000
+
+# Opening from which the drawer counts as open [m].
+SUCCESS_OPENING = 0.3
+
+# Distances up to which closing pays, and up to which the drawer counts as opened by its handle [m].
+_GRASP_DISTANCE = 0.025
+_HOLD_DISTANCE = 0.03
+
+# How far the gripper may reach behind the handle [m], and how fast a joint may move [rad/s, m/s].
+_REACH_LIMIT = 0.03
+_SPEED_LIMIT = 5.0
+
+
+def approach(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
+    return 10.0 * (1.0 - np.tanh(snapshot.handle_distance / 0.1))
+
+
+def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
+    # The scalar part of handle * conjugate(gripper) is their inner product.
+    scalar = (snapshot.handle_quaternion * snapshot.tcp_quaternion).sum(axis=-1)
+    alignment = np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
+    return np.where(_held_open(snapshot), 1.0, alignment)
+
+
+def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
+    return np.where(snapshot.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
+
+
+def opening(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
+    return np.where(_held_open(snapshot), 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
+
+
+def _held_open(snapshot: Snapshot) -> NDArray[np.bool_]:
+    """Whether `(...)` the drawer is open at all, and by its handle."""
+    return (snapshot.drawer_position > 0.0) & (snapshot.handle_distance <= _HOLD_DISTANCE)
+
+
+def straddling(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`min(z_left - z_handle, 0) + min(z_handle - z_right, 0)` [m]: left pad above the bar, right pad below it."""
+    height = snapshot.handle_position[..., 2]
+    return np.minimum(snapshot.left_pad_height - height, 0.0) + np.minimum(height - snapshot.right_pad_height, 0.0)
+
+
+def penalty_coefficients(life_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Weights `(...)` of the action's change and of the joint speeds, after `(...)` control steps of life."""
+    late = np.asarray(life_steps) >= LATE_STAGE
+    return np.where(late, 2e-3, 1e-3), np.where(late, 2e-7, 0.0)
+
+
+def effort(
+    snapshot: Snapshot, action_change: NDArray[np.float64], life_steps: NDArray[np.int64] | int
+) -> NDArray[np.float64]:
+    """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
+    of_action, of_velocity = penalty_coefficients(life_steps)
+    velocity = snapshot.joint_velocities[..., :8]
+    return -of_action * np.square(action_change).sum(axis=-1) - of_velocity * np.square(velocity).sum(axis=-1)
+
+
+def termination(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`-10` on a step that terminates the episode."""
+    return np.where(terminates(snapshot), -10.0, 0.0)
+
+
+def reward_terms(
+    snapshot: Snapshot,
+    *,
+    gripper: NDArray[np.float64] | float,
+    action_change: NDArray[np.float64],
+    life_steps: NDArray[np.int64] | int,
+) -> dict[str, NDArray[np.float64]]:
+    """The seven terms by name, in their order; their sum is the reward.
+
+    Args:
+      snapshot: the state after the control step.
+      gripper: `(...)`, the fingers' target during it [m].
+      action_change: `(..., 8)`, its action minus the one before.
+      life_steps: `(...)`, control steps of the environment's life before it.
+
+    Returns:
+      Arrays of shape `(...)`.
+    """
+    values = (
+        approach(snapshot),
+        orientation(snapshot),
+        grasp(snapshot, gripper),
+        opening(snapshot),
+        straddling(snapshot),
+        effort(snapshot, action_change, life_steps),
+        termination(snapshot),
+    )
+    return dict(zip(TERMS, values, strict=True))
+
+
+def terminates(snapshot: Snapshot) -> NDArray[np.bool_]:
+    """Whether `(...)` the gripper reaches through the handle, or any of the nine joints moves too fast."""
+    behind = snapshot.tcp_position[..., 0] - snapshot.handle_position[..., 0] < -_REACH_LIMIT
+    return behind | (np.abs(snapshot.joint_velocities) > _SPEED_LIMIT).any(axis=-1)
+
+
+def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+    """Whether `(...)` a drawer is open far enough."""
+    return np.asarray(drawer_position) >= SUCCESS_OPENING

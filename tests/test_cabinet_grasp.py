@@ -1,0 +1,66 @@
+"""What can open a drawer: a hand that holds its handle. What cannot: pushing."""
+
+import cabinet_expert
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+
+
+def scripted_episode(env, *, close=True):
+    """One episode of the script: opening at its end, share of the moving steps with both pads on the bar."""
+    timestep = env.reset()
+    script = cabinet_expert.opening_script(env, close=close)
+    holding = []
+    while not timestep.last():
+        timestep = env.step(next(script))
+        if timestep.observation["drawer_velocity"][0] > 0.01:
+            holding.append(cabinet_expert.pads_on_bar(env))
+    assert timestep.discount == 1.0
+    return env.task.drawer_opening, np.mean(holding) if holding else 0.0
+
+
+def opened_and_held(env, episodes):
+    results = [scripted_episode(env) for _ in range(episodes)]
+    return sum(opening >= 0.3 and held >= 0.95 for opening, held in results)
+
+
+def test_a_grasp_pulls_the_top_drawer_open():
+    env = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
+    assert opened_and_held(env, 4) == 4
+    assert env.task.is_success
+
+
+def test_a_grasp_pulls_the_bottom_drawer_open():
+    env = suite.load("open_cabinet", "bottom_drawer", {"random": 0, "visuals": False})
+    openings = [scripted_episode(env)[0] for _ in range(3)]
+    assert min(openings) >= 0.3
+
+
+@pytest.mark.slow
+def test_fifty_random_starts():
+    env = suite.load("open_cabinet", "top_drawer", {"random": 1, "visuals": False})
+    assert opened_and_held(env, 50) >= 49
+
+
+def test_the_same_motion_with_an_open_gripper_opens_nothing():
+    env = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
+    opening, _ = scripted_episode(env, close=False)
+    assert abs(opening) < 1e-3
+
+
+def test_pushing_on_the_front_with_the_gripper_open_does_not_open_it():
+    env = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
+    env.reset()
+    task, physics = env.task, env.physics
+    script = cabinet_expert.pushing_script(env)
+    front = physics.bind(task.scene.cabinet.mjcf_model.find("geom", "drawer_top_front")).element_id
+    pushed, opened = 0, []
+    for _ in range(700):
+        # Without the environment, which ends an episode as soon as the gripper has reached through the handle.
+        task.before_step(physics, next(script), env.random_state)
+        physics.step(task.physics_steps_per_control_step)
+        pushed += (physics.data.contact.geom == front).any()
+        opened.append(physics.bind(task.scene.cabinet.drawer_joint("top")).qpos.item())
+    assert pushed > 300
+    assert max(opened) < 1e-3
