@@ -1,0 +1,145 @@
+"""Stable-Baselines3 learns in the kitchen as it is: PPO, and SAC with hindsight relabelling."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.clients
+
+KITCHEN = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1"
+STEPS, EPISODE = 2000, 280
+THRESHOLD = 0.01
+# The microwave's goal lies within its threshold from the start: it pays in the first step and never again. The kettle
+# stays off its goal, but moves by more than its threshold where a random policy hits it.
+EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.0]}, "threshold": THRESHOLD}
+GOALS = {"microwave": slice(0, 1), "kettle": slice(1, 8)}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def make(**options):
+    return gymnasium.make(KITCHEN, goal_format="flat", **{**EASY, **options})
+
+
+@pytest.mark.parametrize("info_format", ["lists", "arrays"])
+def test_its_checker_has_nothing_to_say(info_format, recwarn):
+    from stable_baselines3.common.env_checker import check_env
+
+    # Unwrapped: it looks for `compute_reward` on what it is given, and Gymnasium's wrappers pass no attributes on.
+    environment = make(info_format=info_format).unwrapped
+    check_env(environment)
+    assert [str(warning.message) for warning in recwarn if "stable_baselines3" in warning.filename] == []
+    environment.close()
+
+
+def test_ppo_learns_for_2000_steps_and_comes_back_from_disk(tmp_path):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    environments = make_vec_env(KITCHEN, n_envs=2, seed=0, env_kwargs={"goal_format": "flat", **EASY})
+    model = PPO("MultiInputPolicy", environments, n_steps=500, batch_size=250, n_epochs=2, seed=0, device="cpu")
+    before = weights(model)
+    model.learn(STEPS)
+    assert model.num_timesteps == STEPS
+    assert not all(np.array_equal(old, new) for old, new in zip(before, weights(model), strict=True))
+    assert_episodes_seen(model, STEPS // 2 // EPISODE * 2)
+    assert_predicts_the_same_after_saving(model, PPO, environments, tmp_path)
+    environments.close()
+
+
+@pytest.mark.parametrize(
+    ("copy_info_dict", "info_format"),
+    [(False, "lists"), (True, "lists"), (True, "arrays")],
+    ids=["empty infos", "infos of lists", "infos of arrays"],
+)
+def test_hindsight_rewards_are_those_of_the_goals_put_in(copy_info_dict, info_format, tmp_path):
+    from stable_baselines3 import SAC, HerReplayBuffer
+
+    environment = make(info_format=info_format)
+    model = SAC(
+        "MultiInputPolicy",
+        environment,
+        replay_buffer_class=HerReplayBuffer,
+        replay_buffer_kwargs={"copy_info_dict": copy_info_dict, "n_sampled_goal": 4},
+        buffer_size=STEPS,
+        # Nothing can be drawn before the first episode has ended.
+        learning_starts=EPISODE + 20,
+        train_freq=50,
+        gradient_steps=5,
+        seed=0,
+        device="cpu",
+    )
+    model.learn(STEPS)
+    assert model.num_timesteps == STEPS
+    assert model.replay_buffer.full
+    assert_episodes_seen(model, STEPS // EPISODE)
+    assert_relabelled_as_it_should_be(model.replay_buffer, copy_info_dict=copy_info_dict)
+    assert_predicts_the_same_after_saving(model, SAC, environment, tmp_path)
+    environment.close()
+
+
+def test_nested_goals_are_what_it_refuses():
+    from stable_baselines3 import PPO
+
+    environment = gymnasium.make(KITCHEN, goal_format="dict")
+    with pytest.raises(NotImplementedError, match="Nested observation spaces"):
+        PPO("MultiInputPolicy", environment)
+    environment.close()
+
+
+def assert_episodes_seen(model, count):
+    """Its monitor has seen whole episodes, each paid once, none of them a success."""
+    assert [(episode["l"], episode["r"]) for episode in model.ep_info_buffer] == [(EPISODE, 1.0)] * count
+    assert [*model.ep_success_buffer] == [False] * count
+
+
+def assert_predicts_the_same_after_saving(model, algorithm, environment, folder):
+    model.save(folder / "model")
+    loaded = algorithm.load(folder / "model", env=environment, device="cpu")
+    observations = [environment.observation_space.sample() for _ in range(5)]
+    for observation in observations:
+        action, _ = model.predict(observation, deterministic=True)
+        assert environment.action_space.contains(action)
+        assert np.array_equal(action, loaded.predict(observation, deterministic=True)[0])
+
+
+def assert_relabelled_as_it_should_be(buffer, *, copy_info_dict):
+    """Every reward drawn is recomputed by hand, from the goals drawn and the step's stored info."""
+    # The noise makes every observation another one, so that it tells which stored step was drawn.
+    places = {row.tobytes(): i for i, row in enumerate(buffer.observations["observation"][:, 0])}
+    assert len(places) == STEPS
+    drawn = buffer.sample(1000)
+    real = 1000 - int(buffer.her_ratio * 1000)
+    rewards = drawn.rewards.numpy().ravel()
+    achieved, desired = (drawn.next_observations[key].numpy() for key in ("achieved_goal", "desired_goal"))
+    steps = [places[row.tobytes()] for row in drawn.observations["observation"].numpy()]
+    assert np.array_equal(rewards[:real], buffer.rewards[steps[:real], 0])
+    for i in range(real, 1000):
+        within = {
+            task for task, part in GOALS.items() if np.linalg.norm(achieved[i, part] - desired[i, part]) < THRESHOLD
+        }
+        may_pay = still_open(buffer.infos[steps[i], 0]) if copy_info_dict else set(GOALS)
+        assert rewards[i] == len(within & may_pay)
+    # The microwave may pay once an episode by its info, but always where there is none; the kettle pays in most steps.
+    assert {*rewards[real:]} >= ({0.0, 1.0} if copy_info_dict else {1.0, 2.0})
+    assert drawn.dones.sum() == 0
+
+
+def still_open(info):
+    """The tasks that could pay in a step, by its info: names, or masks in configured order."""
+    if "tasks_to_complete" in info:
+        return {*info["tasks_to_complete"], *info["step_task_completions"]}
+    mask = info["tasks_to_complete_mask"] | info["step_task_completions_mask"]
+    return {task for task, named in zip(GOALS, mask, strict=True) if named}
+
+
+def weights(model):
+    return [parameter.detach().numpy().copy() for parameter in model.policy.parameters()]
