@@ -85,6 +85,8 @@ class OpenCabinetTask(composer.Task):
         self._scene = scene
         self._noise = np.zeros(observation.SIZE)
         self._life_steps = 0
+        self._previous_action = np.zeros(_ACTION_SIZE)
+        self._terminates = self._succeeded = False
         self._visualize_reward = False
         self._observables = self._build_observables()
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
