@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 Vector = tuple[float, float, float]
+Limits = tuple[float, float]
 
 # Attributes of an MJCF element by name.
 Attributes = Mapping[str, Any]
@@ -26,13 +27,13 @@ class Servo:
     """
 
     joint: str
-    range: tuple[float, float]
+    range: Limits
     damping: float
     armature: float = 0.0
     gain: float
     velocity_gain: float = 0.0
     force: float
-    control_range: tuple[float, float]
+    control_range: Limits
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

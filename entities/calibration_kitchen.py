@@ -4,7 +4,7 @@ Joint 6 is counted from a frame turned by a right angle against the Panda's own,
 written 1.57, as there.
 """
 
-from kitchen_suite.entities.calibration import Attributes, Calibration, Finger, Inertia, Link, Servo
+from kitchen_suite.entities.calibration import Attributes, Calibration, Finger, Inertia, Limits, Link, Servo, Vector
 
 # The inner side of a finger is a ladder of crossed capsules that narrows towards the tip, above a box.
 # radius [m], y of the near and of the far end [m], z [m]; each rung is two capsules that cross.
@@ -24,7 +24,7 @@ def _links() -> tuple[Link, ...]:
     shoulder = {"damping": 100.0, "gain": 870.0, "force": 87.0}
     wrist = {"damping": 10.0, "gain": 120.0, "force": 12.0}
     # pos [m], rotation, mass [kg], joint range [rad], control range [rad], servo
-    rows = (
+    rows: tuple[tuple[Vector, Attributes, float, Limits, Limits, Attributes], ...] = (
         ((0, 0, 0.333), {}, 2.7063, (-2.8973, 2.8973), (-2.9671, 2.9671), shoulder),
         ((0, 0, 0), turn, 2.73046, (-1.7628, 1.7628), (-1.8326, 1.8326), shoulder),
         ((0, -0.316, 0), turn_back, 2.04104, (-2.8973, 2.8973), (-2.9671, 2.9671), shoulder),

@@ -12,7 +12,7 @@ asks for.
 
 import math
 
-from kitchen_suite.entities.calibration import Attributes, Calibration, Finger, Inertia, Link, Servo
+from kitchen_suite.entities.calibration import Attributes, Calibration, Finger, Inertia, Limits, Link, Servo, Vector
 
 # Half sizes of a pad: along the bar it holds, across, and along the fingers [m]. Its inner face is the finger's.
 PAD_HALF_SIZE = (0.0105, 0.005, 0.0095)
@@ -32,7 +32,7 @@ _WRIST = {**_JOINT, "gain": 2000.0, "velocity_gain": 200.0, "force": 12.0}
 _TURN, _TURN_BACK = {"quat": (math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)}, {"quat": (math.sqrt(0.5),) * 2 + (0.0, 0.0)}
 
 # Origin [m], rotation, joint range [rad], servo of links 1 to 7.
-_KINEMATICS = (
+_KINEMATICS: tuple[tuple[Vector, Attributes, Limits, Attributes], ...] = (
     ((0, 0, 0.333), {}, (-2.8973, 2.8973), _SHOULDER),
     ((0, 0, 0), _TURN, (-1.7628, 1.7628), _SHOULDER),
     ((0, -0.316, 0), _TURN_BACK, (-2.8973, 2.8973), _ELBOW),
@@ -43,7 +43,7 @@ _KINEMATICS = (
 )
 
 
-def _inertia(mass: float, centre: tuple[float, ...], moments: tuple[float, ...]) -> Inertia:
+def _inertia(mass: float, centre: Vector, moments: tuple[float, ...]) -> Inertia:
     """From a mass [kg], its centre [m], and the moments xx, yy, zz, xy, xz, yz about that [kg m^2]."""
     return Inertia(mass=mass, spread={"pos": centre, "fullinertia": moments})
 

@@ -9,7 +9,7 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.calibration import Calibration, Finger, Inertia, Servo
+from kitchen_suite.entities.calibration import Calibration, Finger, Inertia, Link, Servo
 from kitchen_suite.entities.calibration_kitchen import KITCHEN
 
 
@@ -51,7 +51,7 @@ class Franka(composer.Entity):
     @property
     def servos(self) -> tuple[Servo, ...]:
         """The nine joints with their servos: the arm's from the base outwards, then the two fingers'."""
-        parts = (*self._calibration.links, *self._calibration.fingers)
+        parts: tuple[Link | Finger, ...] = (*self._calibration.links, *self._calibration.fingers)
         return tuple(part.servo for part in parts)
 
     @property

@@ -1,7 +1,6 @@
 """Open a drawer of the cabinet: reach for its handle, grasp it, pull."""
 
 import collections
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,12 +8,11 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite.entities import CabinetArena, CabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks import checks
-from kitchen_suite.tasks import drawer_observation as observation
 from kitchen_suite.tasks.drawer_control import (
     GRIPPER_OPEN,
     JOINT_HIGH,
@@ -23,6 +21,7 @@ from kitchen_suite.tasks.drawer_control import (
     arm_target,
     gripper_target,
 )
+from kitchen_suite.tasks.drawer_observables import DrawerObservables
 from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer
 from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds, terminates
 from kitchen_suite.tasks.drawer_sensors import DrawerSensors
@@ -78,26 +77,16 @@ class OpenCabinetTask(composer.Task):
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
         self._samples_gripper = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
-        self._noise_scale = _noise_scale(observation_noise)
+        self._observation = DrawerObservables(observation_noise)
         if not isinstance(randomization, Randomization | None):
             raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
         self._randomization = randomization
         self._scene = scene
-        self._noise = np.zeros(observation.SIZE)
         self._life_steps = 0
+        self._previous_action = np.zeros(_ACTION_SIZE)
+        self._terminates = self._succeeded = False
         self._visualize_reward = False
-        self._observables = self._build_observables()
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
-
-    def _build_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        """The parts of the observation by public key, in the order of the flat vector."""
-        observables = collections.OrderedDict()
-        for name, place in observation.SLICES.items():
-            observables[name] = observable.Generic(functools.partial(self._part, place))
-            observables[name].enabled = True
-            if self._noise_scale[place].any():
-                observables[name].corruptor = functools.partial(self._noisy_part, place)
-        return observables
 
     @property
     def root_entity(self) -> CabinetArena:
@@ -115,7 +104,7 @@ class OpenCabinetTask(composer.Task):
 
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return self._observables.copy()
+        return self._observation.by_name.copy()
 
     @property
     def random(self) -> np.random.RandomState:
@@ -191,7 +180,8 @@ class OpenCabinetTask(composer.Task):
         physics.data.ctrl[self._ctrl] = pose
         if self._randomizer:
             self._randomizer.draw(random_state)
-        self._draw_noise(random_state)
+        self._random = random_state
+        self._observation.draw_noise(random_state)
         self._start(physics)
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
@@ -212,7 +202,8 @@ class OpenCabinetTask(composer.Task):
         self._previous_action = action.copy()
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._draw_noise(random_state)
+        self._random = random_state
+        self._observation.draw_noise(random_state)
         self._show(self._sensors.read(physics))
         self._colour(physics)
         self._succeeded |= self.is_success
@@ -242,7 +233,7 @@ class OpenCabinetTask(composer.Task):
             "terminates": self._terminates,
             "succeeded": self._succeeded,
             "terms": dict(self._terms),
-            "noise": self._noise.copy(),
+            "noise": self._observation.noise.copy(),
             "snapshot": self._snapshot.arrays(),
             "randomization": dict(self._randomizer.values) if self._randomizer else {},
         }
@@ -256,7 +247,7 @@ class OpenCabinetTask(composer.Task):
         """
         state = checks.like(state, self.get_state(), "task state")
         self._life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
-        self._previous_action, self._noise[:] = state["previous_action"], state["noise"]
+        self._previous_action, self._observation.noise[:] = state["previous_action"], state["noise"]
         self._terminates, self._succeeded = bool(state["terminates"]), bool(state["succeeded"])
         self._terms = {name: float(state["terms"][name]) for name in TERMS}
         if self._randomizer:
@@ -273,40 +264,9 @@ class OpenCabinetTask(composer.Task):
         self._colour(physics)
 
     def _show(self, snapshot: Snapshot) -> None:
-        """Makes the observation, without and with this control step's noise."""
         self._snapshot = snapshot
-        values = observation.observe(snapshot)
-        self._shown = observation.shown(values)
-        # Noise is added before clipping, so that what is shown keeps its range.
-        self._shown_noisily = observation.shown(values + self._noise)
+        self._observation.show(snapshot)
 
     def _colour(self, physics: mjcf.Physics) -> None:
         if self._visualize_reward:
             physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
-
-    def _draw_noise(self, random_state: np.random.RandomState) -> None:
-        """Draws the observation noise of this control step; nothing where there is none."""
-        self._random = random_state
-        if self._noise_scale.any():
-            self._noise[:] = self._noise_scale * random_state.uniform(-1.0, 1.0, self._noise.size)
-
-    def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        """One part of the observation, without noise."""
-        del physics
-        return self._shown[place]
-
-    def _noisy_part(self, place: slice, shown: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
-        """The same part with this control step's noise; draws nothing."""
-        del shown, random_state
-        return self._shown_noisily[place]
-
-
-def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
-    """Half width of the noise on each of the 25 numbers."""
-    if not isinstance(widths, Mapping | None):
-        raise TypeError(f"observation_noise must map parts of the observation to widths, got {widths!r}")
-    scale = np.zeros(observation.SIZE)
-    for name, width in (widths or {}).items():
-        part = checks.choice(name, observation.PARTS.keys(), "part of the observation")
-        scale[observation.SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
-    return scale

@@ -3,118 +3,14 @@
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from cabinet_reference import HIGH, LOW, ROBOT_JOINTS, TERMS, Recomputed, flat
 
 from kitchen_suite import suite
 from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
 
-LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0])
-HIGH = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973, 0.04])
-# A pose in which the hand is around the top handle.
-AT_HANDLE = np.array([0.0, 0.06, 0.0, -1.91, 0.0, 3.54, -0.785, 0.02, 0.02])
-TERMS = ["approach", "orientation", "grasp", "opening", "straddling", "effort", "termination"]
-
 
 def load(task="top_drawer", **options):
     return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options})
-
-
-def flat(timestep):
-    return np.concatenate(list(timestep.observation.values()))
-
-
-def robot_names():
-    return [*(f"franka/joint{i}" for i in range(1, 8)), "franka/finger_joint1", "franka/finger_joint2"]
-
-
-class Recomputed:
-    """Observation and reward from MuJoCo's arrays by name, by other means than the task's."""
-
-    def __init__(self, physics, drawer, change, life):
-        named = physics.named.data
-        joints = robot_names()
-        self.q, self.v = named.qpos[joints], named.qvel[joints]
-        self.tcp = named.site_xpos["franka/gripper"].copy()
-        self.handle = named.site_xpos[f"cabinet/drawer_{drawer}_handle"].copy()
-        self.tcp_turn = Rotation.from_matrix(named.site_xmat["franka/gripper"].reshape(3, 3))
-        self.handle_turn = Rotation.from_matrix(named.site_xmat[f"cabinet/drawer_{drawer}_handle"].reshape(3, 3))
-        self.pads = [named.geom_xpos[f"franka/{side}_finger_pad"][2] for side in ("left", "right")]
-        self.open = named.qpos[f"cabinet/drawer_{drawer}_joint"].item()
-        self.speed = named.qvel[f"cabinet/drawer_{drawer}_joint"].item()
-        self.gripper = named.ctrl["franka/finger_joint1"].item()
-        self.change, self.life = change, life
-        self.distance = np.sqrt(((self.handle - self.tcp) ** 2).sum())
-
-    @property
-    def observation(self):
-        handle, tcp = self.handle_turn.as_quat(canonical=True), self.tcp_turn.as_quat()
-        tcp = tcp if handle @ tcp >= 0 else -tcp
-        scaled = 2 * (self.q[:8] - LOW) / (HIGH - LOW) - 1
-        parts = [scaled, self.v[:8] / 2, self.handle - self.tcp, handle - tcp, [self.open], [self.speed]]
-        return np.clip(np.concatenate(parts), -5, 5)
-
-    @property
-    def terminates(self):
-        return self.tcp[0] - self.handle[0] < -0.03 or abs(self.v).max() > 5
-
-    @property
-    def terms(self):
-        opened = min(max(self.open, 0), 1)
-        opening = 0 if opened > 0 and self.distance > 0.03 else 20 * (np.exp(opened) - 1)
-        angle = (self.handle_turn * self.tcp_turn.inv()).magnitude()
-        action, velocity = (1e-3, 0) if self.life < 8000 else (2e-3, 2e-7)
-        return {
-            "approach": 10 * (1 - np.tanh(self.distance / 0.1)),
-            "orientation": 1 if opening > 0 else np.cos(angle),
-            "grasp": (100 if self.distance < 0.025 else -20) * (0.04 - self.gripper),
-            "opening": opening,
-            "straddling": min(self.pads[0] - self.handle[2], 0) + min(self.handle[2] - self.pads[1], 0),
-            "effort": -action * (self.change**2).sum() - velocity * (self.v[:8] ** 2).sum(),
-            "termination": -10 if self.terminates else 0,
-        }
-
-
-def random_state(physics, random):
-    """Puts the robot anywhere, or about the handle; the drawers too."""
-    near = random.random() < 0.7
-    spread = random.choice([0.01, 0.05, 0.3])
-    pose = AT_HANDLE + spread * random.normal(size=9) if near else random.uniform([*LOW, 0], [*HIGH, 0.04])
-    with physics.reset_context():
-        physics.named.data.qpos[robot_names()] = np.clip(pose, [*LOW, 0], [*HIGH, 0.04])
-        # Open so little that the hand is still at the handle, or a good deal, or closed.
-        physics.data.qpos[9:11] = random.choice([0.0, 0.01, 0.2], 2) * random.random(2)
-        physics.data.qvel[:] = random.choice([0.1, 1.0]) * random.normal(size=13)
-
-
-@pytest.mark.parametrize("drawer", ["top", "bottom"])
-def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
-    env = load(f"{drawer}_drawer")
-    random, seen = np.random.default_rng(0), []
-    for _ in range(1000):
-        env.reset()
-        life = int(random.integers(0, 16_000))
-        actions = 0.3 * random.normal(size=(2, 8))
-        env.task.set_state({**env.task.get_state(), "life_steps": life, "previous_action": actions[0]})
-        random_state(env.physics, random)
-        timestep = env.step(actions[1])
-        expected = Recomputed(env.physics, drawer, actions[1] - actions[0], life)
-        np.testing.assert_allclose(flat(timestep), expected.observation, rtol=0, atol=1e-6)
-        assert list(env.task.reward_terms) == TERMS
-        for name, term in expected.terms.items():
-            assert abs(env.task.reward_terms[name] - term) < 1e-6, name
-        assert abs(timestep.reward - sum(expected.terms.values())) < 1e-6
-        assert timestep.last() == expected.terminates
-        assert timestep.discount == 1 - expected.terminates
-        assert env.task.drawer_opening == expected.open
-        seen.append(expected)
-    if drawer == "top":
-        # Every branch has been taken.
-        assert {each.terms["grasp"] for each in seen} == {0.0, 4.0, -0.8}
-        assert {each.terms["opening"] > 0 for each in seen} == {True, False}
-        assert any(each.open > 0.02 and each.terms["opening"] == 0 for each in seen)
-        assert any(abs(each.v).max() > 5 for each in seen)
-        assert any(abs(each.v).max() < 5 and each.terminates for each in seen)
-    assert any(each.terms["straddling"] < -1e-3 for each in seen)
 
 
 def test_the_parts_of_the_observation():
@@ -264,7 +160,7 @@ def test_reaching_through_the_handle_ends_the_episode():
     env.reset()
     with env.physics.reset_context():
         # 4 cm further in than the handle, above it.
-        env.physics.named.data.qpos[robot_names()] = [0, 0.25, 0, -1.5, 0, 3.3, -0.785, 0, 0]
+        env.physics.named.data.qpos[ROBOT_JOINTS] = [0, 0.25, 0, -1.5, 0, 3.3, -0.785, 0, 0]
     tcp, handle = (
         env.physics.named.data.site_xpos[name][0] for name in ("franka/gripper", "cabinet/drawer_top_handle")
     )
@@ -295,7 +191,7 @@ def test_success_ends_nothing():
     with env.physics.reset_context():
         env.physics.named.data.qpos["cabinet/drawer_top_joint"] = 0.31
         # The hand is drawn back with the handle.
-        env.physics.named.data.qpos[robot_names()] = [0, -1.03, 0, -2.8, 0, 3.34, -0.785, 0.04, 0.04]
+        env.physics.named.data.qpos[ROBOT_JOINTS] = [0, -1.03, 0, -2.8, 0, 3.34, -0.785, 0.04, 0.04]
     timestep = env.step(np.append(np.zeros(7), -50.0))
     assert env.task.is_success
     assert timestep.mid()

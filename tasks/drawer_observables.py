@@ -1,0 +1,74 @@
+"""The open_cabinet domain's observation as composer observables, with noise drawn once for all of them."""
+
+import collections
+import functools
+from collections.abc import Mapping
+
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer.observation import observable
+from numpy.typing import NDArray
+
+from kitchen_suite.tasks import checks
+from kitchen_suite.tasks import drawer_observation as observation
+from kitchen_suite.tasks.drawer_snapshot import Snapshot
+
+
+class DrawerObservables:
+    """Holds what is seen of the last snapshot; one observable for each part, enabled.
+
+    Attributes:
+      by_name: the observables by public key, in the order of the flat vector.
+      noise: `(25,)`, what is added to the flat vector before it is clipped.
+    """
+
+    def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
+        """Builds the observables; those with noise get a corruptor.
+
+        Args:
+          noise_widths: half width of the uniform noise on parts, by their names and in their units; `None` for none.
+
+        Raises:
+          TypeError: `noise_widths` is no mapping to numbers.
+          ValueError: an unknown part, or a width that is negative or not finite.
+        """
+        self._scale = _noise_scale(noise_widths)
+        self.noise = np.zeros(observation.SIZE)
+        self._clean = self._noisy = np.zeros(observation.SIZE, np.float32)
+        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
+        for name, place in observation.SLICES.items():
+            self.by_name[name] = observable.Generic(functools.partial(self._part, place))
+            self.by_name[name].enabled = True
+            if self._scale[place].any():
+                self.by_name[name].corruptor = functools.partial(self._noisy_part, place)
+
+    def draw_noise(self, random_state: np.random.RandomState) -> None:
+        """Draws the noise of a control step, 25 numbers whatever is enabled; nothing where there is no noise."""
+        if self._scale.any():
+            self.noise[:] = self._scale * random_state.uniform(-1.0, 1.0, self.noise.size)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Makes the observation, without and with the noise."""
+        values = observation.observe(snapshot)
+        self._clean = observation.shown(values)
+        # Noise is added before clipping, so that what is shown keeps its range.
+        self._noisy = observation.shown(values + self.noise)
+
+    def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
+        del physics
+        return self._clean[place]
+
+    def _noisy_part(self, place: slice, clean: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
+        del clean, random_state
+        return self._noisy[place]
+
+
+def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
+    """Half width of the noise on each of the 25 numbers."""
+    if not isinstance(widths, Mapping | None):
+        raise TypeError(f"observation_noise must map parts of the observation to widths, got {widths!r}")
+    scale = np.zeros(observation.SIZE)
+    for name, width in (widths or {}).items():
+        part = checks.choice(name, observation.PARTS.keys(), "part of the observation")
+        scale[observation.SLICES[part]] = checks.number(width, f"observation_noise of {name!r}")
+    return scale

@@ -1,0 +1,57 @@
+"""Observation and reward of the open_cabinet domain, from MuJoCo's arrays by name: by other means than the task's."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0])
+HIGH = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973, 0.04])
+TERMS = ["approach", "orientation", "grasp", "opening", "straddling", "effort", "termination"]
+ROBOT_JOINTS = [*(f"franka/joint{i}" for i in range(1, 8)), "franka/finger_joint1", "franka/finger_joint2"]
+
+
+def flat(timestep):
+    return np.concatenate(list(timestep.observation.values()))
+
+
+class Recomputed:
+    def __init__(self, physics, drawer, change, life):
+        named = physics.named.data
+        self.q, self.v = named.qpos[ROBOT_JOINTS], named.qvel[ROBOT_JOINTS]
+        self.tcp = named.site_xpos["franka/gripper"].copy()
+        self.handle = named.site_xpos[f"cabinet/drawer_{drawer}_handle"].copy()
+        self.tcp_turn = Rotation.from_matrix(named.site_xmat["franka/gripper"].reshape(3, 3))
+        self.handle_turn = Rotation.from_matrix(named.site_xmat[f"cabinet/drawer_{drawer}_handle"].reshape(3, 3))
+        self.pads = [named.geom_xpos[f"franka/{side}_finger_pad"][2] for side in ("left", "right")]
+        self.open = named.qpos[f"cabinet/drawer_{drawer}_joint"].item()
+        self.speed = named.qvel[f"cabinet/drawer_{drawer}_joint"].item()
+        self.gripper = named.ctrl["franka/finger_joint1"].item()
+        self.change, self.life = change, life
+        self.distance = np.sqrt(((self.handle - self.tcp) ** 2).sum())
+
+    @property
+    def observation(self):
+        handle, tcp = self.handle_turn.as_quat(canonical=True), self.tcp_turn.as_quat()
+        tcp = tcp if handle @ tcp >= 0 else -tcp
+        scaled = 2 * (self.q[:8] - LOW) / (HIGH - LOW) - 1
+        parts = [scaled, self.v[:8] / 2, self.handle - self.tcp, handle - tcp, [self.open], [self.speed]]
+        return np.clip(np.concatenate(parts), -5, 5)
+
+    @property
+    def terminates(self):
+        return self.tcp[0] - self.handle[0] < -0.03 or abs(self.v).max() > 5
+
+    @property
+    def terms(self):
+        opened = min(max(self.open, 0), 1)
+        opening = 0 if opened > 0 and self.distance > 0.03 else 20 * (np.exp(opened) - 1)
+        angle = (self.handle_turn * self.tcp_turn.inv()).magnitude()
+        action, velocity = (1e-3, 0) if self.life < 8000 else (2e-3, 2e-7)
+        return {
+            "approach": 10 * (1 - np.tanh(self.distance / 0.1)),
+            "orientation": 1 if opening > 0 else np.cos(angle),
+            "grasp": (100 if self.distance < 0.025 else -20) * (0.04 - self.gripper),
+            "opening": opening,
+            "straddling": min(self.pads[0] - self.handle[2], 0) + min(self.handle[2] - self.pads[1], 0),
+            "effort": -action * (self.change**2).sum() - velocity * (self.v[:8] ** 2).sum(),
+            "termination": -10 if self.terminates else 0,
+        }
