@@ -1,7 +1,6 @@
 """Joint offsets and a wish to close in, servo targets out: the action of the open_cabinet domain."""
 
 import numpy as np
-from dm_env import specs
 from numpy.typing import NDArray
 
 # Limits of the Panda's seven joints and of its left finger [rad, m].
@@ -11,14 +10,6 @@ JOINT_HIGH = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973, 
 # Targets of both fingers [m].
 GRIPPER_CLOSED = 0.0
 GRIPPER_OPEN = 0.04
-
-
-class OffsetSpec(specs.BoundedArray):
-    """An action without bounds, which has to be finite all the same."""
-
-    def generate_value(self) -> NDArray:
-        """Zeros: the lower bound, which other specs generate, is not finite."""
-        return np.zeros(self.shape, self.dtype)
 
 
 def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
+from dm_env import specs
 from numpy.typing import ArrayLike
 
 from kitchen_suite.entities import CabinetArena, CabinetScene
@@ -17,7 +18,6 @@ from kitchen_suite.tasks.drawer_control import (
     GRIPPER_OPEN,
     JOINT_HIGH,
     JOINT_LOW,
-    OffsetSpec,
     arm_target,
     gripper_target,
 )
@@ -153,12 +153,13 @@ class OpenCabinetTask(composer.Task):
     def visualize_reward(self, value: bool) -> None:
         self._visualize_reward = checks.flag(value, "visualize_reward")
 
-    def action_spec(self, physics: mjcf.Physics) -> OffsetSpec:
+    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Seven joint offsets [rad] and the wish to close the gripper (log odds); unbounded, but finite."""
         del physics
         # One number for both fingers: the last actuator follows the one before it.
         names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:_ACTION_SIZE])
-        return OffsetSpec((_ACTION_SIZE,), np.float64, minimum=-np.inf, maximum=np.inf, name=names)
+        infinite = np.full(_ACTION_SIZE, np.inf)
+        return specs.BoundedArray(infinite.shape, infinite.dtype, minimum=-infinite, maximum=infinite, name=names)
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
