@@ -1,9 +1,10 @@
-"""`kitchen-benchmark`: how fast the kitchen steps, against bare MuJoCo on the original's model, in one interleaved run.
+"""`kitchen-benchmark`: how fast the suite steps, against bare MuJoCo, in one interleaved run.
 
 Machines are shared and noisy, so what counts are ratios: in every round each contender makes one episode with the same
 actions, and its rate is divided by that of bare MuJoCo in the same round. The table gives the median over the rounds.
 """
 
+import dataclasses
 import json
 import platform
 import statistics
@@ -11,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
+from types import MappingProxyType
 
 import gymnasium
 import mujoco
@@ -21,32 +23,65 @@ from tqdm import tqdm
 
 from kitchen_suite import suite
 from kitchen_suite.entities import assets, build_kitchen
-from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.kitchen import CONTROL_TIMESTEP, PHYSICS_TIMESTEP
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
+from kitchen_suite.tasks import KitchenTask, kitchen, open_cabinet
+from kitchen_suite.tasks.drawer_control import JOINT_LOW
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.velocity_control import position_target
 
-BARE = "bare mj_step, reference model"
+BARE = "bare mj_step"
 SUITE = "suite.load, without visuals"
 ADAPTER = "Gymnasium adapter, without visuals"
-_SUBSTEPS = round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP)
 
-# Runs one episode with the given actions, (steps, 9).
+# Runs one episode with the given actions, (steps, n).
 Contender = Callable[[np.ndarray], None]
 
 
-def bare_reference() -> Contender:
-    """40 bare physics steps for each control step of the original's model, controls computed as the task does."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Domain:
+    """What is compared in a domain.
+
+    Attributes:
+      steps: control steps of an episode.
+      draw: makes the actions of an episode.
+      contenders: makes all that is compared, by name; the first is what the others are measured against.
+    """
+
+    steps: int
+    draw: Callable[[np.random.Generator, int], np.ndarray]
+    contenders: Callable[[], dict[str, Contender]]
+
+
+def bare_kitchen() -> Contender:
+    """Bare physics steps of the original's model, controls computed as the task does."""
     model = mujoco.MjModel.from_xml_path(str(assets.asset_dir() / "kitchen_assets" / "kitchen_env_model.xml"))
     data = mujoco.MjData(model)
+    substeps = round(kitchen.CONTROL_TIMESTEP / kitchen.PHYSICS_TIMESTEP)
 
     def episode(actions: np.ndarray) -> None:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = INITIAL_QPOS
         for action in actions:
-            data.ctrl[:] = position_target(data.qpos[:9], action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
-            mujoco.mj_step(model, data, _SUBSTEPS)
+            data.ctrl[:] = position_target(data.qpos[:9], action, velocity_scale=2.0, timestep=kitchen.CONTROL_TIMESTEP)
+            mujoco.mj_step(model, data, substeps)
+
+    return episode
+
+
+def bare_cabinet() -> Contender:
+    """Bare physics steps of the suite's own model of the cabinet, the arm's servos following the actions."""
+    environment = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
+    environment.reset()
+    model, data = environment.physics.model.ptr, mujoco.MjData(environment.physics.model.ptr)
+    start = environment.physics.data.qpos.copy()
+    substeps = round(open_cabinet.CONTROL_TIMESTEP / open_cabinet.PHYSICS_TIMESTEP)
+
+    def episode(actions: np.ndarray) -> None:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = start
+        for action in actions:
+            data.ctrl[:7] = data.qpos[:7] + action[:7]
+            mujoco.mj_step(model, data, substeps)
 
     return episode
 
@@ -73,15 +108,15 @@ def gymnasium_episode(environment: gymnasium.Env) -> Contender:
     return episode
 
 
-def contenders() -> dict[str, Contender]:
-    """All that is compared, by name; the first is what the others are measured against."""
+def kitchen_contenders() -> dict[str, Contender]:
+    """Bare MuJoCo on the original's model, and the suite in all its forms."""
     quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None}
     task = KitchenTask(build_kitchen(), terminate_on_tasks_completed=False)
     stock = composer.Environment(
         task, random_state=0, strip_singleton_obs_buffer_dim=True, recompile_mjcf_every_episode=False
     )
     return {
-        BARE: bare_reference(),
+        BARE: bare_kitchen(),
         SUITE: dm_env_episode(suite.load("kitchen", "all", {**quiet, "visuals": False})),
         ADAPTER: gymnasium_episode(FrankaKitchenEnv(terminate_on_tasks_completed=False)),
         "suite.load, with visuals": dm_env_episode(suite.load("kitchen", "all", quiet)),
@@ -89,12 +124,39 @@ def contenders() -> dict[str, Contender]:
     }
 
 
-def measure(entries: Mapping[str, Contender], *, rounds: int, steps: int) -> dict[str, list[float]]:
+def cabinet_contenders() -> dict[str, Contender]:
+    """Bare MuJoCo on the suite's own model, and the suite."""
+    quiet = {"random": 0, "time_limit": None}
+    return {
+        BARE: bare_cabinet(),
+        SUITE: dm_env_episode(suite.load("open_cabinet", "top_drawer", {**quiet, "visuals": False})),
+        ADAPTER: gymnasium_episode(FrankaOpenCabinetEnv()),
+        "suite.load, with visuals": dm_env_episode(suite.load("open_cabinet", "top_drawer", quiet)),
+    }
+
+
+DOMAINS: Mapping[str, Domain] = MappingProxyType(
+    {
+        "kitchen": Domain(
+            steps=280, draw=lambda rng, steps: rng.uniform(-1.0, 1.0, (steps, 9)), contenders=kitchen_contenders
+        ),
+        # Offsets so small that the episode does not terminate.
+        "open_cabinet": Domain(
+            steps=700,
+            draw=lambda rng, steps: rng.normal(0.0, 0.01, (steps, JOINT_LOW.size)),
+            contenders=cabinet_contenders,
+        ),
+    }
+)
+
+
+def measure(domain: Domain, *, rounds: int, steps: int) -> dict[str, list[float]]:
     """Control steps per second of each contender in each round; a first round to warm up is not counted."""
+    entries = domain.contenders()
     rates: dict[str, list[float]] = {name: [] for name in entries}
     rng = np.random.default_rng(0)
     for number in tqdm(range(rounds + 1), desc="rounds", disable=None):
-        actions = rng.uniform(-1.0, 1.0, (steps, 9))
+        actions = domain.draw(rng, steps)
         for name, episode in entries.items():
             start = time.perf_counter()
             episode(actions)
@@ -140,8 +202,11 @@ def report(summary: Mapping[str, Mapping[str, float]], cost: float) -> str:
 
 
 _FLAGS = flags.FlagValues()
+_DOMAIN_NAME = flags.DEFINE_enum("domain_name", "kitchen", [*DOMAINS], "what to measure", flag_values=_FLAGS)
 _ROUNDS = flags.DEFINE_integer("rounds", 9, "rounds that count", lower_bound=1, flag_values=_FLAGS)
-_STEPS = flags.DEFINE_integer("steps", 280, "control steps of an episode", lower_bound=1, flag_values=_FLAGS)
+_STEPS = flags.DEFINE_integer(
+    "steps", None, "control steps of an episode; by default the domain's", lower_bound=1, flag_values=_FLAGS
+)
 _JSON = flags.DEFINE_bool("json", False, "print JSON in place of the table", flag_values=_FLAGS)
 
 
@@ -153,7 +218,8 @@ def main(argv: Sequence[str]) -> int:
     except flags.Error as error:
         print("kitchen-benchmark:", " ".join(str(error).split()), file=sys.stderr)
         return 2
-    rates = measure(contenders(), rounds=_ROUNDS.value, steps=_STEPS.value)
+    domain = DOMAINS[_DOMAIN_NAME.value]
+    rates = measure(domain, rounds=_ROUNDS.value, steps=_STEPS.value or domain.steps)
     summary, cost = summarize(rates), adapter_cost(rates)
     results = {"versions": versions(), "results": summary, "adapter_cost": cost}
     print(json.dumps(results) if _JSON.value else report(summary, cost))

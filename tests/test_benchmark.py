@@ -7,10 +7,11 @@ import pytest
 from kitchen_suite import benchmark
 
 
-def test_it_prints_a_row_for_every_contender(capsys):
-    assert benchmark.main(["kitchen-benchmark", "--rounds=1", "--steps=2"]) == 0
+@pytest.mark.parametrize("domain", benchmark.DOMAINS)
+def test_it_prints_a_row_for_every_contender(domain, capsys):
+    assert benchmark.main(["kitchen-benchmark", f"--domain_name={domain}", "--rounds=1", "--steps=2"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    for name in benchmark.contenders():
+    for name in benchmark.DOMAINS[domain].contenders():
         (row,) = [line for line in lines if line.startswith(f"{name} ")]
         ratio, least, greatest, rate = map(float, row.removeprefix(name).split())
         assert 0 < least == ratio == greatest
@@ -25,7 +26,7 @@ def test_json_holds_the_same_and_the_versions(capsys):
     assert {"mujoco", "dm_control", "numpy"} <= result["versions"].keys()
 
 
-@pytest.mark.parametrize("flags", [["--rounds=0"], ["--rounds=many"], ["--speed"], ["fast"]])
+@pytest.mark.parametrize("flags", [["--rounds=0"], ["--rounds=many"], ["--speed"], ["fast"], ["--domain_name=bath"]])
 def test_bad_flags_end_with_code_2(flags, capsys):
     assert benchmark.main(["kitchen-benchmark", *flags]) == 2
     assert "kitchen-benchmark:" in capsys.readouterr().err
