@@ -3,11 +3,9 @@
 import dm_env
 import numpy as np
 import pytest
-from absl.testing import absltest
 from dm_control.composer.variation import distributions
 from dm_control.rl import control
 from dm_control.suite.wrappers import action_noise, action_scale, pixels
-from dm_env import test_utils
 
 from kitchen_suite import entities, suite
 from kitchen_suite.tasks import Randomization
@@ -18,16 +16,6 @@ TASKS = ("top_drawer", "bottom_drawer")
 
 def load(task="top_drawer", environment_kwargs=None, **options):
     return suite.load("open_cabinet", task, {"random": 0, "visuals": False, **options}, environment_kwargs)
-
-
-class OpenCabinetContractTest(test_utils.EnvironmentTestMixin, absltest.TestCase):
-    def make_object_under_test(self):
-        return load()
-
-    def make_action_sequence(self):
-        random = np.random.default_rng(0)
-        for _ in range(200):
-            yield 0.05 * random.normal(size=8)
 
 
 def test_the_suite_knows_the_domain():
