@@ -143,11 +143,11 @@ class Environment(composer.Environment):
             raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
         random = random_states.check_stored(state.get("random"), self._random_state)
         state = checks.like({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
+        self._task.set_state(state["task"])
         self._random_state.set_state(random)
         model, data = self._physics.model.ptr, self._physics.data.ptr
         mujoco.mj_setState(model, data, state["physics"], _PHYSICS_STATE)
         mujoco.mj_step1(model, data)
-        self._task.set_state(state["task"])
         self._step_count, self._reset_next_step = int(state["step_count"]), bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         return self._flatten(self._observation_updater.get_observation())

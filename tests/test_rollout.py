@@ -398,6 +398,8 @@ def test_a_signal_keeps_the_finished_episodes(tmp_path, number):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         while not re.match(r" +2 ", process.stdout.readline()):
             assert process.poll() is None
