@@ -52,6 +52,7 @@ class Environment(composer.Environment):
           **kwargs: further arguments of `composer.Environment`.
 
         Raises:
+          TypeError: `flat_observation` is no bool.
           ValueError: `time_limit` is not positive.
         """
         if not time_limit > 0:
@@ -63,7 +64,7 @@ class Environment(composer.Environment):
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
-        self._flat_observation = flat_observation
+        self._flat_observation = checks.flag(flat_observation, "flat_observation")
         self._plan_substeps()
 
     @property
@@ -137,18 +138,21 @@ class Environment(composer.Environment):
 
         Raises:
           TypeError: something in the state is of the wrong type.
-          ValueError: something in it is missing, has the wrong shape or is not finite; nothing has changed then.
+          ValueError: something in it is missing, has the wrong shape or is out of range; nothing has changed then.
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
         random = random_states.check_stored(state.get("random"), self._random_state)
         state = checks.like({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
+        step_count = checks.whole_number(state["step_count"].item(), "state['step_count']", least=0)
+        if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
+            raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, which MuJoCo takes for divergence")
         self._task.set_state(state["task"])
         self._random_state.set_state(random)
         model, data = self._physics.model.ptr, self._physics.data.ptr
         mujoco.mj_setState(model, data, state["physics"], _PHYSICS_STATE)
         mujoco.mj_step1(model, data)
-        self._step_count, self._reset_next_step = int(state["step_count"]), bool(state["reset_next_step"])
+        self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
         return self._flatten(self._observation_updater.get_observation())
 

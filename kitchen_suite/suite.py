@@ -152,6 +152,9 @@ def load(
     """
     tasks = _DOMAINS[checks.choice(domain_name, _DOMAINS.keys(), "domain")]
     build = tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")]
-    environment = build(**{**(task_kwargs or {}), "environment_kwargs": environment_kwargs})
+    for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
+        if kwargs is not None and not isinstance(kwargs, Mapping):
+            raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
+    environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment

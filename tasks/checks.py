@@ -3,7 +3,7 @@
 import difflib
 import math
 import numbers
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -71,13 +71,13 @@ def flag(value: object, what: str) -> bool:
 
 
 def distinct(values: object, what: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it holds at least one element, and none twice.
+    """Returns `values` as a tuple if it is an ordered collection of at least one element, and of none twice.
 
     Raises:
-      TypeError: it is a string, or cannot be iterated over.
+      TypeError: it is a string, a set or an iterator, or no collection at all.
       ValueError: it is empty, or repeats an element.
     """
-    if isinstance(values, str) or not isinstance(values, Iterable):
+    if isinstance(values, str | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{what} must be a sequence of names, got {values!r}")
     names = tuple(values)
     if not names:
@@ -94,7 +94,7 @@ def vector(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
       TypeError: its elements are not real numbers.
       ValueError: it has another shape, or holds NaN or inf.
     """
-    array = np.asarray(value)
+    array = array_of(value, what)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{what} must hold {size} numbers, got {value!r}")
     if array.shape != (size,):
@@ -105,17 +105,29 @@ def vector(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
     return array
 
 
+def array_of(value: object, what: str) -> NDArray:
+    """Returns `value` as an array.
+
+    Raises:
+      ValueError: it is a list of parts that differ in length.
+    """
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{what} must be an array, got {value!r}") from error
+
+
 def like(value: object, template: Any, what: str) -> Any:
-    """Returns a copy of `value` if it is built as `template` is: the same keys, and arrays of the same shapes.
+    """Returns a copy of `value` if it is built as `template` is: the same keys and strings, arrays of the same shapes.
 
     Args:
-      value: nested dicts of arrays.
-      template: nested dicts of arrays; numbers are taken as arrays without axes.
+      value: nested dicts of strings and arrays.
+      template: likewise; numbers are taken as arrays without axes.
       what: name of `value`, for messages.
 
     Raises:
       TypeError: a dict or a number is expected where there is something else.
-      ValueError: a key is missing or unknown, a shape differs, or a number is not finite.
+      ValueError: a key is missing or unknown, a string or a shape differs, or a number is not finite.
     """
     if isinstance(template, Mapping):
         if not isinstance(value, Mapping):
@@ -125,7 +137,11 @@ def like(value: object, template: Any, what: str) -> Any:
                 f"{what} must have the keys {sorted(template)}; missing or unknown: {sorted(map(str, odd))}"
             )
         return {key: like(value[key], part, f"{what}[{key!r}]") for key, part in template.items()}
-    expected, array = np.asarray(template), np.asarray(value)
+    if isinstance(template, str):
+        if value != template:
+            raise ValueError(f"{what} must be {template!r}, got {value!r}")
+        return template
+    expected, array = np.asarray(template), array_of(value, what)
     if array.dtype.kind not in "biuf" or (expected.dtype.kind in "biu" and array.dtype.kind == "f"):
         raise TypeError(f"{what} must hold {expected.dtype} numbers, got {value!r}")
     if array.shape != expected.shape:

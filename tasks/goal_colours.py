@@ -16,6 +16,7 @@ class GoalColours:
 
     def __init__(self, physics: mjcf.Physics, tasks: Iterable[str], object_joints: Sequence[mjcf.Element]) -> None:
         """Finds the geoms that move with each task's joints, and notes their own colours."""
+        self._physics = physics
         owners = joint_tables.owners(physics, object_joints)
         self._geoms = [
             [
@@ -27,7 +28,7 @@ class GoalColours:
         ]
         self._own = [np.array(physics.bind(geoms).rgba) for geoms in self._geoms]
 
-    def paint(self, physics: mjcf.Physics, within: Iterable[bool]) -> None:
+    def paint(self, within: Iterable[bool]) -> None:
         """Paints the things of the tasks that are `within` their thresholds green, the others as they were."""
         for geoms, own, green in zip(self._geoms, self._own, within, strict=True):
-            physics.bind(geoms).rgba = _WITHIN_RGBA if green else own
+            self._physics.bind(geoms).rgba = _WITHIN_RGBA if green else own

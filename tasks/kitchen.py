@@ -238,8 +238,7 @@ class KitchenTask(composer.Task):
         self._progress = self._progress.advance(
             self._distances < self._threshold, remove_task_when_completed=self._remove_task_when_completed
         )
-        if self._visualize_reward:
-            self._colours.paint(physics, self._progress.within)
+        self._paint()
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
@@ -255,6 +254,8 @@ class KitchenTask(composer.Task):
     def get_state(self) -> dict[str, Any]:
         """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
         return {
+            "tasks": ", ".join(self._goals.tasks),
+            "desired": self._goals.desired.copy(),
             "noise": self._noise.copy(),
             "positions": self._positions.copy(),
             "target": self._target.copy(),
@@ -270,23 +271,29 @@ class KitchenTask(composer.Task):
           ValueError: something in it has the wrong shape, is missing, or is not finite; nothing has changed then.
         """
         state = checks.like(state, self.get_state(), "task state")
+        if not np.array_equal(state["desired"], self._goals.desired):
+            raise ValueError(f"the state is of other goals, {state['desired']}, than {self._goals.desired}")
         self._noise[:] = state["noise"]
         self._positions, self._target = state["positions"], state["target"]
         self._distances, self._progress = state["distances"], Progress(**state["progress"])
+        self._paint()
 
     def _start(self, physics: mjcf.Physics) -> None:
         """Nothing has been completed or commanded yet."""
         self._target = self._positions = self._true_positions(physics)
         self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
         self._progress = Progress.start((len(self._goals.tasks),))
-        if self._visualize_reward:
-            self._colours.paint(physics, self._progress.within)
+        self._paint()
 
     def _observe(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Draws the noise of this control step, and notes what the robot sees of itself."""
         self._random = random_state
         self._noise[:] = self._noise_scale * random_state.uniform(-1.0, 1.0, self._noise.size)
         self._positions = self._true_positions(physics)
+
+    def _paint(self) -> None:
+        if self._visualize_reward:
+            self._colours.paint(self._progress.within)
 
     @property
     def _feedback_positions(self) -> NDArray[np.float64]:

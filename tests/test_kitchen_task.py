@@ -134,10 +134,23 @@ def test_zero_action_drifts_as_in_the_original_but_holds_with_target_feedback():
     assert drift("target") < 0.01
 
 
-def test_true_feedback_ignores_the_noise():
-    noisy = [timestep.observation["achieved_goal/kettle"] for timestep in run(load(feedback="true"), 20, np.ones(9))]
-    quiet = run(load(feedback="true", robot_noise_ratio=0.0, object_noise_ratio=0.0), 20, np.ones(9))
-    np.testing.assert_array_equal(noisy, [timestep.observation["achieved_goal/kettle"] for timestep in quiet])
+@pytest.mark.parametrize("feedback", ["observed", "true", "target"])
+def test_only_observed_feedback_lets_the_noise_move_the_robot(feedback):
+    def end(**noise):
+        environment = load(feedback=feedback, **noise)
+        run(environment, 20, np.full(9, 0.3))
+        return environment.physics.data.qpos.copy()
+
+    quiet = end(robot_noise_ratio=0.0, object_noise_ratio=0.0)
+    assert np.array_equal(end(), quiet) == (feedback != "observed")
+
+
+def test_velocities_are_clipped_to_ten():
+    fast, faster = (
+        position_target(np.full(9, 0.02), np.full(9, 0.9), velocity_scale=scale, timestep=1e-3) for scale in (20, 200)
+    )
+    np.testing.assert_array_equal(fast, faster)
+    np.testing.assert_array_equal(fast[[0, 1, 2, 4, 5, 6, 7]], 0.02 + 10 * 1e-3)
 
 
 def test_velocity_scale_one_gives_the_reading_of_one_radian_per_second():

@@ -2,6 +2,7 @@
 
 import configparser
 import fnmatch
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,18 @@ def test_the_version_is_the_changelogs_newest(setup):
     assert setup["metadata"]["version"] == "attr: kitchen_suite.__version__"
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
     assert headings[0].startswith(f"## {kitchen_suite.__version__}")
+
+
+def test_every_extra_that_is_spoken_of_exists(setup):
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "setup.cfg", ROOT / ".ci" / "run"]
+    extras = {
+        extra
+        for page in pages
+        for named in re.findall(r"(?:kitchen-suite|'\.)\[([\w,]+)\]", page.read_text(encoding="utf-8"))
+        for extra in named.split(",")
+    }
+    assert extras <= set(setup["options.extras_require"])
+    assert {"video", "test", "clients"} <= extras
 
 
 def test_test_files_have_unique_names_and_are_flat():
