@@ -147,13 +147,15 @@ class Environment(composer.Environment):
         step_count = checks.whole_number(state["step_count"].item(), "state['step_count']", least=0)
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
             raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, which MuJoCo takes for divergence")
+        # The task comes first: it may change the model that the physics is then brought up to date with.
         self._task.set_state(state["task"])
-        self._random_state.set_state(random)
         model, data = self._physics.model.ptr, self._physics.data.ptr
         mujoco.mj_setState(model, data, state["physics"], _PHYSICS_STATE)
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
+        # Last: a corruptor of the user's may have drawn for the observation.
+        self._random_state.set_state(random)
         return self._flatten(self._observation_updater.get_observation())
 
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:

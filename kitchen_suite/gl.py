@@ -1,4 +1,4 @@
-"""Chooses the GL library that MuJoCo renders with, which must happen before dm_control is first imported."""
+"""Chooses the GL library that MuJoCo renders with, if any, which must happen before dm_control is first imported."""
 
 import os
 import subprocess
@@ -16,16 +16,19 @@ def prepare(*, rendering: bool) -> None:
       rendering: whether images will be asked for; without them no GL library is needed or loaded.
 
     Raises:
-      OSError: with this `MUJOCO_GL`, or where it is not set with any library that needs no display, nothing can be
-        rendered; or dm_control cannot be imported.
+      OSError: images are asked for, but with this `MUJOCO_GL`, or where it is not set with any library that needs no
+        display, nothing can be rendered; or dm_control cannot be imported.
     """
-    if rendering:
-        os.environ[_VARIABLE] = _working_library()
-    os.environ.setdefault(_VARIABLE, "disable")
+    given = os.environ.get(_VARIABLE)
+    os.environ[_VARIABLE] = _working_library() if rendering else "disable"
     try:
         import dm_control.mujoco  # noqa: F401
     except Exception as error:  # PyOpenGL raises whatever its first call on a missing library comes to.
         raise OSError(f"dm_control does not work with {_VARIABLE}={os.environ[_VARIABLE]}: {error}") from error
+    if not rendering:
+        # It was set for this import alone; what the process starts next may want to render.
+        os.environ.pop(_VARIABLE)
+        os.environ.update({_VARIABLE: given} if given is not None else {})
 
 
 def _working_library() -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kitchen_suite.tasks import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
 
 TO_COMPLETE = "tasks_to_complete"
@@ -61,17 +62,30 @@ def terminated(
     return np.all(completed(default=within), axis=-1)
 
 
+def one_by_one(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
+    """The infos of a batch of some shape; one that is given alone holds for all.
+
+    Raises:
+      TypeError: something is no info.
+      ValueError: there are more or fewer infos than the batch has goals.
+    """
+    infos = np.empty(shape, object)
+    if isinstance(info, Mapping):
+        infos.fill(info)
+        return infos
+    given = np.asarray(info, object)
+    if any(not isinstance(one, Mapping) for one in given.ravel()):
+        raise TypeError(f"info must be one dict, or a list of dicts for a batch, got {info!r}")
+    if given.shape != shape:
+        raise ValueError(f"info must be one dict, or a list of one for each of the goals {shape}, got {given.shape}")
+    return given
+
+
 def _named(
     info: Infos, shape: tuple[int, ...], tasks: Sequence[str], keys: Sequence[str]
 ) -> Callable[..., NDArray[np.bool_]]:
     """Which tasks each info names below some keys; call the result with what holds where an info has none of them."""
-    infos = np.empty(shape[:-1], object)
-    if isinstance(info, Mapping):
-        infos.fill(info)
-    elif len(info) == infos.size and len(shape) == 2:
-        infos[:] = info
-    else:
-        raise ValueError(f"info must be one dict, or a list of one for each of the goals {shape[:-1]}, got {info!r}")
+    infos = one_by_one(info, shape[:-1])
     silent = np.array([not any(_has(one, key) for key in keys) for one in infos.ravel()], bool)
     named = np.array([np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()], bool)
     silent, named = silent.reshape(*infos.shape, 1), named.reshape(shape)
@@ -85,11 +99,14 @@ def _has(info: Info, key: str) -> bool:
 def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
     if key in info:
         return np.array([task in info[key] for task in tasks])
-    return np.asarray(info.get(f"{key}_mask", np.zeros(len(tasks))), bool)
+    mask = checks.array_of(info.get(f"{key}_mask", np.zeros(len(tasks), bool)), f"{key}_mask")
+    if mask.shape != (len(tasks),):
+        raise ValueError(f"{key}_mask of an info must have shape ({len(tasks)},), got {mask.shape}")
+    return mask.astype(bool)
 
 
 def _numbers(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
-    array = np.asarray(value)
+    array = checks.array_of(value, what)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{what} must hold numbers, got {value!r}")
     if array.ndim == 0 or array.shape[-1] != size:

@@ -1,11 +1,13 @@
 """What every Gymnasium environment of the suite shares: seeds, states, copies, pictures."""
 
 import abc
+import copy
 from collections.abc import Mapping
 from typing import Any, Self
 
 import dm_env
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import ArrayLike
@@ -59,7 +61,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           ValueError: an unknown name, or a number out of range.
         """
         self._render_settings: dict[str, Any] = {
-            "default_cam_config": dict(default_camera_config or self.free_camera()),
+            "default_cam_config": self._checked_camera_config(default_camera_config),
             "width": checks.whole_number(width, "width", least=1),
             "height": checks.whole_number(height, "height", least=1),
             "camera_id": camera_id,
@@ -79,7 +81,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Notes the arguments, which a copy is built from."""
         self = super().__new__(cls)
-        self._arguments = (args, kwargs)
+        self._arguments = copy.deepcopy((args, kwargs))
         return self
 
     @abc.abstractmethod
@@ -124,6 +126,10 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             checks.whole_number(seed, "seed", least=0)
         state = self._checked_options(options).get("state")
         if state is not None:
+            if isinstance(state, Mapping) and state.get("reset_next_step"):
+                raise ValueError(
+                    "the state is of no episode: it was taken before a reset, or after the physics diverged"
+                )
             observation = self.set_state(state)
             super().reset(seed=seed)
             self._bind_random_state()
@@ -203,6 +209,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self._arguments = args, kwargs = state["arguments"]
         type(self).__init__(self, *args, **kwargs)
         self.spec = state["spec"]
+        bit_generator = getattr(np.random, state["state"]["random"]["bit_generator"])
+        self.np_random = np.random.Generator(bit_generator())
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]
 
@@ -238,6 +246,14 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             checks.choice(camera_name, names, "camera_name")
         if camera_id is not None and checks.whole_number(camera_id, "camera_id", least=-1) >= len(names):
             raise ValueError(f"camera_id must be below {len(names)}, got {camera_id}; the cameras are {names}")
+
+    def _checked_camera_config(self, config: Mapping[str, Any] | None) -> dict[str, Any]:
+        if config is not None and not isinstance(config, Mapping):
+            raise TypeError(f"default_camera_config must be a dict, got {config!r}")
+        names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
+        return {
+            checks.choice(name, names, "camera attribute"): config[name] for name in config or ()
+        } or self.free_camera()
 
     @staticmethod
     def _checked_render_mode(render_mode: str) -> str:

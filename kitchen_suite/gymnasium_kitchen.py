@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -155,11 +156,17 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         ended = self._of_goals(goal_functions.terminated, achieved_goal, desired_goal, info)
         return ended if self._terminates else np.zeros_like(ended)[()] if np.ndim(ended) else False
 
-    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool:
-        """Whether the step truncates; False where `gymnasium.make` counts the steps."""
-        del achieved_goal, desired_goal
-        limit = self.max_episode_steps
-        return limit is not None and isinstance(info, Mapping) and bool(info.get("episode_step", 0) >= limit)
+    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+        """Whether the step truncates, by the info's `episode_step`; False where `gymnasium.make` counts the steps."""
+        limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
+
+        def truncated(achieved: NDArray, desired: NDArray, info: Infos, *rules: Any) -> NDArray[np.bool_]:
+            del desired, rules
+            infos = goal_functions.one_by_one(info, achieved.shape[:-1])
+            steps = [one.get("episode_step", 0) for one in infos.ravel()]
+            return np.array(steps).reshape(infos.shape) >= limit
+
+        return self._of_goals(truncated, achieved_goal, desired_goal, info)
 
     def _number(self, value: int) -> int | NDArray:
         """A single number of the info; where recorders stack it, with a dtype and the shape ()."""

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -105,7 +105,7 @@ _KITCHEN_TASKS = {
     "all": tuple(GOALS),
 }
 
-_DOMAINS: Mapping[str, Mapping[str, Callable[..., Environment]]] = MappingProxyType(
+_DOMAINS: Mapping[str, Mapping[str, functools.partial[Environment]]] = MappingProxyType(
     {
         "kitchen": MappingProxyType(
             {name: functools.partial(kitchen, tasks_to_complete=tasks) for name, tasks in _KITCHEN_TASKS.items()}
@@ -155,6 +155,8 @@ def load(
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
         if kwargs is not None and not isinstance(kwargs, Mapping):
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
+    if clash := sorted((build.keywords.keys() - {"tasks_to_complete"}) & (task_kwargs or {}).keys()):
+        raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
     environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment

@@ -58,12 +58,24 @@ def load(domain="kitchen", task="all", environment_kwargs=None, **task_kwargs):
         ({"random": 1.5}, TypeError, ["random", "1.5"]),
         ({"tasks": ["kettle"]}, TypeError, ["tasks"]),
         ({"environment_kwargs": {"flat": True}}, TypeError, ["flat"]),
+        ({"environment_kwargs": {"flat_observation": "no"}}, TypeError, ["flat_observation", "'no'"]),
+        ({"environment_kwargs": 3}, TypeError, ["environment_kwargs", "3"]),
+        ({"tasks_to_complete": {"kettle", "microwave"}}, TypeError, ["tasks_to_complete"]),
+        ({"goals": {"microwave": [[1.0], [2.0, 3.0]]}}, ValueError, ["goal of 'microwave'", "array"]),
+        ({"domain": "open_cabinet", "task": "top_drawer", "drawer": "bottom"}, ValueError, ["top_drawer", "drawer"]),
     ],
 )
 def test_arguments(arguments, error, words):
     with pytest.raises(error) as raised:
         load(**arguments)
     assert all(word in str(raised.value) for word in words), str(raised.value)
+
+
+def test_environment_kwargs_have_a_place_of_their_own():
+    with pytest.raises(TypeError, match="environment_kwargs"):
+        suite.load("kitchen", "all", {"environment_kwargs": {"flat_observation": True}})
+    with pytest.raises(TypeError, match="task_kwargs must be a dict"):
+        suite.load("kitchen", "all", 3)
 
 
 def test_visualize_reward_must_be_a_bool():
@@ -75,6 +87,7 @@ def test_visualize_reward_must_be_a_bool():
     ("action", "error", "words"),
     [
         (np.zeros(8), ValueError, ["action", "(9,)", "(8,)"]),
+        ([[1.0], [2.0, 3.0]], ValueError, ["action", "array"]),
         (np.zeros((1, 9)), ValueError, ["action", "(9,)", "(1, 9)"]),
         (0.0, ValueError, ["action", "(9,)", "()"]),
         ([NAN] * 9, ValueError, ["action", "finite", "nan"]),

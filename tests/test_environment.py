@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from dm_control import composer
 from dm_control.composer.observation import observable
+from dm_control.composer.variation import distributions, noises
 from dm_control.rl import control
 
 from kitchen_suite import suite
@@ -172,6 +173,10 @@ def test_setting_a_state_returns_the_observation_of_that_moment():
         (lambda state: state.pop("physics"), ValueError, r"missing or unknown: \['physics'\]"),
         (lambda state: state.update(physics=np.zeros(3)), ValueError, r"state\['physics'\] must have shape"),
         (lambda state: state["task"].update(noise=np.full(59, np.nan)), ValueError, r"\['noise'\] must be finite"),
+        (lambda state: state["physics"].fill(1e11), ValueError, "must not exceed 1e"),
+        (lambda state: state.update(step_count=-5), ValueError, r"step_count'\] must be at least 0"),
+        (lambda state: state["task"].update(tasks="microwave"), ValueError, r"\['tasks'\] must be 'bottom burner"),
+        (lambda state: state["task"]["desired"].fill(1.0), ValueError, "other goals"),
         (lambda state: state["task"].update(target="far"), TypeError, r"\['target'\] must hold"),
         (lambda state: state.update(random=np.random.default_rng().bit_generator.state), ValueError, "MT19937"),
         (lambda state: state.update(random=3), TypeError, r"state\['random'\] must be a dict"),
@@ -188,3 +193,34 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil, error, words):
         environment.set_state(state)
     np.testing.assert_array_equal(environment.get_state()["physics"], before["physics"])
     assert str(environment.get_state()["random"]) == str(before["random"])
+
+
+def test_a_state_continues_the_stream_although_a_users_corruptor_draws():
+    def make():
+        environment = Environment(make_task(), random_state=1)
+        prop = environment.task.kitchen.props["microwave"].observables.joint_positions
+        prop.configure(enabled=True, corruptor=noises.Additive(distributions.Uniform(-1.0, 1.0)))
+        environment.reset()
+        return environment
+
+    environment = make()
+    environment.step(np.ones(9))
+    state = environment.get_state()
+    expected = environment.step(np.ones(9)).observation
+    other = make()
+    other.set_state(state)
+    found = other.step(np.ones(9)).observation
+    for key, value in expected.items():
+        np.testing.assert_array_equal(found[key], value)
+
+
+def test_colours_follow_a_state():
+    options = {"random": 0, "goals": {"microwave": [0.1]}, "terminate_on_tasks_completed": False}
+    environment = suite.load("kitchen", "all", options, visualize_reward=True)
+    environment.reset()
+    door = environment.physics.bind(environment.task.kitchen.props["microwave"].mjcf_model.find("geom", "door_visual"))
+    state, plain = environment.get_state(), door.rgba.copy()
+    environment.step(np.zeros(9))
+    assert not np.array_equal(door.rgba, plain)
+    environment.set_state(state)
+    np.testing.assert_array_equal(door.rgba, plain)

@@ -57,6 +57,16 @@ def test_direct_construction_truncates_by_its_own_limit_and_says_so_in_compute_t
         assert env.compute_truncated(observation["achieved_goal"], observation["desired_goal"], info) == expected
 
 
+def test_compute_truncated_takes_batches():
+    env = FrankaKitchenEnv(max_episode_steps=3, goal_format="flat")
+    env.reset(seed=0)
+    steps = [env.step(np.zeros(9)) for _ in range(3)]
+    achieved, desired = (np.stack([step[0][kind] for step in steps]) for kind in ("achieved_goal", "desired_goal"))
+    infos = [step[4] for step in steps]
+    np.testing.assert_array_equal(env.compute_truncated(achieved, desired, infos), [False, False, True])
+    np.testing.assert_array_equal(FrankaKitchenEnv().compute_truncated(achieved, desired, infos), [False] * 3)
+
+
 def test_terminated_and_truncated_may_both_be_true():
     env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]}, max_episode_steps=1)
     env.reset(seed=0)
@@ -185,6 +195,12 @@ class TestComputeReward:
         batch = {"microwave": np.zeros((4, 1))}
         np.testing.assert_array_equal(env.compute_terminated(batch, batch, [{}] * 4), np.zeros(4, bool))
 
+    def test_infos_may_have_as_many_axes_as_the_goals(self):
+        env = FrankaKitchenEnv(["microwave", "kettle"], goal_format="flat")
+        goals = np.tile(env.reset(seed=0)[0]["desired_goal"], (2, 2, 1))
+        infos = np.array([[{}, {"tasks_to_complete": []}], [{"tasks_to_complete": ["kettle"]}, {}]])
+        np.testing.assert_array_equal(env.compute_reward(goals, goals, infos), [[2.0, 0.0], [1.0, 2.0]])
+
     @pytest.mark.parametrize(
         ("achieved", "info", "error", "words"),
         [
@@ -193,6 +209,10 @@ class TestComputeReward:
             ({"microwave": np.zeros(1), "kettle": ["far"] * 7}, {}, TypeError, "kettle"),
             ({"microwave": np.zeros((2, 1)), "kettle": np.zeros((3, 7))}, {}, ValueError, "leading shapes"),
             (np.zeros((3, 8)), [{}] * 2, ValueError, r"info must be one dict, or a list of one for each"),
+            (np.zeros(8), None, TypeError, "info must be one dict"),
+            (np.zeros((3, 8)), [None] * 3, TypeError, "info must be one dict"),
+            (np.zeros(8), {"tasks_to_complete_mask": np.ones((3, 2))}, ValueError, r"tasks_to_complete_mask .*\(2,\)"),
+            ([[1.0], [2.0, 3.0]], {}, ValueError, "achieved_goal must be an array"),
         ],
     )
     def test_bad_goals_and_infos_are_refused(self, achieved, info, error, words):
@@ -232,6 +252,36 @@ def test_a_copy_made_before_the_first_reset_starts_as_the_original():
     env = FrankaKitchenEnv()
     twin = copy.deepcopy(env)
     assert_same(env.reset(), twin.reset())
+
+
+@pytest.mark.parametrize("bit_generator", [np.random.MT19937, np.random.Philox, np.random.SFC64])
+def test_a_copy_draws_from_whatever_generator_the_original_was_given(bit_generator):
+    env = FrankaKitchenEnv()
+    env.np_random = np.random.Generator(bit_generator(3))
+    env.reset()
+    assert_same(copy.deepcopy(env).step(np.zeros(9)), env.step(np.zeros(9)))
+
+
+def test_a_copy_is_built_from_the_arguments_as_they_were():
+    tasks, goals = ["kettle"], {"kettle": np.arange(7.0)}
+    env = FrankaKitchenEnv(tasks, goals=goals)
+    env.reset(seed=0)
+    tasks.append("microwave")
+    goals["kettle"][:] = 5.0
+    assert_same(copy.deepcopy(env).step(np.zeros(9)), env.step(np.zeros(9)))
+
+
+def test_a_state_of_no_episode_starts_none():
+    state = FrankaKitchenEnv().get_state()
+    env = FrankaKitchenEnv()
+    with pytest.raises(ValueError, match="of no episode"):
+        env.reset(options={"state": state})
+
+
+@pytest.mark.parametrize(("config", "error"), [({"distanc": 1.0}, ValueError), (3, TypeError)])
+def test_a_camera_is_checked_when_it_is_given(config, error):
+    with pytest.raises(error, match="camera"):
+        FrankaKitchenEnv(default_camera_config=config)
 
 
 def test_a_copy_is_independent():
