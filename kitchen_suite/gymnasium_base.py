@@ -17,6 +17,7 @@ from kitchen_suite.tasks import checks
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
+_VISUAL_FLAGS = range(int(mujoco.mjtVisFlag.mjNVISFLAG))
 _RENDER_MODES = ("human", "rgb_array", "depth_array")
 
 
@@ -38,6 +39,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         camera_id: int | None = None,
         camera_name: str | None = None,
         default_camera_config: Mapping[str, Any] | None = None,
+        max_geom: int = 1000,
+        visual_options: Mapping[int, bool] | None = None,
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         task_options: Mapping[str, Any],
@@ -52,6 +55,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           camera_id: number of the camera; by default the free camera of `default_camera_config`.
           camera_name: name of the camera, in place of its number.
           default_camera_config: attributes of the free camera.
+          max_geom: how many geoms a picture has room for.
+          visual_options: flags of MuJoCo's visualiser (`mujoco.mjtVisFlag`) to be set.
           max_episode_steps: control steps until the environment itself truncates; `gymnasium.make` counts by itself.
           visuals: whether to build what only the eye needs; by default where there is a render mode.
           task_options: arguments of the suite's builder.
@@ -66,6 +71,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             "height": checks.whole_number(height, "height", least=1),
             "camera_id": camera_id,
             "camera_name": camera_name,
+            "max_geom": checks.whole_number(max_geom, "max_geom", least=1),
+            "visual_options": self._checked_visual_options(visual_options),
         }
         self.render_mode = None if render_mode is None else self._checked_render_mode(render_mode)
         if max_episode_steps is not None:
@@ -248,12 +255,22 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             raise ValueError(f"camera_id must be below {len(names)}, got {camera_id}; the cameras are {names}")
 
     def _checked_camera_config(self, config: Mapping[str, Any] | None) -> dict[str, Any]:
-        if config is not None and not isinstance(config, Mapping):
+        if config is None:
+            return self.free_camera()
+        if not isinstance(config, Mapping):
             raise TypeError(f"default_camera_config must be a dict, got {config!r}")
         names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
-        return {
-            checks.choice(name, names, "camera attribute"): config[name] for name in config or ()
-        } or self.free_camera()
+        return {checks.choice(name, names, "camera attribute"): value for name, value in config.items()}
+
+    @staticmethod
+    def _checked_visual_options(options: Mapping[int, bool] | None) -> dict[int, bool]:
+        if options is not None and not isinstance(options, Mapping):
+            raise TypeError(f"visual_options must be a dict, got {options!r}")
+        if odd := [flag for flag in options or {} if flag not in _VISUAL_FLAGS]:
+            raise ValueError(
+                f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {odd}"
+            )
+        return {int(flag): checks.flag(value, "visual option") for flag, value in (options or {}).items()}
 
     @staticmethod
     def _checked_render_mode(render_mode: str) -> str:

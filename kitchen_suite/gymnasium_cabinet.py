@@ -49,7 +49,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
           action_limit: bounds of the action space, for agents that insist on finite ones; actions are clipped to them.
             Without it the space is unbounded.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config` and `visuals`; see `SuiteEnv`.
+            `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.

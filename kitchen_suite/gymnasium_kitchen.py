@@ -67,7 +67,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           info_format: `lists` gives the original's lists of names and masks beside them; `arrays` gives arrays of fixed
             shape alone, which recorders can stack.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config` and `visuals`; see `SuiteEnv`.
+            `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.

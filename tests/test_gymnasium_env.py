@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from dm_control.rl import control
@@ -284,6 +285,12 @@ def test_a_camera_is_checked_when_it_is_given(config, error):
         FrankaKitchenEnv(default_camera_config=config)
 
 
+@pytest.mark.parametrize("options", [{99: True}, {"fog": True}, {0: "yes"}, 3])
+def test_unknown_visual_options_are_refused(options):
+    with pytest.raises((ValueError, TypeError), match="visual"):
+        FrankaKitchenEnv(visual_options=options)
+
+
 def test_a_copy_is_independent():
     env = FrankaKitchenEnv()
     env.reset(seed=0)
@@ -395,6 +402,18 @@ class TestRendering:
         assert (picture.shape, picture.dtype) == ((120, 160, 3), np.uint8)
         assert picture.std() > 20
         env.close()
+
+    def test_visual_options_and_room_for_geoms_reach_the_renderer(self):
+        def picture(**settings):
+            env = FrankaKitchenEnv(render_mode="rgb_array", width=64, height=48, **settings)
+            env.reset(seed=0)
+            rendered = env.render()
+            env.close()
+            return rendered
+
+        transparent = {mujoco.mjtVisFlag.mjVIS_TRANSPARENT.value: True}
+        assert not np.array_equal(picture(), picture(visual_options=transparent))
+        assert not np.array_equal(picture(), picture(max_geom=20))
 
     def test_depth_is_the_z_buffer_as_in_the_original(self):
         env = FrankaKitchenEnv(render_mode="depth_array", width=160, height=120)
