@@ -1,10 +1,10 @@
 """What exists: the Franka, the things in the kitchen, the cabinet, the rooms; each usable and viewable alone."""
 
 from kitchen_suite.entities.cabinet import Cabinet as Cabinet
-from kitchen_suite.entities.cabinet import CabinetDesign as CabinetDesign
 from kitchen_suite.entities.cabinet_arena import CabinetArena as CabinetArena
 from kitchen_suite.entities.cabinet_arena import CabinetScene as CabinetScene
 from kitchen_suite.entities.cabinet_arena import build_cabinet_scene as build_cabinet_scene
+from kitchen_suite.entities.cabinet_design import CabinetDesign as CabinetDesign
 from kitchen_suite.entities.calibration_kitchen import KITCHEN as KITCHEN
 from kitchen_suite.entities.calibration_panda import PANDA as PANDA
 from kitchen_suite.entities.franka import Franka as Franka

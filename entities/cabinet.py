@@ -1,85 +1,18 @@
 """A cabinet with two drawers above two doors, each with a bar handle; every size and force is a parameter."""
 
-import dataclasses
 import math
 
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
+from kitchen_suite.entities.cabinet_design import DOOR_GAP, CabinetDesign, Vector
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
 
-Vector = tuple[float, float, float]
-
 # MuJoCo's dry friction gives way a little below its limit: by 1 mm in a second under 2 N with the usual 0.9.
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class CabinetDesign:
-    """Sizes and resistances of a cabinet; the defaults are those that the open_cabinet domain is frozen with.
-
-    The cabinet's frame sits in its middle, x towards the one who opens it, z up. The drawers' frames are the cabinet's
-    moved along z.
-
-    Attributes:
-      size: depth, width and height, handles not counted [m].
-      panel: thickness of every panel [m].
-      worktop: thickness of the worktop [m].
-      drawer_heights: z of the top and of the bottom drawer's frame [m].
-      drawer_front_height: height of a drawer's front [m].
-      drawer_travel: how far a drawer opens [m].
-      drawer_mass: of a drawer, handle included [kg].
-      drawer_friction: dry friction that a drawer's slides hold it with [N].
-      drawer_damping: [N s/m].
-      door_mass: of a door, handle included [kg].
-      door_friction: dry friction of a door's hinge [N m].
-      door_damping: [N m s/rad].
-      handle_height: z of a handle in its drawer's frame [m].
-      handle_clearance: free space between a front and the bar before it [m].
-      handle_radius: of the bar [m].
-      handle_half_length: of the bar, its round ends not counted [m].
-      handle_friction: coefficient of sliding friction; contact takes the greater of the two that meet.
-    """
-
-    size: Vector = (0.524, 0.76, 0.8)
-    panel: float = 0.02
-    worktop: float = 0.03
-    drawer_heights: tuple[float, float] = (0.25, 0.05)
-    drawer_front_height: float = 0.194
-    drawer_travel: float = 0.4
-    drawer_mass: float = 2.0
-    drawer_friction: float = 3.0
-    drawer_damping: float = 15.0
-    door_mass: float = 3.0
-    door_friction: float = 0.5
-    door_damping: float = 1.0
-    handle_height: float = 0.01
-    handle_clearance: float = 0.035
-    handle_radius: float = 0.006
-    handle_half_length: float = 0.075
-    handle_friction: float = 1.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            may_be_negative = field.name in ("drawer_heights", "handle_height")
-            if not all(math.isfinite(number) and (may_be_negative or number > 0) for number in numbers):
-                kind = "finite" if may_be_negative else "finite and positive"
-                raise ValueError(f"{field.name} of a cabinet must be {kind}, got {value!r}")
-
-    @property
-    def front(self) -> float:
-        """X of the outer face of drawers and doors [m]."""
-        return self.size[0] / 2
-
-    @property
-    def handle_position(self) -> Vector:
-        """Middle of a handle's bar in its drawer's frame [m]."""
-        return (self.front + self.handle_clearance + self.handle_radius, 0.0, self.handle_height)
 
 
 class Cabinet(composer.Entity):
@@ -172,17 +105,11 @@ class Cabinet(composer.Entity):
         inner = half_width - panel
         self._add_box(body, "back", (-(depth - panel) / 2, 0, side_z), (panel / 2, inner, side_half), "carcass")
         self._add_box(body, "plinth", (middle, 0, 0.03 - height / 2), (half_depth - panel, inner, 0.03), "carcass")
-        low, high = self._door_span
+        low, high = self._design.door_span
         for name, z in (("floor", low), ("shelf", high)):
             self._add_box(body, name, (middle, 0, z), (half_depth, inner, panel / 2), "carcass")
         place = (0.005, 0, height / 2 - worktop / 2)
         self._add_box(body, "worktop", place, (depth / 2 + 0.005, half_width + 0.01, worktop / 2), "worktop")
-
-    @property
-    def _door_span(self) -> tuple[float, float]:
-        """Z of the lower and the upper edge of the doors [m]."""
-        design = self._design
-        return 0.06 - design.size[2] / 2, min(design.drawer_heights) - design.drawer_front_height / 2 - 0.006
 
     def _add_drawer(self, drawer: str, height: float) -> None:
         design = self._design
@@ -209,7 +136,7 @@ class Cabinet(composer.Entity):
         back, front = -design.front + 3 * design.panel, design.front - design.panel
         middle, half_depth, rim = (front + back) / 2, (front - back) / 2, 0.3 * design.drawer_front_height
         panels = {
-            "front": ((front + thin, 0, 0), (thin, design.size[1] / 2 - 0.003, design.drawer_front_height / 2)),
+            "front": ((front + thin, 0, 0), (thin, design.size[1] / 2 - DOOR_GAP, design.drawer_front_height / 2)),
             "bottom": ((middle, 0, -rim), (half_depth, inner, thin / 2)),
             "left": ((middle, -inner, 0), (half_depth, thin / 2, rim)),
             "right": ((middle, inner, 0), (half_depth, thin / 2, rim)),
@@ -222,8 +149,8 @@ class Cabinet(composer.Entity):
     def _add_door(self, door: str, side: int) -> None:
         """Adds the door on the -y (`side` -1) or the +y (1) half, hinged at its outer edge."""
         design = self._design
-        (low, high), half_width = self._door_span, design.size[1] / 4 - 0.003
-        hinge = (design.front - design.panel / 2, side * (design.size[1] / 2 - 0.003), (low + high) / 2)
+        (low, high), half_width = design.door_span, design.size[1] / 4 - DOOR_GAP
+        hinge = (design.front - design.panel / 2, side * (design.size[1] / 2 - DOOR_GAP), (low + high) / 2)
         body = self._mjcf_root.worldbody.add("body", name=f"door_{door}", pos=hinge)
         body.add(
             "joint",
@@ -235,7 +162,7 @@ class Cabinet(composer.Entity):
             solimpfriction=_STIFF_FRICTION,
             damping=design.door_damping,
         )
-        half_size = (design.panel / 2, half_width, (high - low) / 2 - 0.003)
+        half_size = (design.panel / 2, half_width, (high - low) / 2 - DOOR_GAP)
         self._add_box(body, f"door_{door}_panel", (0, -side * half_width, 0), half_size, "front", design.door_mass)
         reach = design.panel / 2 + design.handle_clearance + design.handle_radius
         self._add_handle(body, f"door_{door}", (reach, -side * (2 * half_width - 0.05), 0), upright=True)

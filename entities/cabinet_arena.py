@@ -5,7 +5,8 @@ import dataclasses
 from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.cabinet import Cabinet, CabinetDesign
+from kitchen_suite.entities.cabinet import Cabinet
+from kitchen_suite.entities.cabinet_design import CabinetDesign
 from kitchen_suite.entities.calibration_panda import PANDA
 from kitchen_suite.entities.franka import Franka
 

@@ -12,14 +12,44 @@ from dm_control.composer.variation import distributions
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import CabinetScene
+from kitchen_suite.tasks import checks
 
 # A composer variation or a constant.
 Variation = Any
 
 
+def checked(values: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """Values of a `Randomization`'s attributes, by their names, as arrays.
+
+    Raises:
+      TypeError: one of them is not made of real numbers.
+      ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
+    """
+    return {name: _checked(name, value) for name, value in values.items()}
+
+
+def _checked(name: str, value: Any) -> NDArray[np.float64]:
+    what = f"randomization's {name}"
+    if name == "cabinet_offset":
+        return checks.vector(value, 3, what)
+    array = checks.array_of(value, what)
+    if array.shape:
+        raise ValueError(f"{what} must be one number, got {value!r}")
+    if name == "cabinet_yaw":
+        return checks.vector(array[np.newaxis], 1, what)[0]
+    return np.array(checks.number(array.item(), what))
+
+
+def _is_constant(value: Variation) -> bool:
+    parts = value if isinstance(value, list | tuple) else (value,)
+    return not any(callable(part) for part in parts)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Randomization:
     """What is drawn at every reset; each a composer variation, a constant, or `None` for the scene as it was built.
+
+    Constants are checked at once, what variations give at each reset. Friction and damping must not be negative.
 
     Attributes:
       cabinet_offset: `(3,)`, from the cabinet's place, along the world's axes [m].
@@ -34,6 +64,10 @@ class Randomization:
     drawer_friction: Variation | None = None
     drawer_damping: Variation | None = None
     pad_friction: Variation | None = None
+
+    def __post_init__(self) -> None:
+        wanted = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        checked({name: value for name, value in wanted.items() if value is not None and _is_constant(value)})
 
 
 # A few centimetres and degrees, and resistances within about a third of the built ones.
@@ -71,17 +105,19 @@ class Randomizer:
         self._variations = {name: value for name, value in wanted.items() if value is not None}
         self.values = {name: np.array(built[name]) for name in self._variations}
 
-    def draw(self, random_state: np.random.RandomState) -> None:
-        """Draws and sets everything, in the order of `Randomization`'s attributes."""
-        self.set(
-            {
-                name: np.broadcast_to(variation.evaluate(wanted, random_state=random_state), self.values[name].shape)
-                for name, wanted in self._variations.items()
-            }
+    def draw(self, random_state: np.random.RandomState) -> dict[str, NDArray[np.float64]]:
+        """Values to set, drawn in the order of `Randomization`'s attributes; sets nothing.
+
+        Raises:
+          TypeError: a variation gave something else than real numbers.
+          ValueError: it gave the wrong shape, or numbers that are out of range.
+        """
+        return checked(
+            {name: variation.evaluate(wanted, random_state=random_state) for name, wanted in self._variations.items()}
         )
 
     def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """Sets everything to some values; brings what follows from positions up to date."""
+        """Sets everything to checked values; brings what follows from positions up to date."""
         self.values = {name: np.array(value, np.float64) for name, value in values.items()}
         for name, value in self.values.items():
             getattr(self, f"_set_{name}")(value)

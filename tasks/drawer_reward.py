@@ -27,6 +27,9 @@ _HOLD_DISTANCE = 0.03
 _REACH_LIMIT = 0.03
 _SPEED_LIMIT = 5.0
 
+# Any finite action is legal, but squares of greater changes than this would be infinite.
+_CHANGE_LIMIT = 1e150
+
 
 def approach(snapshot: Snapshot) -> NDArray[np.float64]:
     """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
@@ -74,7 +77,8 @@ def effort(
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
     of_action, of_velocity = penalty_coefficients(life_steps)
     velocity = snapshot.joint_velocities[..., :8]
-    return -of_action * np.square(action_change).sum(axis=-1) - of_velocity * np.square(velocity).sum(axis=-1)
+    change = np.minimum(np.maximum(action_change, -_CHANGE_LIMIT), _CHANGE_LIMIT)
+    return -of_action * np.square(change).sum(axis=-1) - of_velocity * np.square(velocity).sum(axis=-1)
 
 
 def termination(snapshot: Snapshot) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from kitchen_suite.tasks.drawer_control import (
     gripper_target,
 )
 from kitchen_suite.tasks.drawer_observables import DrawerObservables
-from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer
+from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer, checked
 from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds, terminates
 from kitchen_suite.tasks.drawer_sensors import DrawerSensors
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
@@ -175,12 +175,13 @@ class OpenCabinetTask(composer.Task):
         low, high = np.append(JOINT_LOW, JOINT_LOW[-1]), np.append(JOINT_HIGH, JOINT_HIGH[-1])
         noise = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         pose = np.clip(DEFAULT_POSE + noise, low, high)
+        drawn = self._randomizer.draw(random_state) if self._randomizer else {}
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._sensors.joint_qpos] = pose
         physics.data.qvel[:] = 0.0
         physics.data.ctrl[self._ctrl] = pose
         if self._randomizer:
-            self._randomizer.draw(random_state)
+            self._randomizer.set(drawn)
         self._random = random_state
         self._observation.draw_noise(random_state)
         self._start(physics)
@@ -199,12 +200,17 @@ class OpenCabinetTask(composer.Task):
         positions = physics.data.qpos[self._sensors.joint_qpos[:7]]
         physics.data.ctrl[self._ctrl[:7]] = arm_target(positions, action[:7])
         physics.data.ctrl[self._ctrl[7:]] = self._gripper
-        self._action_change = action - self._previous_action
+        # It may be infinite; the reward bounds it.
+        with np.errstate(over="ignore"):
+            self._action_change = action - self._previous_action
         self._previous_action = action.copy()
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         self._observation.draw_noise(random_state)
+        if not physics.legacy_step:
+            # MuJoCo's own step leaves positions in space where they were before it.
+            mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
         self._show(self._sensors.read(physics))
         self._colour(physics)
         self._succeeded |= self.is_success
@@ -229,6 +235,7 @@ class OpenCabinetTask(composer.Task):
     def get_state(self) -> dict[str, Any]:
         """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
         return {
+            "drawer": self._drawer,
             "life_steps": self._life_steps,
             "previous_action": self._previous_action.copy(),
             "terminates": self._terminates,
@@ -244,15 +251,18 @@ class OpenCabinetTask(composer.Task):
 
         Raises:
           TypeError: something in it is of the wrong type.
-          ValueError: something in it has the wrong shape, is missing, or is not finite; nothing has changed then.
+          ValueError: something in it has the wrong shape, is missing, is out of range, or is not finite, or it
+            is the state of a task with another drawer; nothing has changed then.
         """
         state = checks.like(state, self.get_state(), "task state")
-        self._life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
+        life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
+        drawn = checked(state["randomization"])
+        self._life_steps = life_steps
         self._previous_action, self._observation.noise[:] = state["previous_action"], state["noise"]
         self._terminates, self._succeeded = bool(state["terminates"]), bool(state["succeeded"])
         self._terms = {name: float(state["terms"][name]) for name in TERMS}
         if self._randomizer:
-            self._randomizer.set(state["randomization"])
+            self._randomizer.set(drawn)
         self._show(Snapshot(**state["snapshot"]))
 
     def _start(self, physics: mjcf.Physics) -> None:

@@ -118,6 +118,48 @@ def test_a_design_refuses_what_cannot_be_built(change):
         dataclasses.replace(entities.CabinetDesign(), **change)
 
 
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"drawer_mass": True}, TypeError),
+        ({"drawer_mass": "heavy"}, TypeError),
+        ({"drawer_mass": (1.0, 2.0)}, TypeError),
+        ({"handle_height": False}, TypeError),
+        ({"handle_height": np.inf}, ValueError),
+        ({"size": 0.5}, TypeError),
+        ({"size": (0.5, 0.8)}, ValueError),
+        ({"size": (0.5, True, 0.8)}, TypeError),
+        ({"drawer_heights": (0.25, "low")}, TypeError),
+        ({"drawer_heights": (0.25,)}, ValueError),
+        ({"drawer_heights": (0.05, 0.25)}, ValueError),
+        ({"drawer_heights": (0.2, 0.1)}, ValueError),
+        ({"drawer_heights": (0.35, 0.05)}, ValueError),
+        ({"handle_half_length": 0.4}, ValueError),
+        ({"handle_height": 0.1}, ValueError),
+        ({"panel": 0.2}, ValueError),
+        ({"worktop": 0.9}, ValueError),
+        ({"size": (0.524, 0.76, 0.7), "drawer_heights": (0.1, -0.2)}, ValueError),
+    ],
+)
+def test_a_design_refuses_by_name_what_does_not_fit(change, error):
+    with pytest.raises(error, match=rf"{next(iter(change))} of a cabinet .*must"):
+        entities.CabinetDesign(**change)
+
+
+def test_designs_at_the_edge_of_what_fits_can_be_built():
+    designs = [
+        {"drawer_heights": (0.244, 0.05)},
+        {"drawer_heights": (0.273, 0.05)},
+        {"handle_half_length": 0.371},
+        {"handle_height": -0.091},
+        {"panel": 0.13},
+        {"size": (0.1, 0.2, 0.8)},
+        {"drawer_heights": (0.0, -0.22)},
+    ]
+    for design in designs:
+        mjcf.Physics.from_mjcf_model(entities.Cabinet(entities.CabinetDesign(**design), visuals=False).mjcf_model)
+
+
 def test_a_drawer_stays_within_a_millimetre_under_two_newtons(scene, physics):
     drawer = physics.bind(scene.cabinet.drawer_joint("top"))
     for start in (0.0, 0.2):

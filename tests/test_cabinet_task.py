@@ -222,6 +222,35 @@ def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
     assert 0.4 < (abs(errors[:, 24]) == 5).mean() < 0.6
 
 
+def test_noise_is_one_draw_of_25_different_numbers_a_step():
+    env = load(gripper="deterministic", observation_noise={"handle_offset": 0.02, "joint_positions": 0.5})
+    env.reset()
+    expected = np.random.RandomState()
+    expected.set_state(env.random_state.get_state())
+    scale = np.r_[np.full(8, 0.5), np.zeros(8), np.full(3, 0.02), np.zeros(6)]
+    for _ in range(3):
+        env.step(np.zeros(8))
+        noise = env.task.get_state()["noise"]
+        np.testing.assert_array_equal(noise, scale * expected.uniform(-1.0, 1.0, 25))
+        assert len(set((noise[scale > 0] / scale[scale > 0]).round(9))) == 11
+    assert env.random_state.uniform() == expected.uniform()
+
+
+@pytest.mark.parametrize("legacy_step", [True, False])
+def test_positions_in_space_are_those_after_the_step(legacy_step):
+    options = {"random": 0, "visuals": False}
+    env = suite.load("open_cabinet", "top_drawer", options, {"legacy_step": legacy_step})
+    env.reset()
+    for _ in range(5):
+        timestep = env.step(np.full(8, 0.05))
+        terms = env.task.reward_terms
+        mujoco.mj_kinematics(env.physics.model.ptr, env.physics.data.ptr)
+        expected = Recomputed(env.physics, "top", np.zeros(8), 0)
+        np.testing.assert_allclose(flat(timestep), expected.observation, rtol=0, atol=1e-6)
+        for name in ("approach", "orientation", "straddling"):
+            assert abs(terms[name] - expected.terms[name]) < 1e-9
+
+
 def test_any_corruptor_of_composers_can_be_set():
     env = load()
     env.task.observables["drawer_position"].corruptor = lambda value, random_state: value + 1
