@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Iterator
 
+from kitchen_suite import checks
+
 Vector = tuple[float, float, float]
 
 # Free space about a door, and between a drawer's front and the cabinet's side [m].
@@ -127,9 +129,6 @@ class CabinetDesign:
 
 def _check_field(name: str, value: object, default: float | tuple[float, ...]) -> None:
     """Refuses what is not built as the default is: a number, or a tuple of as many numbers."""
-    # Not at the top: the tasks import the entities.
-    from kitchen_suite.tasks import checks
-
     what = f"{name} of a cabinet"
     length = len(default) if isinstance(default, tuple) else 0
     if length and not isinstance(value, tuple):

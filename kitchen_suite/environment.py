@@ -15,8 +15,8 @@ from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import ArrayLike
 
+from kitchen_suite import checks
 from kitchen_suite import random_state as random_states
-from kitchen_suite.tasks import checks
 
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
 _PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION

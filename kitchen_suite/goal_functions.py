@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.tasks import checks
+from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
 
 TO_COMPLETE = "tasks_to_complete"

@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import ArrayLike
 
+from kitchen_suite import checks
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import checks
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 

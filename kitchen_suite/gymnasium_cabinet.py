@@ -8,11 +8,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import suite
+from kitchen_suite import checks, suite
 from kitchen_suite.entities import CabinetDesign
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_base import SuiteEnv
-from kitchen_suite.tasks import Randomization, checks, drawer_observation
+from kitchen_suite.tasks import Randomization, drawer_observation
 from kitchen_suite.tasks.drawer_control import JOINT_LOW
 from kitchen_suite.tasks.open_cabinet import CONTROL_TIMESTEP
 

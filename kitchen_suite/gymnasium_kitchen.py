@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import goal_functions, suite
+from kitchen_suite import checks, goal_functions, suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.goal_functions import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_base import SuiteEnv
-from kitchen_suite.tasks import GOALS, checks
+from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen import CONTROL_TIMESTEP
 
 with contextlib.redirect_stderr(io.StringIO()):

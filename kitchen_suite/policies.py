@@ -15,7 +15,7 @@ import dm_env
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.tasks import checks
+from kitchen_suite import checks
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 

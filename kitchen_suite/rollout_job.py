@@ -13,11 +13,10 @@ import dm_env
 from tqdm import tqdm
 
 import kitchen_suite
-from kitchen_suite import policies, recording, suite
+from kitchen_suite import checks, policies, recording, suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes import Episode, play
 from kitchen_suite.report import WIDTH, Report
-from kitchen_suite.tasks import checks
 
 # Whose versions decide what an episode looks like.
 _PACKAGES = ("dm-control", "mujoco", "numpy", "gymnasium-robotics")

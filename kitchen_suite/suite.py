@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from dm_control import composer
 
+from kitchen_suite import checks
 from kitchen_suite.entities import CabinetDesign, build_cabinet_scene, build_kitchen
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask, checks
+from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask
 from kitchen_suite.tasks import open_cabinet as cabinet_task
 from kitchen_suite.tasks.kitchen import TIME_LIMIT
 

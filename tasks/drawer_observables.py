@@ -9,7 +9,7 @@ from dm_control import mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks import checks
+from kitchen_suite import checks
 from kitchen_suite.tasks import drawer_observation as observation
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
 

@@ -11,8 +11,8 @@ from dm_control.composer import variation
 from dm_control.composer.variation import distributions
 from numpy.typing import NDArray
 
+from kitchen_suite import checks
 from kitchen_suite.entities import CabinetScene
-from kitchen_suite.tasks import checks
 
 # A composer variation or a constant.
 Variation = Any

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.tasks import checks
+from kitchen_suite import checks
 
 # Distance below which a task counts as complete, over all joints of the task together [rad, m]; the reference's.
 THRESHOLD = 0.3

@@ -11,8 +11,9 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
+from kitchen_suite import checks
 from kitchen_suite.entities import Kitchen, KitchenArena
-from kitchen_suite.tasks import checks, noise
+from kitchen_suite.tasks import noise
 from kitchen_suite.tasks.goal_colours import GoalColours
 from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, Progress
 from kitchen_suite.tasks.joints import addresses

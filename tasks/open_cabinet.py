@@ -11,9 +11,9 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike
 
+from kitchen_suite import checks
 from kitchen_suite.entities import CabinetArena, CabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
-from kitchen_suite.tasks import checks
 from kitchen_suite.tasks.drawer_control import (
     GRIPPER_OPEN,
     JOINT_HIGH,
