@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite import random_state as random_states
+from kitchen_suite.tasks.suite_task import SuiteTask
 
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
 _PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -35,7 +36,7 @@ class Environment(composer.Environment):
 
     def __init__(
         self,
-        task: composer.Task,
+        task: SuiteTask,
         time_limit: float = math.inf,
         random_state: int | np.random.RandomState | None = None,
         *,

@@ -7,7 +7,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from dm_control import composer
 
 from kitchen_suite import checks
 from kitchen_suite.entities import CabinetDesign, build_cabinet_scene, build_kitchen
@@ -16,6 +15,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask
 from kitchen_suite.tasks import open_cabinet as cabinet_task
 from kitchen_suite.tasks.kitchen import TIME_LIMIT
+from kitchen_suite.tasks.suite_task import SuiteTask
 
 
 def kitchen(
@@ -85,7 +85,7 @@ def _limit(time_limit: float | None) -> float:
 
 
 def _environment(
-    task: composer.Task,
+    task: SuiteTask,
     limit: float,
     random: int | np.random.RandomState | None,
     environment_kwargs: Mapping[str, Any] | None,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from dm_control import composer, mjcf
+from dm_control import mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from kitchen_suite.tasks.goal_colours import GoalColours
 from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, Progress
 from kitchen_suite.tasks.joints import addresses
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
+from kitchen_suite.tasks.suite_task import SuiteTask
 from kitchen_suite.tasks.velocity_control import position_target
 
 PHYSICS_TIMESTEP = 0.002  # [s]
@@ -26,7 +27,7 @@ TIME_LIMIT = 22.4  # [s], 280 control steps
 FEEDBACKS = ("observed", "true", "target")
 
 
-class KitchenTask(composer.Task):
+class KitchenTask(SuiteTask):
     """Complete a set of tasks in the kitchen.
 
     Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
@@ -87,7 +88,6 @@ class KitchenTask(composer.Task):
         self._desired = self._goals.split(self._goals.desired)
         self._kitchen = kitchen
         self._noise = np.zeros(self._noise_scale.size)
-        self._visualize_reward = False
         self._observables = self._build_observables()
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -126,11 +126,6 @@ class KitchenTask(composer.Task):
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         # The robot's own are among them: composer adds the entities' later, and a key keeps its first place.
         return self._observables.copy()
-
-    @property
-    def random(self) -> np.random.RandomState:
-        """The random state that the environment last passed to the task."""
-        return self._random
 
     @property
     def goals(self) -> dict[str, NDArray[np.float64]]:
@@ -179,19 +174,10 @@ class KitchenTask(composer.Task):
         return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
 
     @property
-    def episode_results(self) -> dict[str, bool | dict[str, int]]:
+    def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
         """What came of the episode so far, for reports: a verdict, and control steps by what happened then."""
         steps = self.completion_steps
         return {"success": len(steps) == len(self._goals.tasks), "tasks_completed": steps}
-
-    @property
-    def visualize_reward(self) -> bool:
-        """Whether a thing turns green while its task is within the threshold."""
-        return self._visualize_reward
-
-    @visualize_reward.setter
-    def visualize_reward(self, value: bool) -> None:
-        self._visualize_reward = checks.flag(value, "visualize_reward")
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
@@ -245,15 +231,11 @@ class KitchenTask(composer.Task):
         del physics
         return float(self._progress.reward)
 
-    def get_discount(self, physics: mjcf.Physics) -> float:
-        return 0.0 if self.should_terminate_episode(physics) else 1.0
-
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
         return self._terminate_on_tasks_completed and bool(self._progress.completed.all())
 
     def get_state(self) -> dict[str, Any]:
-        """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
         return {
             "tasks": ", ".join(self._goals.tasks),
             "desired": self._goals.desired.copy(),
@@ -265,12 +247,6 @@ class KitchenTask(composer.Task):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Takes up what `get_state` gave.
-
-        Raises:
-          TypeError: something in it is of the wrong type.
-          ValueError: something in it has the wrong shape, is missing, or is not finite; nothing has changed then.
-        """
         state = checks.like(state, self.get_state(), "task state")
         if not np.array_equal(state["desired"], self._goals.desired):
             raise ValueError(f"the state is of other goals, {state['desired']}, than {self._goals.desired}")

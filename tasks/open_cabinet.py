@@ -6,7 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from dm_control import composer, mjcf
+from dm_control import mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike
@@ -26,6 +26,7 @@ from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer, 
 from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds, terminates
 from kitchen_suite.tasks.drawer_sensors import DrawerSensors
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
+from kitchen_suite.tasks.suite_task import SuiteTask
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -40,7 +41,7 @@ _ACTION_SIZE = JOINT_LOW.size
 _OPEN_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-class OpenCabinetTask(composer.Task):
+class OpenCabinetTask(SuiteTask):
     """Pull a drawer of the cabinet open.
 
     Start: the robot bent before the cabinet, each joint off by U(-0.125, 0.125) within its limits; everything closed.
@@ -85,7 +86,6 @@ class OpenCabinetTask(composer.Task):
         self._life_steps = 0
         self._previous_action = np.zeros(_ACTION_SIZE)
         self._terminates = self._succeeded = False
-        self._visualize_reward = False
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     @property
@@ -105,11 +105,6 @@ class OpenCabinetTask(composer.Task):
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return self._observation.by_name.copy()
-
-    @property
-    def random(self) -> np.random.RandomState:
-        """The random state that the environment last passed to the task."""
-        return self._random
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -136,22 +131,13 @@ class OpenCabinetTask(composer.Task):
         self._life_steps = checks.whole_number(value, "life_steps", least=0)
 
     @property
-    def episode_results(self) -> dict[str, bool | float]:
+    def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
         """What came of the episode so far, for reports: open now, open at any time, how far now [m]."""
         return {
             "success": self.is_success,
             "success_at_any_time": self._succeeded,
             "drawer_opening": self.drawer_opening,
         }
-
-    @property
-    def visualize_reward(self) -> bool:
-        """Whether the handle turns green while the drawer is open far enough."""
-        return self._visualize_reward
-
-    @visualize_reward.setter
-    def visualize_reward(self, value: bool) -> None:
-        self._visualize_reward = checks.flag(value, "visualize_reward")
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Seven joint offsets [rad] and the wish to close the gripper (log odds); unbounded, but finite."""
@@ -225,15 +211,11 @@ class OpenCabinetTask(composer.Task):
         del physics
         return sum(self._terms.values())
 
-    def get_discount(self, physics: mjcf.Physics) -> float:
-        return 0.0 if self.should_terminate_episode(physics) else 1.0
-
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
         return self._terminates
 
     def get_state(self) -> dict[str, Any]:
-        """What the task remembers from step to step beside the physics; nested dicts of fresh arrays."""
         return {
             "drawer": self._drawer,
             "life_steps": self._life_steps,
@@ -247,13 +229,6 @@ class OpenCabinetTask(composer.Task):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Takes up what `get_state` gave.
-
-        Raises:
-          TypeError: something in it is of the wrong type.
-          ValueError: something in it has the wrong shape, is missing, is out of range, or is not finite, or it
-            is the state of a task with another drawer; nothing has changed then.
-        """
         state = checks.like(state, self.get_state(), "task state")
         life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
         drawn = checked(state["randomization"])
