@@ -48,6 +48,13 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
     return model
 
 
+def new_model(name: str) -> mjcf.RootElement:
+    """An empty model with the compiler settings that all of the suite's files have, for entities built in Python."""
+    model = mjcf.RootElement(model=name, model_dir=str(asset_dir()))
+    model.compiler.set_attributes(angle="radian", inertiagrouprange=[3, 5])
+    return model
+
+
 def remove_visuals(model: mjcf.RootElement) -> None:
     """Removes geoms that neither collide nor weigh anything, and every mesh, material and texture left unused.
 

@@ -27,8 +27,7 @@ class Cabinet(composer.Entity):
           name: prefix of the cabinet's elements in a scene.
         """
         self._design = design or CabinetDesign()
-        self._mjcf_root = mjcf.RootElement(model=name, model_dir=str(assets.asset_dir()))
-        self._mjcf_root.compiler.set_attributes(angle="radian", inertiagrouprange=[3, 5])
+        self._mjcf_root = assets.new_model(name)
         self._add_defaults()
         self._add_materials()
         self._add_carcass()

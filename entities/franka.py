@@ -25,8 +25,7 @@ class Franka(composer.Entity):
           name: prefix of the robot's elements in a scene.
         """
         self._calibration = calibration
-        self._mjcf_root = mjcf.RootElement(model=name, model_dir=str(assets.asset_dir()))
-        self._mjcf_root.compiler.set_attributes(angle="radian", inertiagrouprange=[3, 5])
+        self._mjcf_root = assets.new_model(name)
         self._add_defaults()
         self._add_meshes()
         self._add_arm()

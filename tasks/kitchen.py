@@ -175,7 +175,6 @@ class KitchenTask(SuiteTask):
 
     @property
     def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
-        """What came of the episode so far, for reports: a verdict, and control steps by what happened then."""
         steps = self.completion_steps
         return {"success": len(steps) == len(self._goals.tasks), "tasks_completed": steps}
 
