@@ -12,7 +12,7 @@ from dm_control import composer
 from kitchen_suite import suite
 from kitchen_suite.entities import assets, build_kitchen
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.tasks import KitchenTask, kitchen, open_cabinet
+from kitchen_suite.tasks import KitchenTask, kitchen_rules, open_cabinet
 from kitchen_suite.tasks.drawer_control import JOINT_LOW
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.velocity_control import position_target
@@ -44,13 +44,15 @@ def bare_kitchen() -> Contender:
     """Bare physics steps of the original's model, controls computed as the task does."""
     model = mujoco.MjModel.from_xml_path(str(assets.asset_dir() / "kitchen_assets" / "kitchen_env_model.xml"))
     data = mujoco.MjData(model)
-    substeps = round(kitchen.CONTROL_TIMESTEP / kitchen.PHYSICS_TIMESTEP)
+    substeps = round(kitchen_rules.CONTROL_TIMESTEP / kitchen_rules.PHYSICS_TIMESTEP)
 
     def episode(actions: np.ndarray) -> None:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = INITIAL_QPOS
         for action in actions:
-            data.ctrl[:] = position_target(data.qpos[:9], action, velocity_scale=2.0, timestep=kitchen.CONTROL_TIMESTEP)
+            data.ctrl[:] = position_target(
+                data.qpos[:9], action, velocity_scale=2.0, timestep=kitchen_rules.CONTROL_TIMESTEP
+            )
             mujoco.mj_step(model, data, substeps)
 
     return episode

@@ -15,7 +15,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.goal_functions import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen_rules import CONTROL_TIMESTEP
 
 with contextlib.redirect_stderr(io.StringIO()):
     # It prints a notice about environments of its own.
@@ -89,7 +89,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
-        self._goals = self._task.goal_set
+        self._goals = self._task.rules.goals
         self.action_space = spaces.Box(-1.0, 1.0, (9,), np.float32)
         self.observation_space = spaces.Dict(
             observation=_unbounded((59,)), achieved_goal=self._goal_space(), desired_goal=self._goal_space()

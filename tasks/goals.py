@@ -6,7 +6,7 @@ The functions work on arrays of shape `(..., n)`: one environment has no leading
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,8 +88,7 @@ def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | 
     return np.sqrt(np.add.reduceat(np.square(achieved - desired), starts, axis=-1))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Progress:
+class Progress(NamedTuple):
     """How far the tasks of an episode are after some control step.
 
     Attributes:
@@ -123,14 +122,8 @@ class Progress:
         step = self.step + 1
         completions = within & self.remaining
         first = completions & (self.completion_steps < 0)
-        return dataclasses.replace(
-            self,
-            step=step,
-            within=within,
-            completions=completions,
-            remaining=self.remaining & ~completions if remove_task_when_completed else self.remaining,
-            completion_steps=np.where(first, step, self.completion_steps),
-        )
+        remaining = self.remaining & ~completions if remove_task_when_completed else self.remaining
+        return type(self)(step, within, completions, remaining, np.where(first, step, self.completion_steps))
 
     @property
     def reward(self) -> NDArray[np.float64]:
@@ -141,6 +134,11 @@ class Progress:
     def completed(self) -> NDArray[np.bool_]:
         """`(..., n)`, whether each task has been completed at some step."""
         return self.completion_steps > 0
+
+    @property
+    def all_completed(self) -> NDArray[np.bool_]:
+        """`(...)`, whether all tasks have been."""
+        return self.completed.all(axis=-1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -187,6 +185,15 @@ class GoalSet:
             starts=np.cumsum([0, *sizes[:-1]]),
             desired=np.concatenate(desired),
         )
+
+    def names(self, mask: NDArray[np.bool_]) -> list[str]:
+        """Tasks that a mask `(n,)` chooses, in configured order."""
+        return [task for task, chosen in zip(self.tasks, mask.tolist(), strict=True) if chosen]
+
+    def completion_steps(self, progress: Progress) -> dict[str, int]:
+        """Control step, from 1, at which each task of one episode was first completed, in order of completion."""
+        steps = zip(self.tasks, progress.completion_steps.tolist(), strict=True)
+        return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
 
     def split(self, flat: NDArray) -> dict[str, NDArray]:
         """Cuts goals laid end to end, `(..., k)`, into the tasks' own; the pieces are views."""

@@ -1,7 +1,6 @@
 """The kitchen's multitask goal: bring some of seven things to where they should be."""
 
 import collections
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,15 +15,20 @@ from kitchen_suite.entities import Kitchen, KitchenArena
 from kitchen_suite.tasks import noise
 from kitchen_suite.tasks.goal_colours import GoalColours
 from kitchen_suite.tasks.goals import GOALS, THRESHOLD, GoalSet, Progress
-from kitchen_suite.tasks.joints import addresses
+from kitchen_suite.tasks.kitchen_layout import KitchenLayout
+from kitchen_suite.tasks.kitchen_observables import KitchenObservables
+from kitchen_suite.tasks.kitchen_rules import (
+    CONTROL_TIMESTEP,
+    FEEDBACKS,
+    PHYSICS_TIMESTEP,
+    KitchenRules,
+    KitchenState,
+    as_dict,
+)
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.suite_task import SuiteTask
-from kitchen_suite.tasks.velocity_control import position_target
 
-PHYSICS_TIMESTEP = 0.002  # [s]
-CONTROL_TIMESTEP = 0.08  # [s]
 TIME_LIMIT = 22.4  # [s], 280 control steps
-FEEDBACKS = ("observed", "true", "target")
 
 
 class KitchenTask(SuiteTask):
@@ -38,8 +42,6 @@ class KitchenTask(SuiteTask):
     Observations: noisy joint positions and velocities of robot and things, 59 numbers; goals without noise.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
     """
-
-    _progress: Progress
 
     def __init__(
         self,
@@ -75,43 +77,22 @@ class KitchenTask(SuiteTask):
           ValueError: an unknown, repeated or missing name, a goal of the wrong length, or a number that is negative or
             not finite.
         """
-        self._goals = GoalSet.build(tasks_to_complete, goals)
-        self._terminate_on_tasks_completed = checks.flag(terminate_on_tasks_completed, "terminate_on_tasks_completed")
-        self._remove_task_when_completed = checks.flag(remove_task_when_completed, "remove_task_when_completed")
-        self._velocity_scale = checks.number(velocity_scale, "velocity_scale")
-        self._threshold = checks.number(threshold, "threshold")
-        self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
-        self._noise_scale = noise.scale(
-            robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
-            object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
+        ratios = {
+            "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
+            "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
+        }
+        self._rules = KitchenRules(
+            goals=GoalSet.build(tasks_to_complete, goals),
+            noise_scale=noise.scale(**ratios),
+            threshold=checks.number(threshold, "threshold"),
+            velocity_scale=checks.number(velocity_scale, "velocity_scale"),
+            feedback=checks.choice(feedback, FEEDBACKS, "feedback"),
+            terminate_on_tasks_completed=checks.flag(terminate_on_tasks_completed, "terminate_on_tasks_completed"),
+            remove_task_when_completed=checks.flag(remove_task_when_completed, "remove_task_when_completed"),
         )
-        self._desired = self._goals.split(self._goals.desired)
         self._kitchen = kitchen
-        self._noise = np.zeros(self._noise_scale.size)
-        self._observables = self._build_observables()
+        self._observables = KitchenObservables(kitchen, self._rules.goals)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
-
-    def _build_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        """All observables by public key: the 59 numbers in their order, then the goals."""
-        prefix = self._kitchen.robot.mjcf_model.full_identifier
-        robot = self._kitchen.robot.observables
-        state = {
-            f"{prefix}joint_positions": robot.joint_positions,
-            f"{prefix}joint_velocities": robot.joint_velocities,
-            "object_positions": observable.Generic(self._object_positions),
-            "object_velocities": observable.Generic(self._object_velocities),
-        }
-        for shown, part in zip(state.values(), noise.PARTS, strict=True):
-            shown.corruptor = noise.AddNoise(self._noise[part])
-        goals = {
-            **{f"achieved_goal/{task}": functools.partial(self._achieved_goal, task) for task in self._goals.tasks},
-            **{f"desired_goal/{task}": functools.partial(self._desired_goal, task) for task in self._goals.tasks},
-        }
-        observables = collections.OrderedDict(state)
-        observables.update((key, observable.Generic(function)) for key, function in goals.items())
-        for shown in observables.values():
-            shown.enabled = True
-        return observables
 
     @property
     def root_entity(self) -> KitchenArena:
@@ -124,43 +105,52 @@ class KitchenTask(SuiteTask):
 
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        # The robot's own are among them: composer adds the entities' later, and a key keeps its first place.
-        return self._observables.copy()
+        return self._observables.by_name.copy()
+
+    @property
+    def rules(self) -> KitchenRules:
+        """The task's settings, and the mathematics of an episode under them."""
+        return self._rules
+
+    @property
+    def layout(self) -> KitchenLayout:
+        """Where things stand in the arrays of the compiled model."""
+        return self._layout
+
+    @property
+    def state(self) -> KitchenState:
+        """What the episode remembers; arrays without leading axes, not to be written to."""
+        return self._state
 
     @property
     def goals(self) -> dict[str, NDArray[np.float64]]:
         """Goal of each task, in configured order."""
-        return self._goals.split(self._goals.desired.copy())
+        return self._rules.goals.split(self._rules.goals.desired.copy())
 
     @property
     def threshold(self) -> float:
         """Distance from the goal below which a task is complete [rad, m]."""
-        return self._threshold
-
-    @property
-    def goal_set(self) -> GoalSet:
-        """The configured tasks, with their goals laid end to end."""
-        return self._goals
+        return self._rules.threshold
 
     @property
     def progress(self) -> Progress:
         """How far the tasks are; arrays of shape `(n,)`, in configured order."""
-        return self._progress
+        return self._state.progress
 
     @property
     def task_distances(self) -> NDArray[np.float64]:
         """Distance of each task from its goal, in configured order [rad, m]."""
-        return self._distances.copy()
+        return self._state.distances.copy()
 
     @property
     def tasks_to_complete(self) -> list[str]:
         """Tasks still to be completed, in configured order."""
-        return self._names(self._progress.remaining)
+        return self._rules.goals.names(self.progress.remaining)
 
     @property
     def step_task_completions(self) -> list[str]:
         """Tasks that paid in the last step, in configured order."""
-        return self._names(self._progress.completions)
+        return self._rules.goals.names(self.progress.completions)
 
     @property
     def episode_task_completions(self) -> list[str]:
@@ -170,13 +160,12 @@ class KitchenTask(SuiteTask):
     @property
     def completion_steps(self) -> dict[str, int]:
         """Control step, from 1, at which each task was first completed, in order of completion."""
-        steps = zip(self._goals.tasks, self._progress.completion_steps.tolist(), strict=True)
-        return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
+        return self._rules.goals.completion_steps(self.progress)
 
     @property
     def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
         steps = self.completion_steps
-        return {"success": len(steps) == len(self._goals.tasks), "tasks_completed": steps}
+        return {"success": len(steps) == len(self._rules.goals.tasks), "tasks_completed": steps}
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
@@ -187,22 +176,18 @@ class KitchenTask(SuiteTask):
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
-        robot, objects = self._kitchen.robot.joints, self._kitchen.object_joints
-        self._robot_qpos, _ = addresses(physics, robot)
-        self._object_qpos, self._object_qvel = addresses(physics, objects)
-        self._ctrl = physics.bind(self._kitchen.robot.actuators).element_id
-        self._goal_qpos = self._object_qpos[self._goals.elements]
-        self._task_qpos = self._goals.split(self._goal_qpos)
-        self._colours = GoalColours(physics, self._goals.tasks, objects)
-        self._start(physics)
+        self._layout = KitchenLayout(self._kitchen, self._rules.goals, physics)
+        self._observables.bind(self._layout)
+        self._colours = GoalColours(physics, self._rules.goals.tasks, self._kitchen.object_joints)
+        self._show(self._rules.start(*self._positions(physics)))
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        physics.data.qpos[self._robot_qpos] = INITIAL_QPOS[: self._robot_qpos.size]
-        physics.data.qpos[self._object_qpos] = INITIAL_QPOS[self._robot_qpos.size :]
-        physics.data.qvel[:] = 0.0
-        physics.data.ctrl[:] = 0.0
-        self._observe(physics, random_state)
-        self._start(physics)
+        layout, data = self._layout, physics.data
+        data.qpos[layout.robot_qpos] = INITIAL_QPOS[: layout.robot_qpos.size]
+        data.qpos[layout.object_qpos] = INITIAL_QPOS[layout.robot_qpos.size :]
+        data.qvel[:] = 0.0
+        data.ctrl[:] = 0.0
+        self._show(self._rules.start(*self._positions(physics), self._draw(random_state)))
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the servos' targets for the whole control step.
@@ -211,92 +196,50 @@ class KitchenTask(SuiteTask):
           TypeError: the action does not hold real numbers.
           ValueError: the action has another shape than (9,), or holds NaN or inf.
         """
-        velocities = checks.vector(action, self._ctrl.size, "action")
+        velocities = checks.vector(action, self._layout.ctrl.size, "action")
         self._random = random_state
-        self._target = position_target(
-            self._feedback_positions, velocities, velocity_scale=self._velocity_scale, timestep=CONTROL_TIMESTEP
-        )
-        physics.data.ctrl[self._ctrl] = self._target
+        self._target = self._rules.command(self._state, velocities)
+        physics.data.ctrl[self._layout.ctrl] = self._target
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._observe(physics, random_state)
-        self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
-        self._progress = self._progress.advance(
-            self._distances < self._threshold, remove_task_when_completed=self._remove_task_when_completed
+        positions, achieved = self._positions(physics)
+        draw = self._draw(random_state)
+        self._show(
+            self._rules.advance(self._state, target=self._target, positions=positions, achieved=achieved, draw=draw)
         )
-        self._paint()
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
-        return float(self._progress.reward)
+        return float(self.progress.reward)
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
-        return self._terminate_on_tasks_completed and bool(self._progress.completed.all())
+        return bool(self._rules.terminates(self._state))
 
     def get_state(self) -> dict[str, Any]:
-        return {
-            "tasks": ", ".join(self._goals.tasks),
-            "desired": self._goals.desired.copy(),
-            "noise": self._noise.copy(),
-            "positions": self._positions.copy(),
-            "target": self._target.copy(),
-            "distances": self._distances.copy(),
-            "progress": {name: array.copy() for name, array in vars(self._progress).items()},
-        }
+        goals = self._rules.goals
+        return {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy(), **as_dict(self._state)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        state = checks.like(state, self.get_state(), "task state")
-        if not np.array_equal(state["desired"], self._goals.desired):
-            raise ValueError(f"the state is of other goals, {state['desired']}, than {self._goals.desired}")
-        self._noise[:] = state["noise"]
-        self._positions, self._target = state["positions"], state["target"]
-        self._distances, self._progress = state["distances"], Progress(**state["progress"])
-        self._paint()
+        state, goals = checks.like(state, self.get_state(), "task state"), self._rules.goals
+        if not np.array_equal(state["desired"], goals.desired):
+            raise ValueError(f"the state is of other goals, {state['desired']}, than {goals.desired}")
+        arrays = {name: state[name] for name in KitchenState._fields}
+        self._show(KitchenState(**{**arrays, "progress": Progress(**state["progress"])}))
 
-    def _start(self, physics: mjcf.Physics) -> None:
-        """Nothing has been completed or commanded yet."""
-        self._target = self._positions = self._true_positions(physics)
-        self._distances = self._goals.distances(physics.data.qpos[self._goal_qpos])
-        self._progress = Progress.start((len(self._goals.tasks),))
-        self._paint()
-
-    def _observe(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        """Draws the noise of this control step, and notes what the robot sees of itself."""
-        self._random = random_state
-        self._noise[:] = self._noise_scale * random_state.uniform(-1.0, 1.0, self._noise.size)
-        self._positions = self._true_positions(physics)
-
-    def _paint(self) -> None:
+    def _show(self, state: KitchenState) -> None:
+        """Takes up a state; things show it by their noise and colour."""
+        self._state = state
+        self._observables.noise[:] = state.noise
         if self._visualize_reward:
-            self._colours.paint(self._progress.within)
+            self._colours.paint(state.progress.within)
 
-    @property
-    def _feedback_positions(self) -> NDArray[np.float64]:
-        """What the velocities of the next action are integrated from."""
-        if self._feedback == "target":
-            return self._target
-        return self._positions + self._noise[noise.PARTS[0]] if self._feedback == "observed" else self._positions
+    def _draw(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
+        """Draws for the noise of one control step."""
+        self._random = random_state
+        return random_state.uniform(-1.0, 1.0, self._rules.noise_scale.size)
 
-    def _true_positions(self, physics: mjcf.Physics) -> NDArray[np.float64]:
-        return physics.data.qpos[self._robot_qpos]
-
-    def _object_positions(self, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Positions of the things' joints: `(21,)` float64 [rad, m]; qpos; noise by `object_noise_ratio`."""
-        return physics.data.qpos[self._object_qpos]
-
-    def _object_velocities(self, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Velocities of the things' joints: `(20,)` float64 [rad/s, m/s]; qvel; noise by `object_noise_ratio`."""
-        return physics.data.qvel[self._object_qvel]
-
-    def _achieved_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Present values of what a task's goal is about: `(m,)` float64 [rad, m, quaternion]; qpos; no noise."""
-        return physics.data.qpos[self._task_qpos[task]]
-
-    def _desired_goal(self, task: str, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Goal of a task: `(m,)` float64 [rad, m, quaternion]; configuration; no noise."""
-        del physics
-        return self._desired[task]
-
-    def _names(self, mask: NDArray[np.bool_]) -> list[str]:
-        return [task for task, chosen in zip(self._goals.tasks, mask, strict=True) if chosen]
+    def _positions(self, physics: mjcf.Physics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where the robot's joints are, and what the goals are about; copies."""
+        qpos = physics.data.qpos
+        return qpos[self._layout.robot_qpos], qpos[self._layout.goal_qpos]
