@@ -12,7 +12,7 @@ from dm_control import composer
 from kitchen_suite import suite
 from kitchen_suite.entities import assets, build_kitchen
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.tasks import KitchenTask, kitchen_rules, open_cabinet
+from kitchen_suite.tasks import KitchenTask, drawer_rules, kitchen_rules
 from kitchen_suite.tasks.drawer_control import JOINT_LOW
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
 from kitchen_suite.tasks.velocity_control import position_target
@@ -64,7 +64,7 @@ def bare_cabinet() -> Contender:
     environment.reset()
     model, data = environment.physics.model.ptr, mujoco.MjData(environment.physics.model.ptr)
     start = environment.physics.data.qpos.copy()
-    substeps = round(open_cabinet.CONTROL_TIMESTEP / open_cabinet.PHYSICS_TIMESTEP)
+    substeps = round(drawer_rules.CONTROL_TIMESTEP / drawer_rules.PHYSICS_TIMESTEP)
 
     def episode(actions: np.ndarray) -> None:
         mujoco.mj_resetData(model, data)

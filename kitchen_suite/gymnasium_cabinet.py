@@ -14,7 +14,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import Randomization, drawer_observation
 from kitchen_suite.tasks.drawer_control import JOINT_LOW
-from kitchen_suite.tasks.open_cabinet import CONTROL_TIMESTEP
+from kitchen_suite.tasks.drawer_rules import CONTROL_TIMESTEP
 
 
 class FrankaOpenCabinetEnv(SuiteEnv):

@@ -19,7 +19,7 @@ class DrawerObservables:
 
     Attributes:
       by_name: the observables by public key, in the order of the flat vector.
-      noise: `(25,)`, what is added to the flat vector before it is clipped.
+      noise_scale: `(25,)`, greatest noise of each number, in its unit.
     """
 
     def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
@@ -32,27 +32,21 @@ class DrawerObservables:
           TypeError: `noise_widths` is no mapping to numbers.
           ValueError: an unknown part, or a width that is negative or not finite.
         """
-        self._scale = _noise_scale(noise_widths)
-        self.noise = np.zeros(observation.SIZE)
+        self.noise_scale = _noise_scale(noise_widths)
         self._clean = self._noisy = np.zeros(observation.SIZE, np.float32)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
         for name, place in observation.SLICES.items():
             self.by_name[name] = observable.Generic(functools.partial(self._part, place))
             self.by_name[name].enabled = True
-            if self._scale[place].any():
+            if self.noise_scale[place].any():
                 self.by_name[name].corruptor = functools.partial(self._noisy_part, place)
 
-    def draw_noise(self, random_state: np.random.RandomState) -> None:
-        """Draws the noise of a control step, 25 numbers whatever is enabled; nothing where there is no noise."""
-        if self._scale.any():
-            self.noise[:] = self._scale * random_state.uniform(-1.0, 1.0, self.noise.size)
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Makes the observation, without and with the noise."""
+    def show(self, snapshot: Snapshot, noise: NDArray[np.float64]) -> None:
+        """Makes the observation, without and with the noise `(25,)`."""
         values = observation.observe(snapshot)
         self._clean = observation.shown(values)
         # Noise is added before clipping, so that what is shown keeps its range.
-        self._noisy = observation.shown(values + self.noise)
+        self._noisy = observation.shown(values + noise)
 
     def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         del physics

@@ -1,4 +1,6 @@
-"""Reads a `Snapshot` from the physics of a cabinet scene."""
+"""The sensors that a `Snapshot` of a cabinet scene is read from, in one go."""
+
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -6,53 +8,63 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import CabinetScene
-from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 
 class DrawerSensors:
-    """Where in MuJoCo's arrays the robot, the handle and the drawer stand; good for one compiled model."""
+    """Adds the sensors to a scene, and finds them again in what is compiled from it.
 
-    def __init__(self, scene: CabinetScene, drawer: str, physics: mjcf.Physics) -> None:
-        """Looks everything up.
+    Attributes:
+      columns: `(36,)`, where the numbers of a snapshot stand in `sensordata`.
+      joint_qpos: `(9,)`, where the robot's joints stand in qpos.
+      ctrl: `(9,)`, where its servos stand in ctrl.
+    """
+
+    def __init__(self, scene: CabinetScene, drawer: str) -> None:
+        """Adds the sensors, in the order of a snapshot's parts.
 
         Args:
-          scene: robot and cabinet.
+          scene: robot and cabinet; not yet compiled.
           drawer: `top` or `bottom`.
-          physics: the scene, compiled.
         """
-        robot, slide = physics.bind(scene.robot.joints), physics.bind(scene.cabinet.drawer_joint(drawer))
-        self.joint_qpos = np.array(robot.qposadr)
-        self._joint_qvel = np.array(robot.dofadr)
-        self._drawer_qpos, self._drawer_qvel = int(slide.qposadr), int(slide.dofadr)
-        self._tcp = physics.bind(scene.robot.end_effector).element_id
-        self._handle = physics.bind(scene.cabinet.handle_site(drawer)).element_id
+        self._robot, self._sensors = scene.robot, scene.arena.mjcf_model.sensor
+        slide, joints = scene.cabinet.drawer_joint(drawer), scene.robot.joints
         pads = [scene.robot.mjcf_model.find("geom", f"{side}_finger_pad") for side in ("left", "right")]
-        self._pads = [physics.bind(pad).element_id for pad in pads]
+        frames = (scene.robot.end_effector, scene.cabinet.handle_site(drawer))
+        # Each with those of its numbers that are read.
+        self._read = [
+            *((self._add("jointpos", joint=joint), slice(1)) for joint in joints),
+            *((self._add("jointvel", joint=joint), slice(1)) for joint in joints),
+            *((self._add(kind, **_place(site)), slice(4)) for site in frames for kind in ("framepos", "framequat")),
+            *((self._add("framepos", **_place(pad)), slice(2, 3)) for pad in pads),
+            (self._add("jointpos", joint=slide), slice(1)),
+            (self._add("jointvel", joint=slide), slice(1)),
+        ]
 
-    def read(self, physics: mjcf.Physics) -> Snapshot:
-        """The present state; the arrays are copies. Positions in space must be up to date (`mj_kinematics`)."""
-        data = physics.data
-        left, right = data.geom_xpos[self._pads, 2]
-        return Snapshot(
-            joint_positions=data.qpos[self.joint_qpos],
-            joint_velocities=data.qvel[self._joint_qvel],
-            tcp_position=data.site_xpos[self._tcp].copy(),
-            tcp_quaternion=_site_quaternion(physics, self._tcp),
-            handle_position=data.site_xpos[self._handle].copy(),
-            handle_quaternion=_site_quaternion(physics, self._handle),
-            left_pad_height=left,
-            right_pad_height=right,
-            drawer_position=data.qpos[self._drawer_qpos],
-            drawer_velocity=data.qvel[self._drawer_qvel],
-        )
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks everything up in the compiled scene."""
+        sensors = physics.bind([sensor for sensor, _ in self._read])
+        ends = sensors.adr + sensors.dim
+        numbers = [np.arange(start, end) for start, end in zip(sensors.adr, ends, strict=True)]
+        self.columns = np.concatenate([own[part] for own, (_, part) in zip(numbers, self._read, strict=True)])
+        self.joint_qpos = np.array(physics.bind(self._robot.joints).qposadr)
+        self.ctrl = np.array(physics.bind(self._robot.actuators).element_id)
+
+    def read(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Numbers `(36,)` of the present snapshot, a copy. The sensors must be up to date (see `refresh`)."""
+        return physics.data.sensordata[self.columns]
+
+    def _add(self, kind: str, **what: Any) -> mjcf.Element:
+        return self._sensors.add(kind, name=f"snapshot_{len(self._sensors.all_children())}", **what)
 
 
-def _site_quaternion(physics: mjcf.Physics, site: int) -> NDArray[np.float64]:
-    """Orientation of a site in the world, `(4,)`, w, x, y, z.
+def _place(element: mjcf.Element) -> dict[str, Any]:
+    """What a sensor of a site's or a geom's place in space needs."""
+    return {"objtype": element.tag, "objname": element}
 
-    Made from its body's quaternion: one made from its rotation matrix would change sign at rounding errors.
-    """
-    quaternion = np.empty(4)
-    model = physics.model
-    mujoco.mju_mulQuat(quaternion, physics.data.xquat[model.site_bodyid[site]], model.site_quat[site])
-    return quaternion
+
+def refresh(physics: mjcf.Physics) -> None:
+    """Brings positions in space and the sensors up to date with the joints."""
+    model, data = physics.model.ptr, physics.data.ptr
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_sensorPos(model, data)
+    mujoco.mj_sensorVel(model, data)

@@ -1,45 +1,104 @@
 """What there is to know about a gripper and a drawer at one moment; all that observation and reward are made of."""
 
-import dataclasses
 import functools
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+# Where each part stands among the numbers of a snapshot; a part with an index in place of a slice has no axis.
+PLACES: Mapping[str, slice | int] = MappingProxyType(
+    {
+        "joint_positions": slice(0, 9),
+        "joint_velocities": slice(9, 18),
+        "tcp_position": slice(18, 21),
+        "tcp_quaternion": slice(21, 25),
+        "handle_position": slice(25, 28),
+        "handle_quaternion": slice(28, 32),
+        "left_pad_height": 32,
+        "right_pad_height": 33,
+        "drawer_position": 34,
+        "drawer_velocity": 35,
+    }
+)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """Positions and velocities after a control step; arrays of shape `(..., n)`, positions in the world's frame.
+    """Positions and velocities after a control step, in the world's frame; the parts are views of one array.
 
     Attributes:
-      joint_positions: `(..., 9)`, the arm's seven joints [rad], left and right finger [m].
-      joint_velocities: `(..., 9)`, likewise [rad/s, m/s].
-      tcp_position: `(..., 3)`, the point between the finger tips [m].
-      tcp_quaternion: `(..., 4)`, w, x, y, z; z is the direction of approach, y points to the left finger.
-      handle_position: `(..., 3)`, middle of the drawer's bar [m].
-      handle_quaternion: `(..., 4)`, w, x, y, z; equal to the gripper's when it holds the bar from the front.
-      left_pad_height: `(...)`, z of the left finger's pad [m].
-      right_pad_height: `(...)`, z of the right finger's pad [m].
-      drawer_position: `(...)`, 0 when closed, positive when open [m].
-      drawer_velocity: `(...)`, positive when opening [m/s].
+      values: `(..., 36)`, all parts end to end.
     """
 
-    joint_positions: NDArray[np.float64]
-    joint_velocities: NDArray[np.float64]
-    tcp_position: NDArray[np.float64]
-    tcp_quaternion: NDArray[np.float64]
-    handle_position: NDArray[np.float64]
-    handle_quaternion: NDArray[np.float64]
-    left_pad_height: NDArray[np.float64]
-    right_pad_height: NDArray[np.float64]
-    drawer_position: NDArray[np.float64]
-    drawer_velocity: NDArray[np.float64]
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        """Gives names to the parts of `values`."""
+        self.values = values
+
+    @classmethod
+    def of(cls, **parts: ArrayLike) -> Self:
+        """Makes a snapshot of all its parts, by name."""
+        arrays = [np.asarray(parts[name], np.float64) for name in PLACES]
+        axes = [isinstance(place, slice) for place in PLACES.values()]
+        columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, axes, strict=True)]
+        return cls(np.concatenate(columns, axis=-1))
+
+    @property
+    def joint_positions(self) -> NDArray[np.float64]:
+        """`(..., 9)`: the arm's seven joints [rad], left and right finger [m]."""
+        return self.values[..., PLACES["joint_positions"]]
+
+    @property
+    def joint_velocities(self) -> NDArray[np.float64]:
+        """`(..., 9)`: likewise [rad/s, m/s]."""
+        return self.values[..., PLACES["joint_velocities"]]
+
+    @property
+    def tcp_position(self) -> NDArray[np.float64]:
+        """`(..., 3)`: the point between the finger tips [m]."""
+        return self.values[..., PLACES["tcp_position"]]
+
+    @property
+    def tcp_quaternion(self) -> NDArray[np.float64]:
+        """`(..., 4)`: w, x, y, z; z is the direction of approach, y points to the left finger."""
+        return self.values[..., PLACES["tcp_quaternion"]]
+
+    @property
+    def handle_position(self) -> NDArray[np.float64]:
+        """`(..., 3)`: middle of the drawer's bar [m]."""
+        return self.values[..., PLACES["handle_position"]]
+
+    @property
+    def handle_quaternion(self) -> NDArray[np.float64]:
+        """`(..., 4)`: w, x, y, z; equal to the gripper's when it holds the bar from the front."""
+        return self.values[..., PLACES["handle_quaternion"]]
+
+    @property
+    def left_pad_height(self) -> NDArray[np.float64]:
+        """`(...)`: z of the left finger's pad [m]."""
+        return self.values[..., PLACES["left_pad_height"]]
+
+    @property
+    def right_pad_height(self) -> NDArray[np.float64]:
+        """`(...)`: z of the right finger's pad [m]."""
+        return self.values[..., PLACES["right_pad_height"]]
+
+    @property
+    def drawer_position(self) -> NDArray[np.float64]:
+        """`(...)`: 0 when closed, positive when open [m]."""
+        return self.values[..., PLACES["drawer_position"]]
+
+    @property
+    def drawer_velocity(self) -> NDArray[np.float64]:
+        """`(...)`: positive when opening [m/s]."""
+        return self.values[..., PLACES["drawer_velocity"]]
 
     @functools.cached_property
     def handle_distance(self) -> NDArray[np.float64]:
-        """`(...)`, from the point between the finger tips to the handle [m]."""
+        """`(...)`: from the point between the finger tips to the handle [m]."""
         return np.sqrt(np.square(self.handle_position - self.tcp_position).sum(axis=-1))
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Copies of all attributes by name; `Snapshot(**arrays)` is the same snapshot."""
-        return {field.name: np.array(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        """Copies of all parts by name; `Snapshot.of(**arrays)` is the same snapshot."""
+        return {name: np.array(self.values[..., place]) for name, place in PLACES.items()}

@@ -1,7 +1,7 @@
 """The kitchen's rules: what an action commands, and what a control step adds to an episode.
 
-Nothing here knows of physics or of time gone by: a task holds the state of one episode, a vectorised environment that of
-many, in arrays with one more axis, and both ask the same rules.
+Nothing here knows of physics or of time gone by: a task holds the state of one episode, a vectorised environment that
+of many, in arrays with one more axis, and both ask the same rules.
 """
 
 import dataclasses
