@@ -14,7 +14,8 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import Randomization, drawer_observation
 from kitchen_suite.tasks.drawer_control import JOINT_LOW
-from kitchen_suite.tasks.drawer_rules import CONTROL_TIMESTEP
+from kitchen_suite.tasks.drawer_rules import CONTROL_TIMESTEP, DrawerState
+from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 
 class FrankaOpenCabinetEnv(SuiteEnv):
@@ -81,8 +82,11 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Makes one control step; see `SuiteEnv.step`."""
-        limit = self._action_limit
-        return super().step(checks.vector(action, JOINT_LOW.size, "action").clip(-limit, limit))
+        return super().step(self.limited(checks.vector(action, JOINT_LOW.size, "action")))
+
+    def limited(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Actions `(..., 8)` clipped to the `action_limit`, where there is one."""
+        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
 
     def info(self) -> dict[str, Any]:
         """Makes the info of the last step or reset; arrays of shape `()`, which recorders can stack.
@@ -90,12 +94,14 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         `reward/<term>`: each of the seven terms; `drawer_opening` [m]; `is_success`: open by 0.3 m or more now;
         `success_at_any_time`: in this episode; `episode_step`.
         """
-        results = self._task.episode_results
-        values = {
-            **{f"reward/{name}": term for name, term in self._task.reward_terms.items()},
-            "drawer_opening": results["drawer_opening"],
-            "is_success": results["success"],
-            "success_at_any_time": results["success_at_any_time"],
-            "episode_step": self._episode_step,
-        }
-        return {name: np.array(value) for name, value in values.items()}
+        return {**results_arrays(self._task.state), "episode_step": np.array(self._episode_step)}
+
+
+def results_arrays(state: DrawerState) -> dict[str, NDArray]:
+    """What infos say of the drawer and of the last step's reward, in fresh arrays `(...)`."""
+    return {
+        **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
+        "drawer_opening": np.array(Snapshot(state.snapshot).drawer_position),
+        "is_success": np.array(state.is_success),
+        "success_at_any_time": np.array(state.succeeded),
+    }

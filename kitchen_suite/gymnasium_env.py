@@ -11,12 +11,20 @@ from kitchen_suite.gymnasium_kitchen import FrankaKitchenEnv as FrankaKitchenEnv
 KITCHEN_ID = "KitchenSuite/FrankaKitchen-v1"
 CABINET_ID = "KitchenSuite/FrankaOpenCabinet-v1"
 
-# Entry point, and control steps after which `make` truncates.
+# Entry points of one and of many, and control steps after which `make` and `make_vec` truncate.
 _ENVIRONMENTS = {
-    KITCHEN_ID: ("kitchen_suite.gymnasium_kitchen:FrankaKitchenEnv", 280),
-    CABINET_ID: ("kitchen_suite.gymnasium_cabinet:FrankaOpenCabinetEnv", 700),
+    KITCHEN_ID: (
+        "kitchen_suite.gymnasium_kitchen:FrankaKitchenEnv",
+        "kitchen_suite.vector_kitchen:FrankaKitchenVectorEnv",
+        280,
+    ),
+    CABINET_ID: (
+        "kitchen_suite.gymnasium_cabinet:FrankaOpenCabinetEnv",
+        "kitchen_suite.vector_cabinet:FrankaOpenCabinetVectorEnv",
+        700,
+    ),
 }
 
-for _name, (_entry_point, _steps) in _ENVIRONMENTS.items():
+for _name, (_one, _many, _steps) in _ENVIRONMENTS.items():
     if _name not in gymnasium.registry:
-        gymnasium.register(_name, entry_point=_entry_point, max_episode_steps=_steps)
+        gymnasium.register(_name, entry_point=_one, vector_entry_point=_many, max_episode_steps=_steps)

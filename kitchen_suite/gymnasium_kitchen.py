@@ -15,7 +15,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.goal_functions import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen_rules import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen_rules import CONTROL_TIMESTEP, KitchenState
 
 with contextlib.redirect_stderr(io.StringIO()):
     # It prints a notice about environments of its own.
@@ -102,6 +102,15 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         # The original's.
         return {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
 
+    @property
+    def info_format(self) -> str:
+        """`lists` or `arrays`."""
+        return self._info_format
+
+    def shown_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
+        """Goals laid end to end, `(..., k)`, in the `goal_format`."""
+        return self._goals.split(flat) if self._goal_format == "dict" else flat
+
     def observe(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
         return {
             "observation": np.concatenate([observation[key] for key in _STATE_KEYS]),
@@ -117,7 +126,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         `(n,)` bool, `completion_steps` `(n,)` int64 (-1: not yet), `task_distances` `(n,)` float64; and `is_success`
         (all tasks completed) and `episode_step`, which `arrays` gives as arrays of shape `()`.
         """
-        task, progress = self._task, self._task.progress
+        task = self._task
         names = {
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
@@ -125,12 +134,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         return {
             **(names if self._info_format == "lists" else {}),
-            f"{TO_COMPLETE}_mask": progress.remaining.copy(),
-            f"{STEP_COMPLETIONS}_mask": progress.completions.copy(),
-            f"{EPISODE_COMPLETIONS}_mask": progress.completed,
-            "completion_steps": progress.completion_steps.copy(),
-            "task_distances": task.task_distances,
-            "is_success": self._number(bool(progress.completed.all())),
+            **progress_arrays(task.state),
+            "is_success": self._number(bool(task.progress.all_completed)),
             "episode_step": self._number(self._episode_step),
         }
 
@@ -186,6 +191,18 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         if self._goal_format == "flat":
             return _unbounded(self._goals.desired.shape)
         return spaces.Dict({task: _unbounded(goal.shape) for task, goal in self._task.goals.items()})
+
+
+def progress_arrays(state: KitchenState) -> dict[str, NDArray]:
+    """What infos say of the tasks, in fresh arrays `(..., n)` in configured order."""
+    progress = state.progress
+    return {
+        f"{TO_COMPLETE}_mask": progress.remaining.copy(),
+        f"{STEP_COMPLETIONS}_mask": progress.completions.copy(),
+        f"{EPISODE_COMPLETIONS}_mask": progress.completed,
+        "completion_steps": progress.completion_steps.copy(),
+        "task_distances": state.distances.copy(),
+    }
 
 
 def _unbounded(shape: tuple[int, ...]) -> spaces.Box:

@@ -18,6 +18,10 @@ from kitchen_suite.entities import CabinetScene
 Variation = Any
 
 
+# Fields of MuJoCo's model that a `Randomizer` changes.
+MODEL_FIELDS = ("body_pos", "body_quat", "dof_damping", "dof_frictionloss", "geom_friction")
+
+
 def checked(values: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
     """Values of a `Randomization`'s attributes, by their names, as arrays.
 

@@ -190,10 +190,10 @@ class GoalSet:
         """Tasks that a mask `(n,)` chooses, in configured order."""
         return [task for task, chosen in zip(self.tasks, mask.tolist(), strict=True) if chosen]
 
-    def completion_steps(self, progress: Progress) -> dict[str, int]:
-        """Control step, from 1, at which each task of one episode was first completed, in order of completion."""
-        steps = zip(self.tasks, progress.completion_steps.tolist(), strict=True)
-        return dict(sorted(((task, step) for task, step in steps if step > 0), key=lambda item: item[1]))
+    def by_completion(self, steps: NDArray[np.int64]) -> dict[str, int]:
+        """The `completion_steps` `(n,)` of one episode by task, in order of completion."""
+        done = ((task, step) for task, step in zip(self.tasks, steps.tolist(), strict=True) if step > 0)
+        return dict(sorted(done, key=lambda item: item[1]))
 
     def split(self, flat: NDArray) -> dict[str, NDArray]:
         """Cuts goals laid end to end, `(..., k)`, into the tasks' own; the pieces are views."""

@@ -160,7 +160,7 @@ class KitchenTask(SuiteTask):
     @property
     def completion_steps(self) -> dict[str, int]:
         """Control step, from 1, at which each task was first completed, in order of completion."""
-        return self._rules.goals.completion_steps(self.progress)
+        return self._rules.goals.by_completion(self.progress.completion_steps)
 
     @property
     def episode_results(self) -> dict[str, bool | float | dict[str, int]]:

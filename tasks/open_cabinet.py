@@ -109,6 +109,11 @@ class OpenCabinetTask(SuiteTask):
         return self._sensors
 
     @property
+    def is_randomized(self) -> bool:
+        """Whether a reset draws more than the robot's pose."""
+        return self._randomization is not None
+
+    @property
     def state(self) -> DrawerState:
         """What the episode remembers; arrays without leading axes, not to be written to."""
         return self._state

@@ -1,0 +1,72 @@
+"""Many cabinets at once, as one Gymnasium vector environment."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.gymnasium_cabinet import FrankaOpenCabinetEnv, results_arrays
+from kitchen_suite.tasks import drawer_observation, drawer_randomization
+from kitchen_suite.tasks.drawer_rules import DrawerState
+from kitchen_suite.tasks.drawer_snapshot import Snapshot
+from kitchen_suite.vector_base import SuiteVectorEnv
+
+
+class FrankaOpenCabinetVectorEnv(SuiteVectorEnv):
+    """Many `FrankaOpenCabinetEnv`s; takes its arguments beside those of `SuiteVectorEnv`.
+
+    Each environment counts the control steps of its own life, which decide on the weights of the penalties.
+    """
+
+    single = FrankaOpenCabinetEnv
+    # The sensors are to show the state after the step.
+    stage = mujoco.mjtStage.mjSTAGE_VEL
+    _starter: FrankaOpenCabinetEnv
+    _state: DrawerState
+
+    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
+        """Builds the environments; see `SuiteVectorEnv` and `FrankaOpenCabinetEnv` for the arguments and errors."""
+        super().__init__(num_envs, **settings)
+        task = self._starter.environment.task
+        self._rules, self._sensors = task.rules, task.sensors
+        self._qpos, self._ctrl, self._sensordata = (self._batch.bind(name) for name in ("qpos", "ctrl", "sensordata"))
+        self._life_steps = np.zeros(self.num_envs, np.int64)
+        self._closing = np.zeros(self.num_envs)
+        self._noise = np.zeros((self.num_envs, drawer_observation.SIZE))
+
+    @property
+    def life_steps(self) -> NDArray[np.int64]:
+        """Control steps `(n,)` that each environment has made; resets do not restart the count."""
+        return self._life_steps.copy()
+
+    def drawn_model_fields(self) -> Sequence[str]:
+        return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
+
+    def command(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+        for i in np.flatnonzero(stepping):
+            self._closing[i] = self._rules.draw_gripper(self._streams[i].state)
+        self._actions = self._starter.limited(actions)
+        self._target = self._rules.command(self._qpos[:, self._sensors.joint_qpos], self._actions, self._closing)
+        self._ctrl[:, self._sensors.ctrl] = self._target
+
+    def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        for i in np.flatnonzero(stepping):
+            self._noise[i] = self._rules.draw_noise(self._streams[i].state)
+        self._state = self._rules.advance(
+            self._state,
+            action=self._actions,
+            target=self._target,
+            life_steps=self._life_steps,
+            snapshot=self._sensordata[:, self._sensors.columns],
+            noise=self._noise.copy(),
+        )
+        self._life_steps += stepping
+        return self._state.reward, self._state.terminates
+
+    def observe(self) -> NDArray[np.float32]:
+        return drawer_observation.shown(drawer_observation.observe(Snapshot(self._state.snapshot)) + self._state.noise)
+
+    def info(self) -> dict[str, NDArray]:
+        return {**results_arrays(self._state), "episode_step": self._episode_steps.copy()}

@@ -1,0 +1,73 @@
+"""Refuses bad arguments of vectorised environments."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite import checks
+
+
+def actions(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Returns actions of all environments as a fresh float64 array, unrounded.
+
+    Raises:
+      TypeError: they do not hold real numbers.
+      ValueError: they have another shape than `shape`, or hold NaN or inf.
+    """
+    array = checks.array_of(value, "actions")
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"actions must hold numbers, got {value!r}")
+    if array.shape != shape:
+        raise ValueError(f"actions must have shape {shape}, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        rows = np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist()
+        raise ValueError(f"actions must be finite; those of environments {rows} are not")
+    return array.astype(np.float64)
+
+
+def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """Returns the seed of each of `count` environments.
+
+    Args:
+      value: seed of the first, the others count on; or one for each, `None` to go on with its stream.
+      count: how many environments there are.
+
+    Raises:
+      TypeError: a seed is no integer.
+      ValueError: one is negative, or there is not one for each.
+    """
+    if value is None:
+        return [None] * count
+    if isinstance(value, list | tuple | np.ndarray):
+        each = list(value)
+    else:
+        first = checks.whole_number(value, "seed", least=0)
+        each = list(range(first, first + count))
+    if len(each) != count:
+        raise ValueError(f"seed must hold one seed for each of {count} environments, got {len(each)}")
+    return [None if one is None else checks.whole_number(one, "seed", least=0) for one in each]
+
+
+def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool_]:
+    """Returns which of `count` environments the options of a reset choose: all without any.
+
+    Raises:
+      TypeError: the options are no dict, or the mask is no array of bools.
+      ValueError: an option is unknown; the mask has the wrong shape or chooses nothing.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(f"options must be a dict, got {options!r}")
+    for name in options or {}:
+        checks.choice(name, ("reset_mask",), "option")
+    if not options:
+        return np.full(count, True)
+    mask = options["reset_mask"]
+    if not isinstance(mask, np.ndarray) or mask.dtype != bool:
+        raise TypeError(f"reset_mask must be an array of bools, got {mask!r}")
+    if mask.shape != (count,):
+        raise ValueError(f"reset_mask must have shape ({count},), got shape {mask.shape}")
+    if not mask.any():
+        raise ValueError("reset_mask must choose at least one environment")
+    return mask

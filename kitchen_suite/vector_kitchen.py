@@ -1,0 +1,82 @@
+"""Many kitchens at once, as one Gymnasium vector environment."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.goal_functions import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_kitchen import FrankaKitchenEnv, progress_arrays
+from kitchen_suite.tasks.kitchen_rules import KitchenState
+from kitchen_suite.vector_base import SuiteVectorEnv
+
+
+class FrankaKitchenVectorEnv(SuiteVectorEnv):
+    """Many `FrankaKitchenEnv`s; takes its arguments beside those of `SuiteVectorEnv`."""
+
+    single = FrankaKitchenEnv
+    _starter: FrankaKitchenEnv
+    _state: KitchenState
+
+    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
+        """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for the arguments and errors."""
+        super().__init__(num_envs, **settings)
+        task = self._starter.environment.task
+        self._rules, self._layout = task.rules, task.layout
+        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._draws = np.zeros((self.num_envs, self._rules.noise_scale.size))
+
+    def command(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+        del stepping
+        self._target = self._rules.command(self._state, actions)
+        self._ctrl[:, self._layout.ctrl] = self._target
+
+    def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        for i in np.flatnonzero(stepping):
+            self._draws[i] = self._streams[i].state.uniform(-1.0, 1.0, self._draws.shape[1])
+        self._state = self._rules.advance(
+            self._state,
+            target=self._target,
+            positions=self._qpos[:, self._layout.robot_qpos],
+            achieved=self._qpos[:, self._layout.goal_qpos],
+            draw=self._draws,
+        )
+        return self._state.progress.reward, self._rules.terminates(self._state)
+
+    def observe(self) -> dict[str, Any]:
+        goals = self._rules.goals
+        return {
+            "observation": self._layout.observed(self._qpos, self._qvel) + self._state.noise,
+            "achieved_goal": self._starter.shown_goal(self._qpos[:, self._layout.goal_qpos]),
+            "desired_goal": self._starter.shown_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
+        }
+
+    def info(self) -> dict[str, NDArray]:
+        return {
+            **(self._names() if self._starter.info_format == "lists" else {}),
+            **progress_arrays(self._state),
+            "is_success": self._state.progress.all_completed,
+            "episode_step": self._episode_steps.copy(),
+        }
+
+    def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
+        """See `FrankaKitchenEnv.compute_reward`, as for the other two."""
+        return self._starter.compute_reward(achieved_goal, desired_goal, info)
+
+    def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+        """Whether steps terminate."""
+        return self._starter.compute_terminated(achieved_goal, desired_goal, info)
+
+    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+        """Whether steps truncate; False where only the vectorised environment counts them."""
+        return self._starter.compute_truncated(achieved_goal, desired_goal, info)
+
+    def _names(self) -> dict[str, NDArray[np.object_]]:
+        """The lists of names that the infos of the single environment have."""
+        goals, progress = self._rules.goals, self._state.progress
+        lists = {
+            TO_COMPLETE: [goals.names(row) for row in progress.remaining],
+            STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
+            EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
+        }
+        return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}
