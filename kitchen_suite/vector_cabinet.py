@@ -52,7 +52,7 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv):
         self._ctrl[:, self._sensors.ctrl] = self._target
 
     def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        for i in np.flatnonzero(stepping):
+        for i in np.flatnonzero(stepping & self._rules.is_noisy):
             self._noise[i] = self._rules.draw_noise(self._streams[i].state)
         self._state = self._rules.advance(
             self._state,

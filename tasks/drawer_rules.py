@@ -5,6 +5,7 @@ of many, in arrays with one more axis, and both ask the same rules.
 """
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -63,15 +64,18 @@ class DrawerRules:
     samples_gripper: bool
     noise_scale: NDArray[np.float64]
 
+    @functools.cached_property
+    def is_noisy(self) -> bool:
+        """Whether there is any noise; where there is none, none is drawn."""
+        return bool(self.noise_scale.any())
+
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
-        """Draws the noise `(25,)` of a control step; draws nothing where there is none."""
-        if not self.noise_scale.any():
-            return np.zeros(SIZE)
-        return self.noise_scale * random_state.uniform(-1.0, 1.0, SIZE)
+        """Draws the noise `(25,)` of a control step."""
+        return self.noise_scale * random_state.uniform(-1.0, 1.0, SIZE) if self.is_noisy else np.zeros(SIZE)
 
     def draw_gripper(self, random_state: np.random.RandomState) -> float:
-        """Draws what decides on closing; where nothing is to be drawn, the median."""
-        return random_state.uniform() if self.samples_gripper else 0.5
+        """Draws from U(0, 1) what decides on closing; where nothing is to be drawn, the median."""
+        return random_state.random_sample() if self.samples_gripper else 0.5
 
     def start(self, snapshot: NDArray[np.float64], noise: NDArray[np.float64]) -> DrawerState:
         """The state before the first step; arguments as attributes of `DrawerState`."""
