@@ -11,6 +11,7 @@ from dm_control.composer.observation import observable
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.calibration import Calibration, Finger, Inertia, Link, Servo
 from kitchen_suite.entities.calibration_kitchen import KITCHEN
+from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
 
 
 class Franka(composer.Entity):
@@ -153,14 +154,14 @@ class FrankaObservables(composer.Observables):
     """What the robot senses of itself; disabled by default."""
 
     @composer.observable
-    def joint_positions(self) -> observable.MJCFFeature:
+    def joint_positions(self) -> JointPositions:
         """Positions of the joints: `(9,)` float64, 7 hinges [rad] and 2 fingers [m]; qpos; noise by task."""
-        return observable.MJCFFeature("qpos", self._entity.joints)
+        return JointPositions(lambda: self._entity.joints)
 
     @composer.observable
-    def joint_velocities(self) -> observable.MJCFFeature:
+    def joint_velocities(self) -> JointVelocities:
         """Velocities of the joints: `(9,)` float64, 7 hinges [rad/s] and 2 fingers [m/s]; qvel; noise by task."""
-        return observable.MJCFFeature("qvel", self._entity.joints)
+        return JointVelocities(lambda: self._entity.joints)
 
     @composer.observable
     def end_effector_position(self) -> observable.MJCFFeature:

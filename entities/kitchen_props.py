@@ -6,9 +6,9 @@ Sizes, masses and joint parameters are those of the FrankaKitchen-v1 model in gy
 from collections.abc import Sequence
 
 from dm_control import composer, mjcf
-from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
+from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
 
 
 class KitchenProp(composer.Entity):
@@ -44,14 +44,14 @@ class KitchenPropObservables(composer.Observables):
     """What a prop shows of itself; disabled by default."""
 
     @composer.observable
-    def joint_positions(self) -> observable.Generic:
+    def joint_positions(self) -> JointPositions:
         """Positions of the prop's joints: `(n,)` float64 [rad] or [m]; qpos; no noise."""
-        return observable.Generic(lambda physics: physics.bind(self._entity.joints).qpos)
+        return JointPositions(lambda: self._entity.joints)
 
     @composer.observable
-    def joint_velocities(self) -> observable.Generic:
+    def joint_velocities(self) -> JointVelocities:
         """Velocities of the prop's joints: `(n,)` float64 [rad/s] or [m/s]; qvel; no noise."""
-        return observable.Generic(lambda physics: physics.bind(self._entity.joints).qvel)
+        return JointVelocities(lambda: self._entity.joints)
 
 
 class Counter(KitchenProp):

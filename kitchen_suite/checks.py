@@ -100,7 +100,7 @@ def vector(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
     if array.shape != (size,):
         raise ValueError(f"{what} must have shape ({size},), got shape {array.shape}")
     array = array.astype(np.float64, copy=False)
-    if not np.isfinite(array).all():
+    if not np.logical_and.reduce(np.isfinite(array)):
         raise ValueError(f"{what} must be finite, got {array}")
     return array
 

@@ -10,13 +10,13 @@ import dm_env
 import mujoco
 import numpy as np
 from dm_control import composer
-from dm_control.composer import observation
 from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite import random_state as random_states
+from kitchen_suite.lean_updater import LeanUpdater, is_plain
 from kitchen_suite.tasks.suite_task import SuiteTask
 
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
@@ -179,18 +179,16 @@ class Environment(composer.Environment):
             or getattr(self._hooks, f"_{name}").extra_hooks
             for name in _SUBSTEP_HOOKS
         )
-        return not hooked and all(
-            shown.update_interval == observation.updater.DEFAULT_UPDATE_INTERVAL
-            and not shown.delay
-            and shown.buffer_size in (None, observation.updater.DEFAULT_BUFFER_SIZE)
-            for shown in self._task.observables.values()
-            if shown.enabled
-        )
+        return not hooked and all(is_plain(shown) for shown in self._task.observables.values() if shown.enabled)
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:
             super()._substep(action)
             return
         self._physics.step(self._steps_per_call)
-        # The updates that composer would have made between the steps: none of them would have been read.
-        self._observation_updater._step_counter += self._steps_per_call - 1  # noqa: SLF001
+        self._observation_updater.skip(self._steps_per_call - 1)
+
+    def _make_observation_updater(self) -> LeanUpdater:
+        padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE
+        steps = self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
+        return LeanUpdater(self._task.observables, steps, self._strip_singleton_obs_buffer_dim, padding)

@@ -33,6 +33,7 @@ class DrawerObservables:
           ValueError: an unknown part, or a width that is negative or not finite.
         """
         self.noise_scale = _noise_scale(noise_widths)
+        self._is_noisy = bool(self.noise_scale.any())
         self._clean = self._noisy = np.zeros(observation.SIZE, np.float32)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
         for name, place in observation.SLICES.items():
@@ -46,7 +47,7 @@ class DrawerObservables:
         values = observation.observe(snapshot)
         self._clean = observation.shown(values)
         # Noise is added before clipping, so that what is shown keeps its range.
-        self._noisy = observation.shown(values + noise)
+        self._noisy = observation.shown(values + noise) if self._is_noisy else self._clean
 
     def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         del physics

@@ -39,7 +39,7 @@ def approach(snapshot: Snapshot) -> NDArray[np.float64]:
 def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
     # The scalar part of handle * conjugate(gripper) is their inner product.
-    scalar = (snapshot.handle_quaternion * snapshot.tcp_quaternion).sum(axis=-1)
+    scalar = np.add.reduce(snapshot.handle_quaternion * snapshot.tcp_quaternion, axis=-1)
     alignment = np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
     return np.where(_held_open(snapshot), 1.0, alignment)
 
@@ -78,7 +78,9 @@ def effort(
     of_action, of_velocity = penalty_coefficients(life_steps)
     velocity = snapshot.joint_velocities[..., :8]
     change = np.minimum(np.maximum(action_change, -_CHANGE_LIMIT), _CHANGE_LIMIT)
-    return -of_action * np.square(change).sum(axis=-1) - of_velocity * np.square(velocity).sum(axis=-1)
+    return -of_action * np.add.reduce(np.square(change), axis=-1) - of_velocity * np.add.reduce(
+        np.square(velocity), axis=-1
+    )
 
 
 def termination(snapshot: Snapshot) -> NDArray[np.float64]:
@@ -119,7 +121,7 @@ def reward_terms(
 def terminates(snapshot: Snapshot) -> NDArray[np.bool_]:
     """Whether `(...)` the gripper reaches through the handle, or any of the nine joints moves too fast."""
     behind = snapshot.tcp_position[..., 0] - snapshot.handle_position[..., 0] < -_REACH_LIMIT
-    return behind | (np.abs(snapshot.joint_velocities) > _SPEED_LIMIT).any(axis=-1)
+    return behind | (np.maximum.reduce(np.abs(snapshot.joint_velocities), axis=-1) > _SPEED_LIMIT)
 
 
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:

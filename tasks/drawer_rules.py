@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.drawer_control import JOINT_LOW, arm_target, gripper_target
 from kitchen_suite.tasks.drawer_observation import SIZE
-from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds, terminates
+from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 PHYSICS_TIMESTEP = 0.005  # [s]
@@ -130,4 +130,5 @@ class DrawerRules:
             change = action - state.previous_action
         terms = reward_terms(after, gripper=target[..., 7], action_change=change, life_steps=life_steps)
         succeeded = state.succeeded | succeeds(after.drawer_position)
-        return DrawerState(snapshot, noise, action, terms, terminates(after), succeeded)
+        # The term is negative where the step terminates.
+        return DrawerState(snapshot, noise, action, terms, terms["termination"] < 0.0, succeeded)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite.tasks import joints as joint_tables
+from kitchen_suite.entities import joints as joint_tables
 from kitchen_suite.tasks.goals import GOALS
 
 _WITHIN_RGBA = (0.25, 0.75, 0.3, 1.0)

@@ -128,7 +128,7 @@ class Progress(NamedTuple):
     @property
     def reward(self) -> NDArray[np.float64]:
         """`(...)`, reward of the last step."""
-        return self.completions.sum(axis=-1).astype(np.float64)
+        return np.add.reduce(self.completions, axis=-1, dtype=np.float64)
 
     @property
     def completed(self) -> NDArray[np.bool_]:
@@ -138,7 +138,7 @@ class Progress(NamedTuple):
     @property
     def all_completed(self) -> NDArray[np.bool_]:
         """`(...)`, whether all tasks have been."""
-        return self.completed.all(axis=-1)
+        return np.logical_and.reduce(self.completed, axis=-1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

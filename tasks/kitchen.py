@@ -177,7 +177,6 @@ class KitchenTask(SuiteTask):
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         self._layout = KitchenLayout(self._kitchen, self._rules.goals, physics)
-        self._observables.bind(self._layout)
         self._colours = GoalColours(physics, self._rules.goals.tasks, self._kitchen.object_joints)
         self._show(self._rules.start(*self._positions(physics)))
 
@@ -214,7 +213,7 @@ class KitchenTask(SuiteTask):
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
-        return bool(self._rules.terminates(self._state))
+        return self._terminates
 
     def get_state(self) -> dict[str, Any]:
         goals = self._rules.goals
@@ -230,6 +229,7 @@ class KitchenTask(SuiteTask):
     def _show(self, state: KitchenState) -> None:
         """Takes up a state; things show it by their noise and colour."""
         self._state = state
+        self._terminates = bool(self._rules.terminates(state))
         self._observables.noise[:] = state.noise
         if self._visualize_reward:
             self._colours.paint(state.progress.within)

@@ -5,8 +5,8 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Kitchen
+from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.joints import addresses
 
 
 class KitchenLayout:
