@@ -5,7 +5,9 @@ python docs/build.py pictures   renders the scene from every camera into docs/pi
 """
 
 import dataclasses
+import functools
 import inspect
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite import suite
+from kitchen_suite import benchmark_report, suite
 from kitchen_suite.entities import CabinetDesign
 from kitchen_suite.tasks import GOALS, Randomization, drawer_observation, drawer_reward, noise
 from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
@@ -140,6 +142,18 @@ TABLES: dict[str, Callable[[], str]] = {
     "cabinet_reward": cabinet_reward_table,
     "cabinet_design": cabinet_design_table,
     "cabinet_randomization": cabinet_randomization_table,
+}
+
+
+def benchmark_table(name: str) -> str:
+    """What `kitchen-benchmark --json` gave, as kept in docs/benchmarks/."""
+    return benchmark_report.markdown(json.loads((DOCS / "benchmarks" / f"{name}.json").read_text(encoding="utf-8")))
+
+
+TABLES |= {
+    f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
+    for domain in ("kitchen", "open_cabinet")
+    for measure in benchmark_report.TABLES
 }
 
 

@@ -1,15 +1,10 @@
 """The original: FrankaKitchen-v1 of the installed gymnasium-robotics, its model and its code."""
 
-import contextlib
-import warnings
-from collections.abc import Iterator
-from typing import Any
-from unittest import mock
-
 import mujoco
 import numpy as np
 
-from kitchen_suite.entities import assets
+from kitchen_suite.benchmark_peers import original_environment as original_environment
+from kitchen_suite.benchmark_peers import original_model as reference_model  # noqa: F401
 
 # What the reference calls the bodies that move, by what we call them.
 BODIES = {
@@ -36,30 +31,6 @@ def reference_joint(name: str) -> str:
     """What the reference calls one of our joints."""
     entity, _, joint = name.partition("/")
     return {"franka": f"robot:{joint}", "kettle": "kettle"}.get(entity, joint)
-
-
-def reference_model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_path(str(assets.asset_dir() / "kitchen_assets" / "kitchen_env_model.xml"))
-
-
-@contextlib.contextmanager
-def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
-    """The original environment, with the one helper replaced that fails since MuJoCo 3.12."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from gymnasium_robotics.envs.franka_kitchen import franka_env, kitchen_env
-
-    def robot_get_obs(model: Any, data: Any, names: Any) -> tuple[np.ndarray, np.ndarray]:
-        del model, names
-        return data.qpos[:9].copy(), data.qvel[:9].copy()
-
-    with (
-        mock.patch.object(franka_env, "robot_get_obs", robot_get_obs),
-        mock.patch.object(kitchen_env, "BONUS_THRESH", threshold),
-    ):
-        environment = kitchen_env.KitchenEnv(**kwargs)
-        yield environment
-        environment.close()
 
 
 def colliding_geoms(model: mujoco.MjModel) -> list[int]:
