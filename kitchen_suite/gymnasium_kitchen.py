@@ -47,6 +47,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         goals: Mapping[str, ArrayLike] | None = None,
         threshold: float = 0.3,
         feedback: str = "observed",
+        sleep: bool = False,
         goal_format: str = "dict",
         info_format: str = "lists",
         **settings: Any,
@@ -63,6 +64,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           goals: goals that replace the usual ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
           feedback: what velocities are integrated from: `observed`, `true` or `target`.
+          sleep: whether things at rest may fall asleep; faster, and nearly but not exactly the original.
           goal_format: `dict` gives goals by task; `flat` lays them end to end in configured order.
           info_format: `lists` gives the original's lists of names and masks beside them; `arrays` gives arrays of fixed
             shape alone, which recorders can stack.
@@ -86,6 +88,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "goals": goals,
             "threshold": threshold,
             "feedback": feedback,
+            "sleep": sleep,
         }
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task

@@ -24,6 +24,7 @@ def kitchen(
     time_limit: float | None = TIME_LIMIT,
     random: int | np.random.RandomState | None = None,
     visuals: bool = True,
+    sleep: bool = False,
     environment_kwargs: Mapping[str, Any] | None = None,
     **task_options: Any,
 ) -> Environment:
@@ -34,6 +35,7 @@ def kitchen(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or state to draw from.
       visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
+      sleep: whether things at rest may fall asleep; faster, trajectories are nearly the same (see `build_kitchen`).
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `KitchenTask`.
 
@@ -42,7 +44,7 @@ def kitchen(
       ValueError: see `KitchenTask`; or the time limit is not positive and finite.
     """
     limit = _limit(time_limit)
-    scene = build_kitchen(visuals=checks.flag(visuals, "visuals"))
+    scene = build_kitchen(visuals=checks.flag(visuals, "visuals"), sleep=checks.flag(sleep, "sleep"))
     task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
     return _environment(task, limit, random, environment_kwargs)
 
