@@ -1,6 +1,5 @@
 """What `kitchen-benchmark` compares, domain by domain."""
 
-import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
@@ -132,9 +131,14 @@ def gymnasium_contender(environment: Any, environments: int = 0, threads: int = 
 
 def original_contender() -> Contender:
     """Steps Gymnasium-Robotics' own environment."""
-    # What is replaced stays replaced as long as the process lives.
-    environment = contextlib.ExitStack().enter_context(peers.original_environment(terminate_on_tasks_completed=False))
-    return gymnasium_contender(environment)
+    with peers.helper_replaced() as kitchen_env:
+        steps = gymnasium_contender(kitchen_env.KitchenEnv(terminate_on_tasks_completed=False))
+
+    def episode(actions: NDArray[np.float64]) -> None:
+        with peers.helper_replaced():
+            steps.episode(actions)
+
+    return Contender(episode=episode)
 
 
 def vectorised_kitchen(environments: int, threads: int, **settings: Any) -> FrankaKitchenVectorEnv:

@@ -20,12 +20,11 @@ def original_model() -> mujoco.MjModel:
 
 
 @contextlib.contextmanager
-def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
-    """FrankaKitchen-v1, with the one helper replaced that fails since MuJoCo 3.12.
+def helper_replaced(threshold: float = 0.3) -> Iterator[Any]:
+    """Gives the module of FrankaKitchen-v1; inside, the one helper is replaced that fails since MuJoCo 3.12.
 
     Args:
       threshold: distance from its goal below which a task is complete [rad, m].
-      **kwargs: of its class.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -41,6 +40,13 @@ def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]
         mock.patch.object(franka_env, "robot_get_obs", robot_get_obs),
         mock.patch.object(kitchen_env, "BONUS_THRESH", threshold),
     ):
+        yield kitchen_env
+
+
+@contextlib.contextmanager
+def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
+    """FrankaKitchen-v1; arguments as `helper_replaced`, and those of its class."""
+    with helper_replaced(threshold) as kitchen_env:
         environment = kitchen_env.KitchenEnv(**kwargs)
         yield environment
         environment.close()
