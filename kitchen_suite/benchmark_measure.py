@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite.benchmark_domains import Contender, Domain
+from kitchen_suite.benchmark_contender import Contender, Domain
 
 Rates = dict[str, list[float]]
 

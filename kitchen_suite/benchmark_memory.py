@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite.benchmark_domains import DOMAINS, THREADS
+from kitchen_suite.benchmark_contender import THREADS
+from kitchen_suite.benchmark_domains import DOMAINS
 from kitchen_suite.benchmark_measure import throughput
 
 _MEBIBYTE = 2**20

@@ -8,7 +8,8 @@ import sys
 import pytest
 
 from kitchen_suite import benchmark, benchmark_measure, benchmark_report
-from kitchen_suite.benchmark_domains import BARE, DOMAINS, Contender
+from kitchen_suite.benchmark_contender import BARE, Contender
+from kitchen_suite.benchmark_domains import DOMAINS
 
 SMALL = ["--rounds=1", "--steps=2", "--environments=2"]
 
