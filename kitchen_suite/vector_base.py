@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import mujoco
@@ -113,7 +113,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def info(self) -> dict[str, NDArray]:
         """The infos of all environments, in fresh arrays with a leading axis."""
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The environments' random generators."""
         return tuple(stream.generator for stream in self._streams)
@@ -165,7 +165,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           TypeError: the actions do not hold real numbers.
           ValueError: they have the wrong shape, or hold NaN or inf; nothing has changed then.
         """
-        actions = vector_checks.actions(actions, self.action_space.shape)
+        actions = vector_checks.actions(actions, self.action_space)
         if self._needs_reset:
             raise gymnasium.error.ResetNeeded(
                 "call reset() first: there is no episode, or its last step was interrupted"
@@ -233,7 +233,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         environment, chosen = self._starter.environment, np.flatnonzero(mask)
         self._batch.reset(chosen, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        for i in chosen:
+        for i in chosen.tolist():
             environment.random_state = self._streams[i].state
             environment.reset()
             mujoco.mj_getState(model, data, self._batch.state[i], _PHYSICS_STATE)
@@ -257,7 +257,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
             getattr(model, name)[:] = own[i]
         mujoco.mj_setState(model, data, self._batch.state[i], _PHYSICS_STATE)
         mujoco.mj_forward(model, data)
-        return self._starter.render()
+        return cast(NDArray, self._starter.render())
 
 
 class _Stream:

@@ -3,24 +3,25 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 
 
-def actions(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
     """Returns actions of all environments as a fresh float64 array, unrounded.
 
     Raises:
       TypeError: they do not hold real numbers.
-      ValueError: they have another shape than `shape`, or hold NaN or inf.
+      ValueError: they have another shape than those of `space`, or hold NaN or inf.
     """
     array = checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"actions must hold numbers, got {value!r}")
-    if array.shape != shape:
-        raise ValueError(f"actions must have shape {shape}, got shape {array.shape}")
+    if array.shape != space.shape:
+        raise ValueError(f"actions must have shape {space.shape}, got shape {array.shape}")
     if not np.isfinite(array).all():
         rows = np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist()
         raise ValueError(f"actions must be finite; those of environments {rows} are not")

@@ -44,7 +44,7 @@ class DrawerState(NamedTuple):
     @property
     def reward(self) -> NDArray[np.float64]:
         """`(...)`, reward of the last step."""
-        return sum(self.terms.values(), np.float64(0.0))
+        return functools.reduce(np.add, self.terms.values())
 
     @property
     def is_success(self) -> NDArray[np.bool_]:
