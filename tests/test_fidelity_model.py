@@ -64,6 +64,8 @@ def test_sizes_are_equal(ours, reference):
     for size in ("nq", "nv", "nu", "njnt", "neq", "ntree", "na", "nmocap", "ntendon"):
         assert getattr(ours, size) == getattr(reference, size), size
     assert (ours.nq, ours.nv, ours.nu) == (30, 29, 9)
+    # The solver stops by it.
+    assert ours.stat.meaninertia == reference.stat.meaninertia
 
 
 def test_options_are_equal(ours, reference):
