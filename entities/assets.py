@@ -37,13 +37,15 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
 
     Args:
       name: file name without its ending.
-      visuals: `False` drops what only the eye needs (see `remove_visuals`).
+      visuals: `False` drops what only the eye needs (see `remove_visuals`), `True` sets it apart from what collides.
 
     Raises:
       FileNotFoundError: the file, or the package that holds the meshes and textures, is missing.
     """
     model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
-    if not visuals:
+    if visuals:
+        set_visuals_apart(model)
+    else:
         remove_visuals(model)
     return model
 
@@ -70,6 +72,22 @@ def remove_visuals(model: mjcf.RootElement) -> None:
             mesh.remove()
     for asset in (*model.asset.material, *model.asset.texture):
         asset.remove()
+
+
+def set_visuals_apart(model: mjcf.RootElement) -> None:
+    """Moves the visual geoms of each body that collides to a weightless body of their own inside it.
+
+    In search of contacts MuJoCo goes through all geoms of a body that collides; bodies in which nothing does it leaves
+    alone. The physics is the same to the bit.
+    """
+    for body in model.find_all("body", exclude_attachments=True):
+        visual = [geom for geom in body.geom if is_visual(geom)]
+        if 0 < len(visual) < len(body.geom):
+            apart = body.add("body", name=f"{body.name}_visuals")
+            for geom in visual:
+                attributes = geom.get_attributes()
+                geom.remove()
+                apart.add("geom", **attributes)
 
 
 def is_visual(geom: mjcf.Element) -> bool:

@@ -37,6 +37,23 @@ def colliding_geoms(model: mujoco.MjModel) -> list[int]:
     return [i for i in range(model.ngeom) if model.geom_contype[i] or model.geom_conaffinity[i]]
 
 
+def same_geoms(ours: mujoco.MjModel, reference: mujoco.MjModel) -> dict[int, int]:
+    """The reference's colliding geom for each of ours: the one at the very same place, to the last bit.
+
+    Raises:
+      KeyError: the reference has no geom there.
+    """
+    numbers = {place: number for number, place in _places(reference).items()}
+    return {number: numbers[place] for number, place in _places(ours).items()}
+
+
+def _places(model: mujoco.MjModel) -> dict[int, tuple[float, ...]]:
+    """Position and orientation in the world of all colliding geoms, joints at zero."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return {i: (*data.geom_xpos[i], *data.geom_xmat[i]) for i in colliding_geoms(model)}
+
+
 def random_actions(rng: np.random.Generator, steps: int) -> np.ndarray:
     """Actions of a random walk that gets about and touches things: some held for a while, some drawn anew each step."""
     held = np.repeat(rng.uniform(-1.0, 1.0, (-(-steps // 14), 9)), 14, axis=0)[:steps]

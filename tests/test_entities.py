@@ -76,7 +76,9 @@ def test_a_finger_closes_in_less_than_two_seconds():
 def test_without_visuals_only_what_collides_is_left():
     kitchen = entities.build_kitchen(visuals=False)
     model = mjcf.Physics.from_mjcf_model(kitchen.arena.mjcf_model).model
-    assert (model.ngeom, model.nmat, model.ntex) == (124, 0, 0)
+    rest = {model.geom(i).name for i in range(model.ngeom) if not model.geom_contype[i] | model.geom_conaffinity[i]}
+    assert rest == {"far_above", "far_right"}
+    assert (model.ngeom - len(rest), model.nmat, model.ntex) == (124, 0, 0)
 
 
 def test_the_kitchen_lists_its_things_in_the_order_of_the_observation():

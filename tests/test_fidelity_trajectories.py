@@ -114,6 +114,41 @@ def test_one_step_from_a_thousand_states_is_equal():
     assert touching > 100
 
 
+@pytest.mark.parametrize("visuals", [True, False])
+def test_rollouts_from_flung_states_are_equal(visuals):
+    """All joints start anywhere, at great speed, and the kettle flies at the robot."""
+    rng = np.random.default_rng(0)
+    reference = reference_model()
+    ours = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=visuals).arena.mjcf_model).model.ptr
+    touching = 0
+    for _ in range(20):
+        here, there = mujoco.MjData(ours), mujoco.MjData(reference)
+        here.qpos[:], here.qvel[:] = there.qpos[:], there.qvel[:] = flung_state(rng, reference)
+        for target in rng.uniform(*reference.actuator_ctrlrange.T, (60, reference.nu)):
+            here.ctrl[:] = there.ctrl[:] = target
+            mujoco.mj_step(ours, here, 20)
+            mujoco.mj_step(reference, there, 20)
+            np.testing.assert_array_equal(here.qpos, there.qpos)
+            np.testing.assert_array_equal(here.qvel, there.qvel)
+            touching += robot_touches(reference, there)
+    assert touching > 30
+
+
+def flung_state(rng, model):
+    data = mujoco.MjData(model)
+    low, high = model.jnt_range[:-1].T
+    data.qpos[:23] = rng.uniform(low, high)
+    mujoco.mj_kinematics(model, data)
+    target = data.xpos[rng.integers(model.body("panda0_link3").id, model.body("panda0_rightfinger").id)]
+    away = rng.normal(size=3)
+    data.qpos[23:26] = target + 0.6 * away / np.linalg.norm(away)
+    data.qpos[26:] = rng.normal(size=4)
+    qvel = rng.normal(scale=3.0, size=model.nv)
+    # [m/s]
+    qvel[23:26] = 5.0 * (target - data.qpos[23:26])
+    return data.qpos.copy(), qvel
+
+
 def visited_states(model, seed, count):
     """States along a rollout that moves the robot about, with the kettle thrown at it."""
     rng = np.random.default_rng(seed)
