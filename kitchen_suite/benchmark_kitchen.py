@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from dm_control import composer
+from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import benchmark_peers as peers
@@ -32,9 +32,8 @@ from kitchen_suite.vector_kitchen import FrankaKitchenVectorEnv
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"
 
 
-def bare_kitchen() -> Contender:
-    """Bare physics steps of the original's model, controls computed as the task does."""
-    model = peers.original_model()
+def bare_kitchen(model: mujoco.MjModel) -> Contender:
+    """Bare physics steps of a model, controls computed as the task does."""
     data = mujoco.MjData(model)
     timestep = kitchen_rules.CONTROL_TIMESTEP
     substeps = round(timestep / kitchen_rules.PHYSICS_TIMESTEP)
@@ -79,12 +78,14 @@ def builders() -> dict[str, Builder]:
 def contenders(environments: int) -> dict[str, Contender]:
     """Bare MuJoCo on the original's model, the suite in all its forms, and its peers."""
     quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None}
+    own_model = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=False).arena.mjcf_model).model.ptr
     task = KitchenTask(build_kitchen(), terminate_on_tasks_completed=False)
     stock = composer.Environment(
         task, random_state=0, strip_singleton_obs_buffer_dim=True, recompile_mjcf_every_episode=False
     )
     measured: dict[str, Contender] = {
-        BARE: bare_kitchen(),
+        BARE: bare_kitchen(peers.original_model()),
+        "bare mj_step, the suite's model": bare_kitchen(own_model),
         SUITE: dm_env_contender(suite.load("kitchen", "all", {**quiet, "visuals": False})),
         ADAPTER: gymnasium_contender(FrankaKitchenEnv(terminate_on_tasks_completed=False)),
         "suite.load, with visuals": dm_env_contender(suite.load("kitchen", "all", quiet)),
