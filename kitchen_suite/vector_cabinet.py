@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,8 @@ from kitchen_suite.tasks.drawer_snapshot import Snapshot
 from kitchen_suite.vector_base import SuiteVectorEnv
 
 
-class FrankaOpenCabinetVectorEnv(SuiteVectorEnv):
+# VectorEnv once more: some libraries tell by the direct bases what they have to do with.
+class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     """Many `FrankaOpenCabinetEnv`s; takes its arguments beside those of `SuiteVectorEnv`.
 
     Each environment counts the control steps of its own life, which decide on the weights of the penalties.

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +12,8 @@ from kitchen_suite.tasks.kitchen_rules import KitchenState
 from kitchen_suite.vector_base import SuiteVectorEnv
 
 
-class FrankaKitchenVectorEnv(SuiteVectorEnv):
+# VectorEnv once more: some libraries tell by the direct bases what they have to do with.
+class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     """Many `FrankaKitchenEnv`s; takes its arguments beside those of `SuiteVectorEnv`."""
 
     single = FrankaKitchenEnv

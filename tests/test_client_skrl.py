@@ -22,8 +22,8 @@ def one_thread():
     torch.set_num_threads(before)
 
 
-def vector(count):
-    return gymnasium.make_vec(KITCHEN, num_envs=count, vectorization_mode="sync", goal_format="flat", **EASY)
+def vector(count, mode="vector_entry_point"):
+    return gymnasium.make_vec(KITCHEN, num_envs=count, vectorization_mode=mode, goal_format="flat", **EASY)
 
 
 def laid_out(observation):
@@ -51,7 +51,7 @@ def test_tensors_are_what_gymnasium_gives(count):
     from skrl.envs.wrappers.torch import wrap_env
 
     seed, steps = 11, 10
-    plain = gymnasium.make(KITCHEN, goal_format="flat", **EASY) if count == 1 else vector(count)
+    plain = gymnasium.make(KITCHEN, goal_format="flat", **EASY) if count == 1 else vector(count, "sync")
     wrapped = wrap_env(gymnasium.make(KITCHEN, goal_format="flat", **EASY) if count == 1 else vector(count))
     wrapped._seed = seed
     expected, got = plain.reset(seed=seed)[0], wrapped.reset()[0]
