@@ -39,8 +39,9 @@ def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
     give zero.
     """
     handle = snapshot.handle_quaternion * _sign(snapshot.handle_quaternion[..., :1])
-    alignment = (handle * snapshot.tcp_quaternion).sum(axis=-1, keepdims=True)
-    return (handle - snapshot.tcp_quaternion * _sign(alignment))[..., _XYZW]
+    tcp = snapshot.tcp_quaternion
+    alignment = np.add.reduce(handle * tcp, axis=-1, keepdims=True)
+    return np.take(handle - tcp * _sign(alignment), _XYZW, axis=-1)
 
 
 def drawer_position(snapshot: Snapshot) -> NDArray[np.float64]:
@@ -54,7 +55,7 @@ def drawer_velocity(snapshot: Snapshot) -> NDArray[np.float64]:
 
 
 def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(value < 0.0, -1.0, 1.0)
+    return np.copysign(1.0, value)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

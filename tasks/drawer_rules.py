@@ -6,6 +6,7 @@ of many, in arrays with one more axis, and both ask the same rules.
 
 import dataclasses
 import functools
+import operator
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ class DrawerState(NamedTuple):
     @property
     def reward(self) -> NDArray[np.float64]:
         """`(...)`, reward of the last step."""
-        return functools.reduce(np.add, self.terms.values())
+        return functools.reduce(operator.add, self.terms.values())
 
     @property
     def is_success(self) -> NDArray[np.bool_]:
