@@ -60,6 +60,7 @@ def _speed() -> dict[str, Any]:
     return {
         "results": benchmark_measure.summarize(rates, contenders),
         "comparisons": benchmark_measure.compare(rates, domain.comparisons(environments)),
+        "overhead": benchmark_measure.overhead(*domain.own()),
     }
 
 

@@ -23,6 +23,7 @@ from kitchen_suite.benchmark_contender import (
     vectorised_contenders,
 )
 from kitchen_suite.entities import CabinetScene, build_cabinet_scene
+from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_cabinet import FrankaOpenCabinetEnv
 from kitchen_suite.tasks import drawer_rules, open_cabinet
 from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
@@ -82,13 +83,20 @@ def vectorised_cabinet(environments: int, threads: int) -> FrankaOpenCabinetVect
 BUILDERS: Mapping[str, Builder] = MappingProxyType({"vectorised": vectorised_cabinet})
 
 
+def own() -> tuple[Environment, FrankaOpenCabinetEnv]:
+    """The suite's own environment and adapter, without visuals."""
+    quiet = {"random": 0, "time_limit": None, "visuals": False}
+    return suite.load("open_cabinet", "top_drawer", quiet), FrankaOpenCabinetEnv()
+
+
 def contenders(environments: int) -> dict[str, Contender]:
     """Bare MuJoCo on the suite's own model, and the suite."""
+    environment, adapter = own()
     quiet = {"random": 0, "time_limit": None}
     measured = {
         BARE: bare_cabinet(),
-        SUITE: dm_env_contender(suite.load("open_cabinet", "top_drawer", {**quiet, "visuals": False})),
-        ADAPTER: gymnasium_contender(FrankaOpenCabinetEnv()),
+        SUITE: dm_env_contender(environment),
+        ADAPTER: gymnasium_contender(adapter),
         "suite.load, with visuals": dm_env_contender(suite.load("open_cabinet", "top_drawer", quiet)),
         "a task without observations or rewards": dm_env_contender(
             composer.Environment(EmptyTask(build_cabinet_scene(visuals=False)), recompile_mjcf_every_episode=False)
@@ -109,5 +117,6 @@ CABINET = Domain(
     draw=lambda rng, shape: rng.normal(0.0, 0.01, (*shape, drawer_rules.ACTION_SIZE)),
     contenders=contenders,
     comparisons=comparisons,
+    own=own,
     builders=BUILDERS,
 )

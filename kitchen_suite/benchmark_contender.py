@@ -9,6 +9,9 @@ import numpy as np
 from dm_control import composer
 from numpy.typing import NDArray
 
+from kitchen_suite.environment import Environment
+from kitchen_suite.gymnasium_base import SuiteEnv
+
 BARE = "bare mj_step"
 SUITE = "suite.load, without visuals"
 ADAPTER = "Gymnasium adapter, without visuals"
@@ -44,6 +47,7 @@ class Domain:
       contenders: makes all that is compared, by name, the vectorised ones with a number of environments; the first is
         what the others are measured against.
       comparisons: further ratios, by name: which contender's rate over which one's.
+      own: builds the suite's environment, without a time limit, and an adapter over another one.
       builders: build vectorised environments of so many environments and threads, by name; the suite's own first.
     """
 
@@ -51,6 +55,7 @@ class Domain:
     draw: Callable[[np.random.Generator, tuple[int, ...]], NDArray[np.float64]]
     contenders: Callable[[int], dict[str, Contender]]
     comparisons: Callable[[int], dict[str, tuple[str, str]]]
+    own: Callable[[], tuple[Environment, SuiteEnv]]
     builders: Mapping[str, Builder]
 
 

@@ -23,6 +23,7 @@ from kitchen_suite.benchmark_contender import (
     vectorised_contenders,
 )
 from kitchen_suite.entities import build_kitchen
+from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks import KitchenTask, kitchen_rules
 from kitchen_suite.tasks.kitchen_start import INITIAL_QPOS
@@ -75,9 +76,16 @@ def builders() -> dict[str, Builder]:
     return known | ({"EnvPool": peers.envpool_kitchen} if peers.has_envpool() else {})
 
 
+def own() -> tuple[Environment, FrankaKitchenEnv]:
+    """The suite's own environment and adapter, without visuals; their episodes do not terminate."""
+    quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, "visuals": False}
+    return suite.load("kitchen", "all", quiet), FrankaKitchenEnv(terminate_on_tasks_completed=False)
+
+
 def contenders(environments: int) -> dict[str, Contender]:
     """Bare MuJoCo on the original's model, the suite in all its forms, and its peers."""
     quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None}
+    environment, adapter = own()
     own_model = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=False).arena.mjcf_model).model.ptr
     task = KitchenTask(build_kitchen(), terminate_on_tasks_completed=False)
     stock = composer.Environment(
@@ -86,8 +94,8 @@ def contenders(environments: int) -> dict[str, Contender]:
     measured: dict[str, Contender] = {
         BARE: bare_kitchen(peers.original_model()),
         "bare mj_step, the suite's model": bare_kitchen(own_model),
-        SUITE: dm_env_contender(suite.load("kitchen", "all", {**quiet, "visuals": False})),
-        ADAPTER: gymnasium_contender(FrankaKitchenEnv(terminate_on_tasks_completed=False)),
+        SUITE: dm_env_contender(environment),
+        ADAPTER: gymnasium_contender(adapter),
         "suite.load, with visuals": dm_env_contender(suite.load("kitchen", "all", quiet)),
         "Gymnasium adapter, with visuals": gymnasium_contender(
             FrankaKitchenEnv(terminate_on_tasks_completed=False, visuals=True)
@@ -123,5 +131,6 @@ KITCHEN = Domain(
     draw=lambda rng, shape: rng.uniform(-1.0, 1.0, (*shape, 9)),
     contenders=contenders,
     comparisons=comparisons,
+    own=own,
     builders=builders(),
 )

@@ -3,13 +3,17 @@
 import itertools
 import statistics
 import time
+import timeit
 from collections.abc import Mapping, Sequence
+from unittest import mock
 
 import gymnasium
 import numpy as np
+from dm_control import mjcf
 from tqdm import tqdm
 
 from kitchen_suite.benchmark_contender import Contender, Domain
+from kitchen_suite.environment import Environment
 
 Rates = dict[str, list[float]]
 
@@ -62,6 +66,34 @@ def summarize(rates: Rates, contenders: Mapping[str, Contender]) -> dict[str, di
 def compare(rates: Rates, comparisons: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, float]]:
     """The domain's further ratios."""
     return {name: spread(ratios(rates, above, below)) for name, (above, below) in comparisons.items()}
+
+
+def overhead(environment: Environment, adapter: gymnasium.Env, *, steps: int = 2_000) -> dict[str, float]:
+    """What a control step costs above physics, which is left out here: least of some runs [us].
+
+    Args:
+      environment: the suite's, without a time limit.
+      adapter: over another one of its kind.
+      steps: control steps of a run.
+    """
+    for reset in (environment.reset, adapter.reset):
+        reset()
+    action = np.zeros(environment.action_spec().shape)
+    task, physics, random_state = environment.task, environment.physics, environment.random_state
+
+    def hooks() -> None:
+        task.before_step(physics, action, random_state)
+        task.after_step(physics, random_state)
+        task.get_reward(physics)
+        task.should_terminate_episode(physics)
+
+    measured = {
+        "the task's hooks": hooks,
+        "suite.load": lambda: environment.step(action),
+        "Gymnasium adapter": lambda: adapter.step(action),
+    }
+    with mock.patch.object(mjcf.Physics, "step"):
+        return {name: 1e6 * min(timeit.repeat(step, number=steps, repeat=9)) / steps for name, step in measured.items()}
 
 
 def throughput(domain: Domain, environment: gymnasium.vector.VectorEnv, *, control_steps: int) -> float:

@@ -22,15 +22,17 @@ def versions() -> dict[str, str]:
 
 
 def speed_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Ratios of the contenders, then the further ones."""
+    """Ratios of the contenders, the further ones, and what stands above physics."""
     rows = [
         (name, *_spread(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}")
         for name, row in results["results"].items()
     ]
+    above = [(name, f"{cost:.1f}") for name, cost in results["overhead"].items()]
     compared = [(name, *_spread(row)) for name, row in results["comparisons"].items()]
     return [
         [("ratio to bare mj_step", "median", "least", "greatest", "a thread", "steps/s"), *rows],
         [("further ratios", "median", "least", "greatest"), *compared],
+        [("above physics, without visuals", "us a control step"), *above],
     ]
 
 

@@ -24,6 +24,9 @@ def test_it_prints_a_row_for_every_contender_and_comparison(domain, capsys):
         assert 0 < least == ratio == greatest
         assert a_thread == pytest.approx(ratio / (2 if "2 threads" in name else 1), abs=0.006)
         assert rate > 1
+    for name in ("the task's hooks", "suite.load", "Gymnasium adapter"):
+        (row,) = [line for line in lines if line.removeprefix(name).strip().replace(".", "").isdigit()]
+        assert float(row.removeprefix(name)) > 0
     for name in DOMAINS[domain].comparisons(2):
         (row,) = [line for line in lines if line.startswith(f"{name} ")]
         assert all(float(number) > 0 for number in row.removeprefix(name).split())
