@@ -25,19 +25,30 @@ class JointPositions(observable.Observable):
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
         self._joints = joints
         self._elements = elements if isinstance(elements, slice) else np.array(elements)
+        # Where the numbers stand, and in which compiled model.
+        self._model, self._places = None, np.empty(0, np.int64)
 
     def _callable(self, physics: mjcf.Physics) -> Callable[[], NDArray[np.float64]]:
-        in_qpos, _ = addresses(physics, self._joints())
-        return self._reader(physics.data.qpos, in_qpos)
+        if self._model is not physics.model.ptr:
+            self._model = physics.model.ptr
+            self._places = self._found(*addresses(physics, self._joints()))[self._elements]
+        places, state = self._places, self._state(physics)
+        return lambda: state[places]
 
-    def _reader(self, state: NDArray[np.float64], places: NDArray[np.int64]) -> Callable[[], NDArray[np.float64]]:
-        chosen = places[self._elements]
-        return lambda: state[chosen]
+    def _found(self, in_qpos: NDArray[np.int64], in_qvel: NDArray[np.int64]) -> NDArray[np.int64]:
+        del in_qvel
+        return in_qpos
+
+    def _state(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        return physics.data.qpos
 
 
 class JointVelocities(JointPositions):
     """Numbers of qvel of some joints, joint by joint, or some of these numbers; copies."""
 
-    def _callable(self, physics: mjcf.Physics) -> Callable[[], NDArray[np.float64]]:
-        _, in_qvel = addresses(physics, self._joints())
-        return self._reader(physics.data.qvel, in_qvel)
+    def _found(self, in_qpos: NDArray[np.int64], in_qvel: NDArray[np.int64]) -> NDArray[np.int64]:
+        del in_qpos
+        return in_qvel
+
+    def _state(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        return physics.data.qvel

@@ -20,7 +20,8 @@ from kitchen_suite.lean_updater import LeanUpdater, is_plain
 from kitchen_suite.tasks.suite_task import SuiteTask
 
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
-_PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+# All that the future of the physics depends on, the solver's warm start included.
+PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Environment(composer.Environment):
@@ -119,8 +120,8 @@ class Environment(composer.Environment):
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on: physics with the solver's warm start, task, random state, step count."""
         model, data = self._physics.model.ptr, self._physics.data.ptr
-        physics = np.empty(mujoco.mj_stateSize(model, _PHYSICS_STATE))
-        mujoco.mj_getState(model, data, physics, _PHYSICS_STATE)
+        physics = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
+        mujoco.mj_getState(model, data, physics, PHYSICS_STATE)
         return {
             "physics": physics,
             "task": self._task.get_state(),
@@ -151,7 +152,7 @@ class Environment(composer.Environment):
         # The task comes first: it may change the model that the physics is then brought up to date with.
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
-        mujoco.mj_setState(model, data, state["physics"], _PHYSICS_STATE)
+        mujoco.mj_setState(model, data, state["physics"], PHYSICS_STATE)
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)

@@ -1,22 +1,23 @@
 """What the suite's vectorised environments share: many episodes in one call of MuJoCo's batched stepping."""
 
 import abc
-from collections.abc import Iterable, Mapping, Sequence
+import contextlib
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space, iterate
+from gymnasium.vector.utils import batch_space
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, vector_checks
+from kitchen_suite.environment import PHYSICS_STATE
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import rows
-
-_PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
@@ -51,7 +52,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           num_threads: threads that step them, the caller's among them; as many as there are processors when omitted.
           autoreset_mode: when an episode that has ended makes room for the next: in the `NextStep`, in the `SameStep`,
             or, `Disabled`, when `reset` is called with a `reset_mask`.
-          max_episode_steps: control steps after which an episode truncates; never when omitted.
+          max_episode_steps: control steps after which an episode truncates; never when omitted or -1.
           **settings: of the single environment.
 
         Raises:
@@ -59,17 +60,17 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           ValueError: an unknown name, or a number out of range.
         """
         self.num_envs = checks.whole_number(num_envs, "num_envs", least=1)
-        threads = 0 if num_threads is None else checks.whole_number(num_threads, "num_threads", least=1)
+        threads = _processors() if num_threads is None else checks.whole_number(num_threads, "num_threads", least=1)
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
         if settings.get("render_mode") == "human":
             raise ValueError("render_mode 'human' shows one environment; give 'rgb_array' or 'depth_array'")
-        if max_episode_steps is not None:
-            checks.whole_number(max_episode_steps, "max_episode_steps", least=1)
-        self._step_limit = np.inf if max_episode_steps is None else max_episode_steps
+        # Gymnasium's `make` takes -1 as no limit.
+        limit = None if max_episode_steps == -1 else max_episode_steps
 
-        self._starter = self.single(**settings)
+        self._starter = self.single(max_episode_steps=limit, **settings)
+        self._step_limit = np.inf if limit is None else limit
         self.render_mode = self._starter.render_mode
         self.metadata = {**self._starter.metadata, "autoreset_mode": self._autoreset}
         self.single_action_space = self._starter.action_space
@@ -88,17 +89,18 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._episode_steps = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
+        self._process = os.getpid()
 
     def drawn_model_fields(self) -> Sequence[str]:
         """Fields of the model that a reset may change."""
         return ()
 
     @abc.abstractmethod
-    def command(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         """Writes the simulations' controls for actions `(n, ...)`; draws only for environments that are `stepping`."""
 
     @abc.abstractmethod
-    def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Brings the episodes' states up to date after a step; draws only where `stepping`.
 
         Returns:
@@ -136,17 +138,20 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
           ValueError: a seed is negative, there is not one for each environment, an option is unknown, or the mask has
             the wrong shape or chooses nothing.
+          gymnasium.error.ResetNeeded: the mask leaves out environments that are of no episode.
+          gymnasium.error.ClosedEnvironmentError: after `close`.
         """
+        self._check_process()
         seeds, mask = vector_checks.seeds(seed, self.num_envs), vector_checks.reset_mask(options, self.num_envs)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments are of no episode; call reset() for all of them first")
-        for i in np.flatnonzero(mask):
-            if seeds[i] is not None:
-                self._streams[i] = _Stream(seeds[i])
-        self._start(mask)
-        self._ended = self._ended & ~mask
-        self._needs_reset = False
-        return self.observe(), _masked(self.info(), mask)
+        with self._all_or_nothing():
+            for i in np.flatnonzero(mask):
+                if seeds[i] is not None:
+                    self._streams[i] = _Stream(seeds[i])
+            self._start(mask)
+            self._ended = self._ended & ~mask
+            return self.observe(), _masked(self.info(), mask)
 
     def step(
         self, actions: ArrayLike
@@ -154,7 +159,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """Makes a control step in every environment, or starts an episode where the autoreset mode wants it.
 
         Args:
-          actions: `(n, ...)`; those of environments that start an episode are not used.
+          actions: `(n, ...)`; those of environments that start an episode must be legal, too, but are not used.
 
         Returns:
           Observations, rewards `(n,)`, terminations `(n,)`, truncations `(n,)` and infos.
@@ -162,36 +167,25 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         Raises:
           gymnasium.error.ResetNeeded: before the first reset, after a step that was interrupted, or where an episode
             has ended and nothing is to reset it.
+          gymnasium.error.ClosedEnvironmentError: after `close`.
           TypeError: the actions do not hold real numbers.
           ValueError: they have the wrong shape, or hold NaN or inf; nothing has changed then.
         """
+        self._check_process()
+        self._check_episodes()
         actions = vector_checks.actions(actions, self.action_space)
-        if self._needs_reset:
-            raise gymnasium.error.ResetNeeded(
-                "call reset() first: there is no episode, or its last step was interrupted"
-            )
-        if self._autoreset == AutoresetMode.DISABLED and self._ended.any():
-            ended = np.flatnonzero(self._ended).tolist()
-            raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
         starting = self._ended if self._autoreset == AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
-        # Until the step is complete: an interrupt must not leave physics and tasks at different times unnoticed.
-        self._needs_reset = True
-        rewards, terminations, diverged = self._advance(actions, ~starting)
-        truncations = (self._episode_steps >= self._step_limit) & ~starting
-        self._start(starting | diverged)
-        infos = {"physics_error": diverged, "_physics_error": diverged.copy()} if diverged.any() else {}
-        self._ended = terminations | truncations
-        if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
-            infos |= self._final(self._ended)
-            self._start(self._ended)
-        self._needs_reset = False
-        return (
-            self.observe(),
-            rewards,
-            terminations,
-            truncations,
-            infos | _masked(self.info(), np.full_like(starting, True)),
-        )
+        with self._all_or_nothing():
+            rewards, terminations, diverged = self._make_step(actions, ~starting)
+            truncations = (self._episode_steps >= self._step_limit) & ~starting
+            self._start(starting | diverged)
+            infos = {"physics_error": diverged, "_physics_error": diverged.copy()} if diverged.any() else {}
+            self._ended = terminations | truncations
+            if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
+                infos |= self._final(self._ended)
+                self._start(self._ended & ~diverged)
+            infos |= _masked(self.info(), np.ones_like(starting))
+            return self.observe(), rewards, terminations, truncations, infos
 
     def render(self) -> tuple[NDArray, ...] | None:
         """Gives a picture of every environment; see `render_some`."""
@@ -206,24 +200,57 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         Raises:
           IndexError: there is no such environment.
           ValueError: there is no `render_mode`.
+          gymnasium.error.ResetNeeded: there is no episode to look at.
         """
+        self._check_process()
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode; give one to the constructor")
+        if self._needs_reset:
+            raise gymnasium.error.ResetNeeded("call reset() first: there is no episode to look at")
         return tuple(self._picture(range(self.num_envs)[i]) for i in indices)
 
     def close_extras(self, **kwargs: Any) -> None:
         self._starter.close()
+        # With the last reference to the batch its threads end.
+        del self._batch, self._own_fields
 
-    def _advance(
+    def _read(self, name: str, columns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Columns `(n, k)` of a field of MuJoCo's data over all simulations; a copy."""
+        return np.take(self._batch.bind(name), columns, axis=1)
+
+    @contextlib.contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """An interrupt or an error inside must not leave physics and tasks at different times: it calls for a reset."""
+        self._needs_reset = True
+        yield
+        self._needs_reset = False
+
+    def _check_process(self) -> None:
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("the environments are closed")
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "threads do not survive a fork: build the environments in the process that steps them, or start "
+                "processes with the method 'spawn'"
+            )
+
+    def _check_episodes(self) -> None:
+        if self._needs_reset:
+            raise gymnasium.error.ResetNeeded("call reset(): there is no episode yet, or its last step was interrupted")
+        if self._autoreset == AutoresetMode.DISABLED and self._ended.any():
+            ended = np.flatnonzero(self._ended).tolist()
+            raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
+
+    def _make_step(
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step where `stepping`; returns rewards, terminations, and which simulations diverged."""
-        self.command(actions, stepping)
+        self.apply_actions(actions, stepping)
         self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(self.stage))
         diverged = (self._batch.warning[:, :, 1] > 0).any(axis=1)
-        rewards, terminations = self.advance(stepping & ~diverged)
-        self._episode_steps += stepping
         alive = stepping & ~diverged
+        rewards, terminations = self.book_step(alive)
+        self._episode_steps += stepping
         return np.where(alive, rewards, 0.0), (terminations & alive) | diverged, diverged
 
     def _start(self, mask: NDArray[np.bool_]) -> None:
@@ -234,9 +261,9 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._batch.reset(chosen, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for i in chosen.tolist():
-            environment.random_state = self._streams[i].state
+            environment.random_state = self._streams[i].random_state
             environment.reset()
-            mujoco.mj_getState(model, data, self._batch.state[i], _PHYSICS_STATE)
+            mujoco.mj_getState(model, data, self._batch.state[i], PHYSICS_STATE)
             for name, own in self._own_fields.items():
                 own[i] = getattr(model, name)
             rows.put(self._state, i, environment.task.state)
@@ -244,10 +271,9 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """What the infos say of episodes that end and are followed by the next in the same step."""
-        last = np.full(self.num_envs, None, dtype=object)
-        for i, observation in enumerate(iterate(self.observation_space, self.observe())):
-            if ended[i]:
-                last[i] = observation
+        observations, last = self.observe(), np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ended):
+            last[i] = _row(observations, i)
         info = _masked(self.info(), ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
@@ -255,7 +281,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         model, data = self._starter.environment.physics.model.ptr, self._starter.environment.physics.data.ptr
         for name, own in self._own_fields.items():
             getattr(model, name)[:] = own[i]
-        mujoco.mj_setState(model, data, self._batch.state[i], _PHYSICS_STATE)
+        mujoco.mj_setState(model, data, self._batch.state[i], PHYSICS_STATE)
         mujoco.mj_forward(model, data)
         return cast(NDArray, self._starter.render())
 
@@ -266,13 +292,25 @@ class _Stream:
     Attributes:
       generator: what Gymnasium makes of the seed.
       seed: drawn by Gymnasium when `None` is given.
-      state: draws the generator's numbers.
+      random_state: draws the generator's numbers.
     """
 
     def __init__(self, seed: int | None) -> None:
         """Starts the stream."""
         self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
-        self.state = np.random.RandomState(self.generator.bit_generator)
+        self.random_state = np.random.RandomState(self.generator.bit_generator)
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _row(observations: Any, i: int) -> Any:
+    """A copy of one environment's observation."""
+    if isinstance(observations, dict):
+        return {key: _row(part, i) for key, part in observations.items()}
+    return observations[i].copy()
 
 
 def _masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:

@@ -33,7 +33,6 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         super().__init__(num_envs, **settings)
         task = self._starter.environment.task
         self._rules, self._sensors = task.rules, task.sensors
-        self._qpos, self._ctrl, self._sensordata = (self._batch.bind(name) for name in ("qpos", "ctrl", "sensordata"))
         self._life_steps = np.zeros(self.num_envs, np.int64)
         self._closing = np.zeros(self.num_envs)
         self._noise = np.zeros((self.num_envs, drawer_observation.SIZE))
@@ -46,22 +45,23 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     def drawn_model_fields(self) -> Sequence[str]:
         return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
 
-    def command(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         for i in np.flatnonzero(stepping):
-            self._closing[i] = self._rules.draw_gripper(self._streams[i].state)
+            self._closing[i] = self._rules.draw_gripper(self._streams[i].random_state)
         self._actions = self._starter.limited(actions)
-        self._target = self._rules.command(self._qpos[:, self._sensors.joint_qpos], self._actions, self._closing)
-        self._ctrl[:, self._sensors.ctrl] = self._target
+        positions = self._read("qpos", self._sensors.joint_qpos)
+        self._target = self._rules.command(positions, self._actions, self._closing)
+        self._batch.ctrl[:, self._sensors.ctrl] = self._target
 
-    def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         for i in np.flatnonzero(stepping & self._rules.is_noisy):
-            self._noise[i] = self._rules.draw_noise(self._streams[i].state)
+            self._noise[i] = self._rules.draw_noise(self._streams[i].random_state)
         self._state = self._rules.advance(
             self._state,
             action=self._actions,
             target=self._target,
             life_steps=self._life_steps,
-            snapshot=self._sensordata[:, self._sensors.columns],
+            snapshot=self._read("sensordata", self._sensors.columns),
             noise=self._noise.copy(),
         )
         self._life_steps += stepping

@@ -25,22 +25,21 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         super().__init__(num_envs, **settings)
         task = self._starter.environment.task
         self._rules, self._layout = task.rules, task.layout
-        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._draws = np.zeros((self.num_envs, self._rules.noise_scale.size))
 
-    def command(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         del stepping
         self._target = self._rules.command(self._state, actions)
-        self._ctrl[:, self._layout.ctrl] = self._target
+        self._batch.ctrl[:, self._layout.ctrl] = self._target
 
-    def advance(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         for i in np.flatnonzero(stepping):
-            self._draws[i] = self._streams[i].state.uniform(-1.0, 1.0, self._draws.shape[1])
+            self._draws[i] = self._streams[i].random_state.uniform(-1.0, 1.0, self._draws.shape[1])
         self._state = self._rules.advance(
             self._state,
             target=self._target,
-            positions=self._qpos[:, self._layout.robot_qpos],
-            achieved=self._qpos[:, self._layout.goal_qpos],
+            positions=self._read("qpos", self._layout.robot_qpos),
+            achieved=self._read("qpos", self._layout.goal_qpos),
             draw=self._draws,
         )
         return self._state.progress.reward, self._rules.terminates(self._state)
@@ -48,8 +47,8 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     def observe(self) -> dict[str, Any]:
         goals = self._rules.goals
         return {
-            "observation": self._layout.observed(self._qpos, self._qvel) + self._state.noise,
-            "achieved_goal": self._starter.shown_goal(self._qpos[:, self._layout.goal_qpos]),
+            "observation": self._layout.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
+            "achieved_goal": self._starter.shown_goal(self._read("qpos", self._layout.goal_qpos)),
             "desired_goal": self._starter.shown_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
         }
 
@@ -62,16 +61,23 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         }
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
-        """See `FrankaKitchenEnv.compute_reward`, as for the other two."""
-        return self._starter.compute_reward(achieved_goal, desired_goal, info)
+        """See `FrankaKitchenEnv.compute_reward`, as for the other two; takes infos of `step`, too."""
+        return self._starter.compute_reward(achieved_goal, desired_goal, self._one_by_one(info))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Whether steps terminate."""
-        return self._starter.compute_terminated(achieved_goal, desired_goal, info)
+        return self._starter.compute_terminated(achieved_goal, desired_goal, self._one_by_one(info))
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Whether steps truncate; False where only the vectorised environment counts them."""
-        return self._starter.compute_truncated(achieved_goal, desired_goal, info)
+        """Whether steps truncate, by the infos' `episode_step`."""
+        return self._starter.compute_truncated(achieved_goal, desired_goal, self._one_by_one(info))
+
+    def _one_by_one(self, info: Infos) -> Infos:
+        """Infos of `step` as a list of one for each environment; others as they are."""
+        if not isinstance(info, dict) or f"_{TO_COMPLETE}_mask" not in info:
+            return info
+        arrays = {key: array for key, array in info.items() if not key.startswith("_")}
+        return [{key: array[i] for key, array in arrays.items()} for i in range(self.num_envs)]
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """The lists of names that the infos of the single environment have."""

@@ -1,4 +1,4 @@
-"""States of many episodes: the nested tuples and dicts of one, with one more axis on every array."""
+"""States of many episodes: the nested named tuples and dicts of one, with one more axis on every array."""
 
 from typing import Any
 
@@ -19,5 +19,7 @@ def put(states: Any, i: int, state: Any) -> None:
     if isinstance(states, np.ndarray):
         states[i] = state
         return
-    for name, part in states.items() if isinstance(states, dict) else enumerate(states):
-        put(part, i, state[name])
+    if isinstance(states, dict):
+        states, state = states.values(), state.values()
+    for many, one in zip(states, state, strict=True):
+        put(many, i, one)
