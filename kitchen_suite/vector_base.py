@@ -272,7 +272,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """What the infos say of episodes that end and are followed by the next in the same step."""
         observations, last = self.observe(), np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended):
+        for i in np.flatnonzero(ended).tolist():
             last[i] = _row(observations, i)
         info = _masked(self.info(), ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}

@@ -68,7 +68,7 @@ def straddling(snapshot: Snapshot) -> NDArray[np.float64]:
 def penalty_coefficients(life_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights `(...)` of the action's change and of the joint speeds, after `(...)` control steps of life."""
     late = np.asarray(life_steps) >= LATE_STAGE
-    return 1e-3 * (1 + late), 2e-7 * late
+    return np.multiply(1e-3, 1 + late), np.multiply(2e-7, late)
 
 
 def effort(
