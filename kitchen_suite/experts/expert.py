@@ -1,4 +1,4 @@
-"""The controller that runs any skill: it follows a path, sees when its aim is reached, and tries again if it is not."""
+"""The controller that runs every skill: it follows a path of joint positions, and sees whether that is possible."""
 
 import abc
 import dataclasses
@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.experts.planning import Path
 
-# How far a joint may be behind the path before the path waits for it [rad].
-_PATIENCE = 0.25
+# How far a joint may be behind before its path waits for it [rad], and for how long it waits [control steps].
+_MOST_LAG = 0.25
+_PATIENCE = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -18,9 +19,9 @@ class Style:
     """How an expert moves; what makes demonstrations differ.
 
     Attributes:
-      speed: share of the greatest speed; at most 1.
-      action_noise: standard deviation of the noise on actions, as a share of what one step may do.
-      jitter: half width of the uniform displacement of places in free space, along each axis [m].
+      speed: share of the expert's greatest speed, above 0 and at most 1.
+      action_noise: standard deviation of normal noise on the arm's seven elements of the action, in their unit.
+      jitter: half width of the uniform displacement, along each axis, of places before things [m].
     """
 
     speed: float = 1.0
@@ -34,23 +35,20 @@ class Style:
         checks.number(self.jitter, "jitter")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Seen:
-    """What an observation tells of the robot.
+class Expert(abc.ABC):
+    """Acts on nothing but observations; one instance serves one episode at a time.
 
-    Attributes:
-      joints: `(7,)`, positions of the arm's joints [rad].
-      fingers: `(k,)`, opening of each finger that is seen [m].
+    Subclasses tell what an observation means, where to go next, and which action takes the joints somewhere.
     """
 
-    joints: NDArray[np.float64]
-    fingers: NDArray[np.float64]
+    # Numbers in an observation, bounds of each element of the action.
+    observation_size: int
+    _low: float
+    _high: float
 
-
-class Expert(abc.ABC):
-    """Acts in one episode after the other, on nothing but observations."""
-
-    def __init__(self, style: Style | None = None) -> None:
+    def __init__(self, style: Style | None) -> None:
+        if not isinstance(style, Style | None):
+            raise TypeError(f"style must be a Style, got {style!r}")
         self._style = style or Style()
         self.reset(np.random.default_rng(0))
 
@@ -58,34 +56,64 @@ class Expert(abc.ABC):
         """Begins an episode.
 
         Args:
-          generator: where jitter and noise are drawn from.
+          generator: what jitter and noise are drawn from; without them nothing is.
         """
         self._generator = generator
         self._path: Path | None = None
-        self._time = 0.0
+        self._time, self._waited = 0.0, 0
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Chooses the next action.
 
         Args:
-          observation: the flat observation of the environment.
+          observation: the flat observation of the environment, without goals.
 
         Returns:
-          The action, in single precision and within its bounds.
+          The action, within its bounds.
+
+        Raises:
+          TypeError: the observation does not hold real numbers.
+          ValueError: it has the wrong shape, or is not finite.
         """
-        observation = np.asarray(observation, np.float64)
-        seen = self._see(observation)
-        if (path := self._next_path(observation, seen)) is not None:
-            self._path, self._time, self._reference = path, 0.0, seen.joints
-        if np.max(np.abs(self._reference - seen.joints)) < _PATIENCE:
-            self._time += self._style.speed
-        self._reference, fingers = self._path.at(self._time)
-        action = self._command(seen, self._reference, fingers)
+        observation = checks.vector(observation, self.observation_size, "observation")
+        joints = self._joints(observation)
+        if (path := self._new_path(observation, joints)) is not None:
+            self._path, self._time, self._waited, self._target = path, 0.0, 0, joints
+        if np.max(np.abs(self._target - joints)) < _MOST_LAG:
+            self._time, self._waited = self._time + self._style.speed, 0
+        else:
+            self._waited += 1
+        self._target, fingers = self._current_path.at(self._time)
+        action = self._action(observation, joints, self._target, fingers)
         if self._style.action_noise:
-            action = action + self._style.action_noise * self._noise_scale * self._generator.standard_normal(action.size)
-        return np.minimum(np.maximum(action, self._low), self._high).astype(np.float32)
+            action[: joints.size] += self._style.action_noise * self._generator.standard_normal(joints.size)
+        return np.clip(action, self._low, self._high).astype(np.float32)
 
     @property
-    def _over(self) -> bool:
-        """Whether the path has ended."""
-        return self._path is None or self._time >= self._path.duration
+    def _current_path(self) -> Path:
+        assert self._path is not None, "the first observation makes a path"
+        return self._path
+
+    def _has_ended(self, linger: float) -> bool:
+        """Whether the path ended so many control steps ago, or cannot be followed."""
+        return self._time >= self._current_path.duration + linger or self._waited >= _PATIENCE
+
+    def _offsets(self, count: int) -> NDArray[np.float64]:
+        """Draws displacements `(count, 3)` [m]."""
+        if not self._style.jitter:
+            return np.zeros((count, 3))
+        return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
+
+    @abc.abstractmethod
+    def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions `(7,)` of the arm's joints [rad]."""
+
+    @abc.abstractmethod
+    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> Path | None:
+        """A path from where the joints are, if it is time for one, as at the first call; else None to go on."""
+
+    @abc.abstractmethod
+    def _action(
+        self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        """The action that takes joints and fingers to a target at the end of the control step, as far as it can."""

@@ -1,4 +1,4 @@
-"""What the hand does for each of the kitchen's seven tasks."""
+"""What the hand does for each of the kitchen's seven tasks: figures found by search in simulation."""
 
 import math
 from collections.abc import Mapping
@@ -6,124 +6,134 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kitchen_suite.experts.skills import CLOSED, DOWN, LEFT, OPEN, RIGHT, Hinge, Move, Skill, Slide, Swing, Vector
+from kitchen_suite.experts.skills import CLOSED, OPEN, Hinge, Move, Shift, Skill, Swing, Vector
+from kitchen_suite.tasks.goals import GOALS
 
-# From the site between the fingers to their tips [m].
+# Directions; the robot looks along y.
+_RIGHT: Vector = (1.0, 0.0, 0.0)
+_DOWN: Vector = (0.0, 0.0, -1.0)
+_UP: Vector = (0.0, 0.0, 1.0)
+_BACK: Vector = (0.0, -1.0, 0.0)
+
+# From the hand's site to the tips of the fingers [m].
 _TIP = 0.05
 
 
 def _aim(yaw: float, pitch: float) -> Vector:
-    """Direction that is turned from straight ahead to the right and up [degrees]."""
+    """Direction turned from straight ahead to the right and up [degrees]."""
     yaw, pitch = math.radians(yaw), math.radians(pitch)
     return math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)
 
 
-def _back(point: Vector, approach: Vector, distance: float) -> Vector:
-    """Where the site is to be so that a point lies so far before it [m]."""
-    x, y, z = np.array(point) - distance * np.array(approach)
-    return float(x), float(y), float(z)
+def _reaching(point: Vector, approach: Vector, spread: Vector, ahead: float, **options: object) -> Move:
+    """A hand whose site has a point so far before it [m]."""
+    x, y, z = np.array(point) - ahead * np.array(approach)
+    return Move(to=(float(x), float(y), float(z)), approach=approach, spread=spread, **options)
 
 
-def _push(*tips: Vector, approach: Vector, spread: Vector, fingers: float = CLOSED, speed: float) -> tuple[Move, ...]:
-    """Brings the finger tips before something, to it, and then slowly along a line of places."""
-    places = [_back(tip, approach, _TIP) for tip in tips]
-    before, start, *rest = (
-        Move(to=place, approach=approach, spread=spread, fingers=fingers) for place in places
-    )
+def _push(
+    *tips: Vector, approach: Vector, spread: Vector, fingers: float = CLOSED, speed: float
+) -> tuple[Move, ...]:
+    """Moves that bring the finger tips before a thing, to it, and then on from place to place."""
+    before, start, *rest = tips
+    hand = {"approach": approach, "spread": spread, "ahead": _TIP, "fingers": fingers}
     return (
-        dataclasses_replace(before, free=True),
-        start,
-        *(dataclasses_replace(move, speed=speed) for move in rest),
+        _reaching(before, **hand, free=True),
+        _reaching(start, **hand),
+        *(_reaching(tip, **hand, speed=speed) for tip in rest),
     )
 
 
-def _knob(height: float) -> Skill:
-    """Turns a knob of the oven by the upper end of its bar, from the left."""
-    approach = _aim(7, -22)
-    hinge_point = (-0.256, 0.65, height)
-    start = (-0.256 - 0.036, 0.65, height + 0.036)
-    place = _back(start, approach, _TIP)
-    before = _back((start[0], start[1] - 0.06, start[2]), approach, _TIP)
-    element = {2.226: 2, 2.34: 6}[height]
+def _knob(task: str, height: float) -> Skill:
+    """Turns the knob at a height [m]: the upper end of its bar is pushed to the right."""
+    # From the middle of the bar to the finger tips, left of its upper end [m].
+    reach, x, y = 0.036, -0.256, 0.65
+    tip = (x - reach, y, height + reach)
+    before = (x - reach, y - 0.06, height + reach)
+    # The knob is damped: the path runs ahead of it, and stops where the goal is passed.
     return Skill(
         steps=(
-            Move(to=before, approach=approach, spread=DOWN, free=True),
-            Move(to=place, approach=approach, spread=DOWN),
-            Swing(to=-1.3, twist=0.0, speed=1.6),
+            *_push(before, tip, approach=_aim(0, -22), spread=_DOWN, speed=1.0),
+            Swing(to=-1.3, speed=1.6),
         ),
         posture=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
-        thing=Hinge(element=element, about=hinge_point, axis=(0.0, -1.0, 0.0)),
+        thing=Hinge(elements=GOALS[task].elements[:1], about=(x, y, height), axis=_BACK),
         retreat=(0.0, -0.04, 0.0),
     )
 
 
-def _grasp(bar, approach, spread, depth, swing, posture, hinge, retreat):
-    before, at = _back(bar, approach, 0.11), _back(bar, approach, depth)
-    hand = {"approach": approach, "spread": spread}
-    return Skill(
-        steps=(
-            Move(to=before, fingers=OPEN, free=True, **hand),
-            Move(to=at, fingers=OPEN, **hand),
-            Move(to=at, fingers=CLOSED, settle=3, **hand),
-            swing,
-        ),
-        posture=posture,
-        thing=hinge,
-        retreat=retreat,
-        release=3,
+def _pull(bar: Vector, approach: Vector, swing: Swing) -> tuple[Move | Swing, ...]:
+    """Takes an upright bar between the fingers and leads it round its door's hinge."""
+    hand = {"approach": approach, "spread": _RIGHT}
+    return (
+        _reaching(bar, **hand, ahead=0.11, fingers=OPEN, free=True),
+        _reaching(bar, **hand, ahead=0.02, fingers=OPEN),
+        _reaching(bar, **hand, ahead=0.02, fingers=CLOSED, settle=3),
+        swing,
     )
 
 
-import dataclasses
-
-dataclasses_replace = dataclasses.replace
-
+# In the order that makes the way of the hand short.
 SKILLS: Mapping[str, Skill] = MappingProxyType(
     {
+        # Two fingers side by side, low down: one alone would turn it, and high up it would fall.
         "kettle": Skill(
             steps=_push(
-                (-0.27, 0.175, 1.71), (-0.27, 0.205, 1.71), (-0.27, 0.36, 1.71), (-0.25,.62, 1.71),
-                approach=_aim(15, -29), spread=RIGHT, fingers=OPEN, speed=0.5,
+                (-0.27, 0.175, 1.71),
+                (-0.27, 0.205, 1.71),
+                (-0.27, 0.360, 1.71),
+                (-0.25, 0.620, 1.71),
+                approach=_aim(15, -29),
+                spread=_RIGHT,
+                fingers=OPEN,
+                speed=0.5,
             ),
             posture=(-0.40, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
-            thing=Slide(elements=(14, 15, 16), start=(-0.269, 0.35, 1.62)),
+            thing=Shift(elements=GOALS["kettle"].elements[:3], start=(-0.269, 0.35, 1.62)),
             retreat=(0.0, -0.05, 0.05),
         ),
-        "microwave": _grasp(
-            (-0.642, 0.492, 1.88), _aim(-18, -10), RIGHT, 0.02,
-            Swing(to=-1.0, twist=0.2, speed=1.0),
-            (-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
-            Hinge(element=13, about=(-1.1276, 0.455, 1.79), axis=(0.0, 0.0, 1.0)),
-            (0.05, -0.10, 0.0),
+        # The hand comes from the right, so that the right finger hooks behind the bar.
+        "microwave": Skill(
+            steps=_pull((-0.642, 0.492, 1.88), _aim(-18, -10), Swing(to=-1.0, twist=0.2, speed=1.0)),
+            posture=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
+            thing=Hinge(elements=GOALS["microwave"].elements, about=(-1.1276, 0.455, 1.79), axis=_UP),
+            retreat=(0.05, -0.10, 0.0),
+            release=3,
         ),
-        "bottom burner": _knob(2.226),
-        "top burner": _knob(2.34),
+        "bottom burner": _knob("bottom burner", 2.226),
+        "top burner": _knob("top burner", 2.34),
         "slide cabinet": Skill(
             steps=_push(
-                (-0.185, 0.565, 2.475), (-0.16, 0.635, 2.475), (0.0, 0.635, 2.475), (0.28, 0.635, 2.475),
-                approach=_aim(0, -20), spread=DOWN, speed=0.8,
+                (-0.185, 0.565, 2.475),
+                (-0.160, 0.635, 2.475),
+                (0.280, 0.635, 2.475),
+                approach=_aim(0, -20),
+                spread=_DOWN,
+                speed=0.8,
             ),
             posture=(-0.83, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
-            thing=Slide(elements=(10,), start=(0.0,)),
+            thing=Shift(elements=GOALS["slide cabinet"].elements, start=(0.0,)),
             retreat=(0.0, -0.05, 0.0),
         ),
         "light switch": Skill(
             steps=_push(
-                (-0.315, 0.575, 2.28), (-0.315, 0.62, 2.28), (-0.50, 0.62, 2.28),
-                approach=_aim(-10, -10), spread=RIGHT, speed=0.6,
+                (-0.315, 0.575, 2.28),
+                (-0.315, 0.620, 2.28),
+                (-0.500, 0.620, 2.28),
+                approach=_aim(-10, -10),
+                spread=_RIGHT,
+                speed=0.6,
             ),
             posture=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
             retreat=(0.0, -0.05, 0.0),
         ),
-        "hinge cabinet": _grasp(
-            (-0.526, 0.582, 2.55), _aim(8, 8), RIGHT, 0.02,
-            Swing(to=1.45, twist=0.1, speed=1.0),
-            (-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
-            Hinge(element=12, about=(-0.224, 0.71, 2.6), axis=(0.0, 0.0, 1.0)),
-            (0.05, -0.10, 0.0),
+        # The hand comes from the left, so that the left finger hooks behind the bar; the bar turns between the fingers.
+        "hinge cabinet": Skill(
+            steps=_pull((-0.526, 0.582, 2.55), _aim(8, 8), Swing(to=1.45, twist=0.1, speed=1.0)),
+            posture=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
+            thing=Hinge(elements=GOALS["hinge cabinet"].elements[1:], about=(-0.224, 0.71, 2.6), axis=_UP),
+            retreat=(0.10, -0.10, 0.0),
+            release=3,
         ),
     }
 )
-
-# In which order to do them: the hand's way is short.
-ORDER = tuple(SKILLS)

@@ -1,7 +1,6 @@
 """Skills as data: where the hand goes, how fast, and what the fingers do there."""
 
 import dataclasses
-from typing import Self
 
 import mink
 import numpy as np
@@ -9,46 +8,38 @@ from numpy.typing import NDArray
 
 Vector = tuple[float, float, float]
 
-# Directions in the world of the kitchen, whose robot looks along y.
-FORWARD: Vector = (0.0, 1.0, 0.0)
-RIGHT: Vector = (1.0, 0.0, 0.0)
-LEFT: Vector = (-1.0, 0.0, 0.0)
-DOWN: Vector = (0.0, 0.0, -1.0)
-
 # How far each finger is to be open [m].
 OPEN, CLOSED = 0.04, 0.0
 
-# Faster than any joint can move the hand [m/s].
+# Faster than any joint can move the hand [m/s, rad/s].
 UNLIMITED = 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Move:
-    """Takes the site between the fingers to a place.
+    """Takes the hand's site (the kitchen's `end_effector`, the cabinet's `gripper`) to a place.
 
     Attributes:
-      to: where, while the thing that is to be moved is where it starts [m].
+      to: where, in the frame of the skill [m].
       approach: direction in which the fingers point.
       spread: direction in which the left finger opens; made orthogonal to `approach`.
-      fingers: how far each is to be open [m].
-      straight: whether the site moves along a straight line; else the joints take the shortest way.
+      fingers: how far each is to be open on the way [m].
       speed: of the site, at most [m/s].
       settle: control steps to stay there.
-      free: whether this is a way through free space, which may as well be a little beside.
+      free: whether nothing is near, so that it may as well be a little beside.
     """
 
     to: Vector
-    approach: Vector = FORWARD
-    spread: Vector = RIGHT
+    approach: Vector
+    spread: Vector
     fingers: float = CLOSED
-    straight: bool = True
     speed: float = UNLIMITED
     settle: int = 0
     free: bool = False
 
     @property
     def pose(self) -> mink.SE3:
-        """Of the site between the fingers: z is the direction of approach, y the one of the left finger."""
+        """Of the site, in the frame of the skill: z is the direction of approach, y the one of the left finger."""
         z = np.array(self.approach) / np.linalg.norm(self.approach)
         y = np.array(self.spread) - np.dot(self.spread, z) * z
         y /= np.linalg.norm(y)
@@ -64,11 +55,11 @@ class Swing:
       to: angle of the thing at the end [rad].
       twist: share of the way by which the hand turns too.
       fingers: how far each is to be open [m].
-      speed: at most [rad/s].
+      speed: of the thing, at most [rad/s].
     """
 
     to: float
-    twist: float = 1.0
+    twist: float = 0.0
     fingers: float = CLOSED
     speed: float = UNLIMITED
 
@@ -78,60 +69,52 @@ class Hinge:
     """How a thing turns.
 
     Attributes:
-      element: where its angle [rad] stands in the 21 object positions.
+      elements: where its angle [rad] stands in the object positions of the observation.
       about: a point of the axis [m].
       axis: direction of the axis.
     """
 
-    element: int
+    elements: tuple[int]
     about: Vector
     axis: Vector
 
-    def value(self, objects: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Angle `(1,)` [rad], from the object positions `(21,)`."""
-        return objects[[self.element]]
-
-    def displacement(self, value: NDArray[np.float64], twist: float = 1.0) -> mink.SE3:
-        """How far the thing has moved from where it starts."""
-        centre, turn = np.array(self.about), mink.SO3.exp(float(value[0]) * np.array(self.axis))
+    def displacement(self, values: NDArray[np.float64]) -> mink.SE3:
+        """How far the thing has moved from where it starts, by its angle `(1,)` [rad]."""
+        centre, turn = np.array(self.about), mink.SO3.exp(values[0] * np.array(self.axis))
         return mink.SE3.from_rotation_and_translation(turn, centre - turn.apply(centre))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Slide:
-    """How a thing shifts.
+class Shift:
+    """How a thing shifts: along x, or along x, y and z.
 
     Attributes:
-      elements: where its three coordinates, or the one along x, stand in the 21 object positions.
+      elements: where its one or three coordinates stand in the object positions of the observation.
       start: their values at the start [m].
     """
 
     elements: tuple[int, ...]
     start: tuple[float, ...]
 
-    def value(self, objects: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Shift `(k,)` [m], from the object positions `(21,)`."""
-        return objects[list(self.elements)] - self.start
-
-    def displacement(self, value: NDArray[np.float64]) -> mink.SE3:
-        """How far the thing has moved from where it starts."""
-        return mink.SE3.from_translation(np.pad(value, (0, 3 - value.size)))
+    def displacement(self, values: NDArray[np.float64]) -> mink.SE3:
+        """How far the thing has moved from where it starts, by its coordinates `(1,)` or `(3,)` [m]."""
+        return mink.SE3.from_translation(np.pad(values - self.start, (0, 3 - values.size)))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Skill:
-    """One task's motions.
+    """What the hand does to one thing.
 
     Attributes:
-      steps: the motions, one after the other.
-      posture: joint positions near which those of all steps are sought [rad].
-      thing: how the thing moves that the steps go along with.
-      retreat: displacement of the site when it leaves [m].
-      release: control steps to open the fingers before that; none where they hold nothing.
+      steps: the motions, one after the other; a `Swing` needs a hinge to go round.
+      posture: joint positions near which those of the first step are sought, and from there those of the others [rad].
+      thing: how the thing moves; places move along with it. None for a thing that is always found where it was.
+      retreat: displacement of the site when it leaves, in the world [m].
+      release: control steps to open the fingers before that; 0 where they hold nothing.
     """
 
     steps: tuple[Move | Swing, ...]
     posture: tuple[float, ...]
-    thing: Hinge | Slide | None = None
+    thing: Hinge | Shift | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
     release: int = 0
