@@ -138,6 +138,16 @@ class KitchenTask(SuiteTask):
         return self._threshold
 
     @property
+    def velocity_scale(self) -> float:
+        """Velocity that a unit of action stands for [rad/s, m/s]."""
+        return self._velocity_scale
+
+    @property
+    def feedback(self) -> str:
+        """What the action's velocities are integrated from, one of `FEEDBACKS`."""
+        return self._feedback
+
+    @property
     def goal_set(self) -> GoalSet:
         """The configured tasks, with their goals laid end to end."""
         return self._goals
