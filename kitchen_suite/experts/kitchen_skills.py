@@ -47,14 +47,14 @@ def _push(
 def _knob(task: str, height: float) -> Skill:
     """Turns the knob at a height [m]: the upper end of its bar is pushed to the right."""
     # From the middle of the bar to the finger tips, left of its upper end [m].
-    reach, x, y = 0.036, -0.256, 0.65
+    reach, x, y = 0.03, -0.256, 0.65
     tip = (x - reach, y, height + reach)
     before = (x - reach, y - 0.06, height + reach)
     # The knob is damped: the path runs ahead of it, and stops where the goal is passed.
     return Skill(
         steps=(
-            *_push(before, tip, approach=_aim(0, -22), spread=_DOWN, speed=1.0),
-            Swing(to=-1.3, speed=1.6),
+            *_push(before, tip, approach=_aim(4, -22), spread=_DOWN, speed=1.0),
+            Swing(to=-1.3, speed=1.5),
         ),
         posture=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
         thing=Hinge(elements=GOALS[task].elements[:1], about=(x, y, height), axis=_BACK),
@@ -67,8 +67,8 @@ def _pull(bar: Vector, approach: Vector, swing: Swing) -> tuple[Move | Swing, ..
     hand = {"approach": approach, "spread": _RIGHT}
     return (
         _reaching(bar, **hand, ahead=0.11, fingers=OPEN, free=True),
-        _reaching(bar, **hand, ahead=0.02, fingers=OPEN),
-        _reaching(bar, **hand, ahead=0.02, fingers=CLOSED, settle=3),
+        _reaching(bar, **hand, ahead=0.01, fingers=OPEN),
+        _reaching(bar, **hand, ahead=0.01, fingers=CLOSED, settle=4),
         swing,
     )
 
@@ -94,7 +94,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
         "microwave": Skill(
-            steps=_pull((-0.642, 0.492, 1.88), _aim(-18, -10), Swing(to=-1.0, twist=0.2, speed=1.0)),
+            steps=_pull((-0.642, 0.492, 1.87), _aim(-30, -15), Swing(to=-1.0, twist=-0.2, speed=1.0)),
             posture=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
             thing=Hinge(elements=GOALS["microwave"].elements, about=(-1.1276, 0.455, 1.79), axis=_UP),
             retreat=(0.05, -0.10, 0.0),
@@ -129,7 +129,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         ),
         # The hand comes from the left, so that the left finger hooks behind the bar; the bar turns between the fingers.
         "hinge cabinet": Skill(
-            steps=_pull((-0.526, 0.582, 2.55), _aim(8, 8), Swing(to=1.45, twist=0.1, speed=1.0)),
+            steps=_pull((-0.526, 0.582, 2.56), _aim(10, 8), Swing(to=1.45, twist=-0.15, speed=1.0)),
             posture=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
             thing=Hinge(elements=GOALS["hinge cabinet"].elements[1:], about=(-0.224, 0.71, 2.6), axis=_UP),
             retreat=(0.10, -0.10, 0.0),
