@@ -79,4 +79,4 @@ class Arm:
 
     def _positions(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions of all joints, the fingers closed."""
-        return np.pad(joints, (0, self._model.nq - joints.size))
+        return np.concatenate([joints, np.zeros(self._model.nq - joints.size)])

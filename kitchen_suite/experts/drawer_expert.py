@@ -12,7 +12,7 @@ from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.experts.arm import ARM, Arm
 from kitchen_suite.experts.expert import Expert, Style
 from kitchen_suite.experts.planning import Pace, Path, plan, retreat
-from kitchen_suite.experts.skills import CLOSED, OPEN, Move, Skill, Vector
+from kitchen_suite.experts.skills import CLOSED, OPEN, Hand, Move, Skill, Vector
 from kitchen_suite.tasks.drawer_control import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.drawer_observation import SIZE, SLICES
 from kitchen_suite.tasks.drawer_reward import SUCCESS_OPENING
@@ -43,13 +43,13 @@ def _skill(drawer: str) -> Skill:
     """How to open a drawer, in its handle's frame: z points into the cabinet, y up."""
     tilt = math.radians(_TILTS[drawer])
     approach: Vector = (0.0, -math.sin(tilt), math.cos(tilt))
-    hand = {"approach": approach, "spread": (0.0, 1.0, 0.0)}
+    hand = Hand(approach=approach, spread=(0.0, 1.0, 0.0))
     return Skill(
         steps=(
-            Move(to=(0.0, 0.0, -_STANDOFF), fingers=OPEN, free=True, **hand),
-            Move(to=(0.0, 0.0, 0.0), fingers=OPEN, speed=_APPROACH_SPEED, **hand),
-            Move(to=(0.0, 0.0, 0.0), fingers=CLOSED, settle=_CLOSING_STEPS, **hand),
-            Move(to=(0.0, 0.0, -_PULL), fingers=CLOSED, speed=_PULL_SPEED, **hand),
+            Move(to=(0.0, 0.0, -_STANDOFF), fingers=OPEN, free=True, hand=hand),
+            Move(to=(0.0, 0.0, 0.0), fingers=OPEN, speed=_APPROACH_SPEED, hand=hand),
+            Move(to=(0.0, 0.0, 0.0), fingers=CLOSED, settle=_CLOSING_STEPS, hand=hand),
+            Move(to=(0.0, 0.0, -_PULL), fingers=CLOSED, speed=_PULL_SPEED, hand=hand),
         ),
         posture=tuple(DEFAULT_POSE[ARM].tolist()),
         retreat=(_STANDOFF, 0.0, 0.0),

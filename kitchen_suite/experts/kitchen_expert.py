@@ -30,8 +30,8 @@ _JOINT_SPEED = np.array([0.06] * 4 + [0.08] * 3)
 # For which velocity of a unit of action [rad/s].
 _SCALE = 2.0
 
-# A task counts as done when it looks so by this much more than needed: noise may make it look nearer than it is.
-_NOISE_MARGIN = 0.005
+# A task counts as done at this share of its threshold: noise may make it look nearer than it is.
+_CAUTION = 0.98
 
 # Control steps after the end of a path until a task is given up: what presses on something follows late.
 _LINGER = 6
@@ -79,7 +79,7 @@ class KitchenExpert(Expert):
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
         self._goals = GoalSet.build(tasks, goals)
-        self._threshold = checks.number(threshold, "threshold", positive=True) - _NOISE_MARGIN
+        self._threshold = _CAUTION * checks.number(threshold, "threshold", positive=True)
         order = tuple(tasks) if checks.flag(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
@@ -90,17 +90,17 @@ class KitchenExpert(Expert):
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._left, self._task = list(self._order), None
+        self._left = list(self._order)
+        self._task: str | None = None
+        # The last target, if the next one starts from there.
         self._commanded: NDArray[np.float64] | None = None
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         action = super().act(observation)
-        self._commanded = position_target(
-            self._base(np.asarray(observation)[_ROBOT]),
-            action.astype(np.float64),
-            velocity_scale=self._velocity_scale,
-            timestep=CONTROL_TIMESTEP,
-        )
+        if self._feedback == "target":
+            base = self._base(np.asarray(observation)[_ROBOT])
+            unit = {"velocity_scale": self._velocity_scale, "timestep": CONTROL_TIMESTEP}
+            self._commanded = position_target(base, action.astype(np.float64), **unit)
         return action
 
     def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,15 +150,13 @@ class KitchenExpert(Expert):
 
     def _base(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the environment adds the action to, for robot positions `(9,)` as observed [rad, m]."""
-        return positions if self._feedback != "target" or self._commanded is None else self._commanded
+        return positions if self._commanded is None else self._commanded
 
 
 @functools.lru_cache(maxsize=1024)
 def _planned(skill: Skill, values: tuple[float, ...] | None, velocity_scale: float) -> Path:
     """The path of a skill without jitter; the same in nearly all episodes, hence kept."""
-    return plan(
-        Arm("kitchen"), _pace(velocity_scale), skill, values=None if values is None else np.array(values)
-    )
+    return plan(Arm("kitchen"), _pace(velocity_scale), skill, values=None if values is None else np.array(values))
 
 
 def _pace(velocity_scale: float) -> Pace:

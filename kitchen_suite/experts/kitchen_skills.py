@@ -4,9 +4,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-import numpy as np
-
-from kitchen_suite.experts.skills import CLOSED, OPEN, Hinge, Move, Shift, Skill, Swing, Vector
+from kitchen_suite.experts.skills import CLOSED, OPEN, Hand, Hinge, Move, Shift, Skill, Swing, Vector
 from kitchen_suite.tasks.goals import GOALS
 
 # Directions; the robot looks along y.
@@ -25,22 +23,13 @@ def _aim(yaw: float, pitch: float) -> Vector:
     return math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)
 
 
-def _reaching(point: Vector, approach: Vector, spread: Vector, ahead: float, **options: object) -> Move:
-    """A hand whose site has a point so far before it [m]."""
-    x, y, z = np.array(point) - ahead * np.array(approach)
-    return Move(to=(float(x), float(y), float(z)), approach=approach, spread=spread, **options)
-
-
-def _push(
-    *tips: Vector, approach: Vector, spread: Vector, fingers: float = CLOSED, speed: float
-) -> tuple[Move, ...]:
+def _push(*tips: Vector, hand: Hand, fingers: float = CLOSED, speed: float) -> tuple[Move, ...]:
     """Moves that bring the finger tips before a thing, to it, and then on from place to place."""
-    before, start, *rest = tips
-    hand = {"approach": approach, "spread": spread, "ahead": _TIP, "fingers": fingers}
+    before, start, *rest = (hand.before(tip, _TIP) for tip in tips)
     return (
-        _reaching(before, **hand, free=True),
-        _reaching(start, **hand),
-        *(_reaching(tip, **hand, speed=speed) for tip in rest),
+        Move(to=before, hand=hand, fingers=fingers, free=True),
+        Move(to=start, hand=hand, fingers=fingers),
+        *(Move(to=place, hand=hand, fingers=fingers, speed=speed) for place in rest),
     )
 
 
@@ -53,7 +42,7 @@ def _knob(task: str, height: float) -> Skill:
     # The knob is damped: the path runs ahead of it, and stops where the goal is passed.
     return Skill(
         steps=(
-            *_push(before, tip, approach=_aim(4, -22), spread=_DOWN, speed=1.0),
+            *_push(before, tip, hand=Hand(approach=_aim(4, -22), spread=_DOWN), speed=1.0),
             Swing(to=-1.3, speed=1.5),
         ),
         posture=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
@@ -62,13 +51,14 @@ def _knob(task: str, height: float) -> Skill:
     )
 
 
-def _pull(bar: Vector, approach: Vector, swing: Swing) -> tuple[Move | Swing, ...]:
+def _pull(bar: Vector, hand: Hand, swing: Swing) -> tuple[Move | Swing, ...]:
     """Takes an upright bar between the fingers and leads it round its door's hinge."""
-    hand = {"approach": approach, "spread": _RIGHT}
+    far, near, at = (hand.before(bar, distance) for distance in (0.13, 0.08, 0.01))
     return (
-        _reaching(bar, **hand, ahead=0.11, fingers=OPEN, free=True),
-        _reaching(bar, **hand, ahead=0.01, fingers=OPEN),
-        _reaching(bar, **hand, ahead=0.01, fingers=CLOSED, settle=4),
+        Move(to=far, hand=hand, fingers=OPEN, free=True),
+        Move(to=near, hand=hand, fingers=OPEN),
+        Move(to=at, hand=hand, fingers=OPEN),
+        Move(to=at, hand=hand, fingers=CLOSED, settle=4),
         swing,
     )
 
@@ -79,12 +69,11 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         # Two fingers side by side, low down: one alone would turn it, and high up it would fall.
         "kettle": Skill(
             steps=_push(
-                (-0.27, 0.175, 1.71),
-                (-0.27, 0.205, 1.71),
-                (-0.27, 0.360, 1.71),
-                (-0.25, 0.620, 1.71),
-                approach=_aim(15, -29),
-                spread=_RIGHT,
+                (-0.275, 0.150, 1.70),
+                (-0.275, 0.205, 1.70),
+                (-0.275, 0.360, 1.70),
+                (-0.260, 0.620, 1.70),
+                hand=Hand(approach=_aim(15, -15), spread=_RIGHT),
                 fingers=OPEN,
                 speed=0.5,
             ),
@@ -94,7 +83,11 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
         "microwave": Skill(
-            steps=_pull((-0.642, 0.492, 1.87), _aim(-30, -15), Swing(to=-1.0, twist=-0.2, speed=1.0)),
+            steps=_pull(
+                (-0.642, 0.492, 1.87),
+                Hand(approach=_aim(-30, -15), spread=_RIGHT),
+                Swing(to=-1.0, twist=-0.2, speed=1.0),
+            ),
             posture=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
             thing=Hinge(elements=GOALS["microwave"].elements, about=(-1.1276, 0.455, 1.79), axis=_UP),
             retreat=(0.05, -0.10, 0.0),
@@ -107,8 +100,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 (-0.185, 0.565, 2.475),
                 (-0.160, 0.635, 2.475),
                 (0.280, 0.635, 2.475),
-                approach=_aim(0, -20),
-                spread=_DOWN,
+                hand=Hand(approach=_aim(0, -20), spread=_DOWN),
                 speed=0.8,
             ),
             posture=(-0.83, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
@@ -117,11 +109,10 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         ),
         "light switch": Skill(
             steps=_push(
-                (-0.315, 0.575, 2.28),
+                (-0.310, 0.560, 2.28),
                 (-0.315, 0.620, 2.28),
                 (-0.500, 0.620, 2.28),
-                approach=_aim(-10, -10),
-                spread=_RIGHT,
+                hand=Hand(approach=_aim(-10, -10), spread=_RIGHT),
                 speed=0.6,
             ),
             posture=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
@@ -129,7 +120,9 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         ),
         # The hand comes from the left, so that the left finger hooks behind the bar; the bar turns between the fingers.
         "hinge cabinet": Skill(
-            steps=_pull((-0.526, 0.582, 2.56), _aim(10, 8), Swing(to=1.45, twist=-0.15, speed=1.0)),
+            steps=_pull(
+                (-0.526, 0.582, 2.56), Hand(approach=_aim(10, 8), spread=_RIGHT), Swing(to=1.45, twist=-0.15, speed=1.0)
+            ),
             posture=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
             thing=Hinge(elements=GOALS["hinge cabinet"].elements[1:], about=(-0.224, 0.71, 2.6), axis=_UP),
             retreat=(0.10, -0.10, 0.0),

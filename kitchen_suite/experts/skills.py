@@ -16,13 +16,38 @@ UNLIMITED = 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Hand:
+    """How the hand is turned, in the frame of its skill.
+
+    Attributes:
+      approach: direction in which the fingers point, of length 1.
+      spread: direction in which the left finger opens; made orthogonal to `approach`.
+    """
+
+    approach: Vector
+    spread: Vector
+
+    def before(self, point: Vector, distance: float) -> Vector:
+        """Where the hand's site is so that a point lies so far before it [m]."""
+        x, y, z = np.array(point) - distance * np.array(self.approach)
+        return float(x), float(y), float(z)
+
+    @property
+    def rotation(self) -> mink.SO3:
+        """Of the site: z is the direction of approach, y the one of the left finger."""
+        z = np.array(self.approach)
+        y = np.array(self.spread) - np.dot(self.spread, z) * z
+        y /= np.linalg.norm(y)
+        return mink.SO3.from_matrix(np.stack([np.cross(y, z), y, z], axis=1))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Move:
     """Takes the hand's site (the kitchen's `end_effector`, the cabinet's `gripper`) to a place.
 
     Attributes:
       to: where, in the frame of the skill [m].
-      approach: direction in which the fingers point.
-      spread: direction in which the left finger opens; made orthogonal to `approach`.
+      hand: how the hand is turned there.
       fingers: how far each is to be open on the way [m].
       speed: of the site, at most [m/s].
       settle: control steps to stay there.
@@ -30,8 +55,7 @@ class Move:
     """
 
     to: Vector
-    approach: Vector
-    spread: Vector
+    hand: Hand
     fingers: float = CLOSED
     speed: float = UNLIMITED
     settle: int = 0
@@ -39,12 +63,8 @@ class Move:
 
     @property
     def pose(self) -> mink.SE3:
-        """Of the site, in the frame of the skill: z is the direction of approach, y the one of the left finger."""
-        z = np.array(self.approach) / np.linalg.norm(self.approach)
-        y = np.array(self.spread) - np.dot(self.spread, z) * z
-        y /= np.linalg.norm(y)
-        rotation = mink.SO3.from_matrix(np.stack([np.cross(y, z), y, z], axis=1))
-        return mink.SE3.from_rotation_and_translation(rotation, np.array(self.to))
+        """Of the site, in the frame of the skill."""
+        return mink.SE3.from_rotation_and_translation(self.hand.rotation, np.array(self.to))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -74,7 +94,7 @@ class Hinge:
       axis: direction of the axis.
     """
 
-    elements: tuple[int]
+    elements: tuple[int, ...]
     about: Vector
     axis: Vector
 
