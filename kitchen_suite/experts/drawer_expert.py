@@ -37,8 +37,8 @@ _ENOUGH = SUCCESS_OPENING + 0.02
 # Control steps after the end of a path until it tries again: the drawer follows late.
 _LINGER = 40
 
-# Distance between hand and handle from which the grasp has failed [m]; the pads are shorter.
-_SLIP = 0.025
+# Distance between hand and handle from which the grasp has failed [m]: half a pad is 0.01, and noise may add as much.
+_SLIP = 0.04
 
 # Log odds of closing the gripper that leave nothing to chance.
 _CERTAIN = 50.0
@@ -133,8 +133,9 @@ def _handle(observation: NDArray[np.float64], hand: mink.SE3) -> mink.SE3:
     """Where the handle is: what is seen is how far it is from the hand."""
     position = hand.translation() + observation[SLICES["handle_offset"]]
     x, y, z, w = observation[SLICES["handle_orientation_offset"]]
-    # The offset was taken from that one of the hand's two quaternions which leads to the one of length 1; the handle's
-    # has a positive w.
+    # The offset was taken from that one of the hand's two quaternions which leads to the one of length 1.
     candidates = [np.array([w, x, y, z]) + sign * hand.rotation().wxyz for sign in (1.0, -1.0)]
     best = min(candidates, key=lambda quaternion: abs(np.linalg.norm(quaternion) - 1.0))
-    return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=best).normalize(), position)
+    # Of a rotation's two quaternions always the one with a positive w, so that they have a mean.
+    rotation = mink.SO3(wxyz=best * np.sign(best[0])).normalize()
+    return mink.SE3.from_rotation_and_translation(rotation, position)

@@ -32,6 +32,8 @@ _SCALE = 2.0
 
 # A task counts as done at this share of its threshold: noise may make it look nearer than it is.
 _CAUTION = 0.98
+# One that has been done is to be done again beyond so many times its threshold: doors spring back a little.
+_SLACK = 1.2
 
 # Control steps after the end of a path until a task is given up: what presses on something follows late.
 _LINGER = 6
@@ -79,7 +81,7 @@ class KitchenExpert(Expert):
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
         self._goals = GoalSet.build(tasks, goals)
-        self._threshold = _CAUTION * checks.number(threshold, "threshold", positive=True)
+        self._threshold = checks.number(threshold, "threshold", positive=True)
         order = tuple(tasks) if checks.flag(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
@@ -108,16 +110,17 @@ class KitchenExpert(Expert):
 
     def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> Path | None:
         things = observation[_THINGS]
-        near = self._goals.distances(things[self._goals.elements]) < self._threshold
-        done = [task for task, is_near in zip(self._goals.tasks, near, strict=True) if is_near]
-        failed = self._task is not None and self._task not in done
-        if failed and not self._has_ended(_LINGER):
+        distances = self._goals.distances(things[self._goals.elements]) / self._threshold
+        distance = dict(zip(self._goals.tasks, distances.tolist(), strict=True))
+        failed = self._task is not None and distance[self._task] >= _CAUTION
+        if self._path is not None and (failed or self._task is None) and not self._has_ended(_LINGER):
             return None
         if self._task is not None:
             self._left.remove(self._task)
             self._left += [self._task] if failed else []
-        # All have been done, but what has come undone meanwhile is to be done again.
-        self._left = self._left or [task for task in self._order if task not in done]
+        elif not self._left:
+            # The arm rests; what has come undone meanwhile is to be done again.
+            self._left = [task for task in self._order if distance[task] > _SLACK]
         before, self._task = self._task, self._left[0] if self._left else None
         if before is None and self._task is None:
             return None
