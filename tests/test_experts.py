@@ -227,6 +227,11 @@ def test_bad_options_are_refused(message):
         REFUSED[message]()
 
 
+def test_the_command_line_knows_the_expert(capsys):
+    assert rollout.main(["--policy=expert", "--task_name=kettle", "--num_episodes=1"]) == 0
+    assert "success rate          100% (1 of 1)" in capsys.readouterr().out
+
+
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setattr(policies, "_EXPERTS_NEED", ("daqp", "mink_that_is_not_there"))
     assert rollout.main(["--policy=expert", "--num_episodes=1"]) == 2
@@ -259,6 +264,23 @@ def test_a_hundred_unseen_seeds(load, task_name, time_limit, least):
     count = len(env.task.goals)
     expert = experts.make(env.task)
     assert sum(len(episode(env, expert, 10_000 + seed)[0]) == count for seed in range(100)) >= least
+
+
+# Styles, and how many of 20 episodes of all seven tasks must succeed within 450 steps.
+DEMANDING = {
+    "noisy": (experts.Style(action_noise=0.2), 18),
+    "jittered": (experts.Style(jitter=0.03), 19),
+    "mixed": (experts.Style(speed=0.75, action_noise=0.1, jitter=0.02), 19),
+    "slow": (experts.Style(speed=0.5), 20),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("style", "least"), DEMANDING.values(), ids=DEMANDING)
+def test_demanding_styles(load, style, least):
+    env = load("all", time_limit=36.0)
+    expert = experts.make(env.task, style=style)
+    assert sum(len(episode(env, expert, 10_000 + seed)[0]) == 7 for seed in range(20)) >= least
 
 
 @pytest.mark.slow
