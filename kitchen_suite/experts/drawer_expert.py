@@ -29,8 +29,9 @@ _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
 _CLOSING_STEPS, _OPENING_STEPS = 40, 30
 # How far before the handle the hand turns to go straight in, and how far it pulls [m].
 _STANDOFF, _PULL = 0.08, 0.36
-# How far the hand points down [degrees]: a level hand cannot reach the lower handle.
-_TILTS = {"top": 0.0, "bottom": 20.0}
+# How far the hand points down [degrees]: only so the arm can pull the lower handle to the end without bending its elbow
+# (joint 4) to the limit.
+_TILTS = {"top": 0.0, "bottom": 40.0}
 
 # An opening from which it rests [m]: noise may make it look farther open than it is.
 _ENOUGH = SUCCESS_OPENING + 0.02
