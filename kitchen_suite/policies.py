@@ -4,6 +4,7 @@ A policy is called with the present `dm_env.TimeStep` and returns the action; `t
 episode starts.
 """
 
+import importlib.util
 import pkgutil
 import sys
 import traceback
@@ -21,6 +22,9 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
 # Makes the policy for one episode; the generator is the episode's own.
 PolicyBuilder = Callable[[dm_env.Environment, np.random.Generator], Policy]
+
+# What the extra `experts` installs.
+_EXPERTS_NEED = ("daqp", "mink")
 
 
 class PolicyError(Exception):
@@ -47,7 +51,14 @@ def zero(environment: dm_env.Environment, generator: np.random.Generator) -> Pol
     return lambda timestep: np.zeros(shape)
 
 
-POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType({"random": random, "zero": zero})
+def expert(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+    """Builds the scripted expert for the environment's task; it needs the extra `experts`."""
+    from kitchen_suite import experts
+
+    return experts.make_policy(environment, generator)
+
+
+POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType({"random": random, "zero": zero, "expert": expert})
 
 
 def find(name: str) -> PolicyBuilder:
@@ -58,6 +69,7 @@ def find(name: str) -> PolicyBuilder:
         also looked for in the working directory.
 
     Raises:
+      ImportError: the policy needs an extra that is not installed.
       ValueError: there is no such policy, it cannot be imported, or it cannot be called.
     """
     if ":" in name:
@@ -67,6 +79,8 @@ def find(name: str) -> PolicyBuilder:
         build = POLICIES[checks.choice(name, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
+    if build is expert and (missing := [name for name in _EXPERTS_NEED if not importlib.util.find_spec(name)]):
+        raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
     return lambda environment, generator: _checked(build(environment, generator), name, environment)
 
 

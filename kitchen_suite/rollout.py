@@ -4,6 +4,7 @@
   kitchen-rollout --list                                   domains, tasks and cameras
   kitchen-rollout --task_name=kettle --output=episodes     also writes each episode to a file
   kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films them
+  kitchen-rollout --policy=expert                          completes the task
   kitchen-rollout --policy=my_module:act                   acts as your own function does
 
 Your own policy is a callable that takes a dm_env.TimeStep and returns the action. Files are written whole or not at
@@ -51,8 +52,8 @@ _TIME_LIMIT = flags.DEFINE_float(
 _POLICY = flags.DEFINE_string(
     "policy",
     "random",
-    "What acts: random (uniform; standard normal where the action is unbounded), zero, or module:callable, which is "
-    "given the dm_env.TimeStep and returns the action.",
+    "What acts: random (uniform; standard normal where the action is unbounded), zero, expert (scripted; needs the "
+    "extra experts), or module:callable, which is given the dm_env.TimeStep and returns the action.",
     flag_values=_FLAGS,
 )
 _NUM_EPISODES = flags.DEFINE_integer("num_episodes", 3, "Number of episodes.", lower_bound=1, flag_values=_FLAGS)
