@@ -82,7 +82,7 @@ def datasets_in(path: str | os.PathLike | None) -> Iterator[None]:
     """Lets Minari look for datasets, and write them, in a folder; where it does anyway without one."""
     before = os.environ.get(_DATASETS)
     if path is not None:
-        os.environ[_DATASETS] = str(path)
+        os.environ[_DATASETS] = os.path.abspath(path)
     try:
         yield
     finally:

@@ -162,4 +162,5 @@ def check_id(dataset_id: str) -> None:
 
 
 def _root() -> Path:
-    return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path())
+    # Minari mistakes where its files are if that is relative.
+    return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path()).absolute()

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import os
 import shutil
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -110,16 +111,29 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
 
 
 def load_arrays(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Reads what `save_arrays` wrote; gives arrays and metadata."""
-    with np.load(path, allow_pickle=False) as file:
+    """Reads what `save_arrays` wrote; gives arrays and metadata.
+
+    Raises:
+      OSError: there is nothing of the kind.
+    """
+    with _opened(path) as file:
         arrays = dict(file)
-    return arrays, json.loads(str(arrays.pop("metadata")))
+        return arrays, json.loads(str(arrays.pop("metadata")))
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
-    """Reads only the metadata that `save_arrays` wrote."""
-    with np.load(path, allow_pickle=False) as file:
+    """Reads only the metadata that `save_arrays` wrote; raises what `load_arrays` does."""
+    with _opened(path) as file:
         return json.loads(str(file["metadata"]))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Mapping[str, NDArray]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            yield file
+    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise OSError(f"{path} does not hold an episode") from error
 
 
 def check_ffmpeg() -> None:

@@ -184,13 +184,13 @@ def test_seeds_may_be_of_any_size(run):
     assert [about["seed"] for about, _ in load_all("runs").values()] == [10**30, 10**30 + 1]
 
 
-def test_a_recording_tells_what_it_is_made_of(run):
+def test_a_recording_tells_what_it_is_made_of(run, tmp_path):
     status, out, _ = run("--output=runs", "--num_episodes=2", "--task_name=kettle", "--policy=zero", *SHORT)
     assert status == 0
     assert out.startswith("kitchen kettle, policy zero, seeds from 0\n2 episodes in runs, 0 of them there already\n")
     assert "\nepisodes              2\n" in out
     assert "\nsuccess rate          0% (0 of 2)\n" in out
-    about = json.loads(open("runs/recording.json", encoding="utf-8").read())
+    about = json.loads(tmp_path.joinpath("runs/recording.json").read_text(encoding="utf-8"))
     assert {"mujoco", "dm-control", "kitchen-suite", "numpy"} < about.pop("versions").keys()
     assert about == {
         "domain_name": "kitchen",
@@ -202,19 +202,19 @@ def test_a_recording_tells_what_it_is_made_of(run):
     }
 
 
-def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes_them(run):
+def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes_them(run, tmp_path):
     command = ["--output=runs", "--num_episodes=5", "--num_envs=2", "--policy=my_policies:stop", *SHORT]
-    open("stop", "w").close()
+    tmp_path.joinpath("stop").touch()
     assert run("--num_episodes=1", *command)[::2] == (
         130,
         "kitchen-record: interrupted after 0 of 5 episodes; run the same again to go on\n",
     )
     assert list(load_all("runs")) == []
-    os.remove("stop")
+    tmp_path.joinpath("stop").unlink()
     assert run(*command, "--num_episodes=3")[0] == 0
     kept = load_all("runs")
     # What a killed process leaves of a file.
-    open("runs/.999999999.episode_000004.npz", "w").close()
+    tmp_path.joinpath("runs/.999999999.episode_000004.npz").touch()
     status, out, _ = run(*command)
     assert status == 0
     assert "5 episodes in runs, 3 of them there already\n" in out
