@@ -17,8 +17,9 @@ from kitchen_suite.episode_arrays import EpisodeArrays, nested
 from kitchen_suite.recipe import Recipe
 from kitchen_suite.staging import Staging
 
-# Where the dataset's metadata has the recipe.
+# Where the dataset's metadata has the recipe, and how many episodes were asked for.
 RECIPE_KEY = "kitchen_suite_recording"
+_COUNT_KEY = "kitchen_suite_num_episodes"
 
 # HDF5 keeps seeds in attributes of 64 bits.
 _MOST_SEED = 2**63 - 1
@@ -37,11 +38,11 @@ class DatasetPlan:
           ValueError: the id is malformed, its place is taken by something else, or a seed is too large.
         """
         self._minari = minari()
-        self._dataset_id, self._recipe = dataset_id, recipe
+        self._dataset_id, self._recipe, self._count = dataset_id, recipe, count
         check_id(dataset_id)
         if recipe.seed + count - 1 > _MOST_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MOST_SEED}, got {recipe.seed + count - 1}")
-        self._check_free(count)
+        self._check_free()
 
     @property
     def dataset_id(self) -> str:
@@ -71,18 +72,18 @@ class DatasetPlan:
             for start in range(0, len(indices), _CHUNK):
                 chunk = [self._buffer(staging.load(index)) for index in indices[start : start + _CHUNK]]
                 dataset.update_dataset_from_buffer(chunk)
-            dataset.storage.update_metadata({RECIPE_KEY: self._recipe.record()})
+            dataset.storage.update_metadata({RECIPE_KEY: self._recipe.record(), _COUNT_KEY: self._count})
 
-    def _check_free(self, count: int) -> None:
+    def _check_free(self) -> None:
         if self.is_missing:
             return
-        present = self._minari.load_dataset(self._dataset_id)
-        if present.storage.metadata.get(RECIPE_KEY) != self._recipe.record():
+        present = self._minari.load_dataset(self._dataset_id).storage.metadata
+        if present.get(RECIPE_KEY) != self._recipe.record():
             raise ValueError(f"dataset {self._dataset_id!r} exists and holds another recording: name another one")
-        if present.total_episodes != count:
+        if present.get(_COUNT_KEY) != self._count:
             raise ValueError(
-                f"dataset {self._dataset_id!r} exists and holds {present.total_episodes} episodes of this recording, "
-                f"not {count}: name another one"
+                f"dataset {self._dataset_id!r} exists and is of the first {present.get(_COUNT_KEY)} episodes of this "
+                f"recording, not of {self._count}: name another one"
             )
 
     @contextlib.contextmanager

@@ -59,8 +59,7 @@ def claim_folder(folder: Path) -> None:
       OSError: it cannot be made or written to, or it holds episodes already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(f"{folder} may not be written to")
+    check_writable(folder)
     if any(folder.glob(_PATTERN)):
         raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
 
@@ -88,6 +87,12 @@ def save_episode(folder: Path, index: int, episode: Episode, metadata: Mapping[s
         "discount": episode.discounts,
     }
     return save_arrays(episode_path(folder, index), arrays, known)
+
+
+def check_writable(folder: Path) -> None:
+    """Raises a PermissionError if nothing can be written to a folder."""
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{folder} may not be written to")
 
 
 def episode_path(folder: Path, index: int) -> Path:

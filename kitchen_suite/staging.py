@@ -30,6 +30,7 @@ class Staging:
         if (folder / RECIPE_FILE).exists():
             present = cls.open(folder)
             _check_same(folder, present.recipe.record(), recipe.record())
+            recording.check_writable(folder)
             recording.sweep(folder)
             return present
         recording.claim_folder(folder)

@@ -117,7 +117,7 @@ def split(environment, observation):
     return np.split(observation.copy(), [8, 16, 19, 23, 24])
 
 
-@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (3, 2), (5, 1)])
+@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (3, 2)])
 @pytest.mark.parametrize("policy", ["random", "my_policies:brake"])
 def test_an_episode_is_that_of_the_single_environment(run, policy, num_envs, num_threads):
     how = [f"--policy={policy}", f"--num_envs={num_envs}", f"--num_threads={num_threads}"]
@@ -253,23 +253,25 @@ def started(folder, *arguments):
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_signal_costs_no_more_than_the_episodes_being_played(run, tmp_path, number):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_finished_episodes(tmp_path, monkeypatch, number):
+    monkeypatch.chdir(tmp_path)
     with started(tmp_path / "runs", *SHORT) as process:
         process.send_signal(number)
         out, err = process.communicate(timeout=60)
-    present = list(load_all("runs"))
-    assert len(present) >= 3
-    if number == signal.SIGKILL:
-        assert (process.returncode, err) == (-number, "")
-    else:
-        assert process.returncode == 130
-        assert (
-            err == f"kitchen-record: interrupted after {len(present)} of 100000 episodes; run the same again to go on\n"
-        )
-        assert f"\nepisodes              {len(present)}\n" in out
+    count = len(load_all("runs"))
+    assert count >= 3
+    assert process.returncode == 130
+    assert err == f"kitchen-record: interrupted after {count} of 100000 episodes; run the same again to go on\n"
+    assert f"\nepisodes              {count}\n" in out
+
+
+def test_kill_9_costs_no_more_than_the_episodes_being_played(run, tmp_path):
+    with started(tmp_path / "runs", *SHORT) as process:
+        process.kill()
+        assert process.communicate(timeout=60)[1] == ""
     # Every file is whole, and the rest can be had.
-    count = len(present) + 4
+    count = len(list(tmp_path.glob("runs/episode_*.npz"))) + 4
     assert run("--output=runs", f"--num_episodes={count}", "--num_envs=2", *SHORT)[0] == 0
     assert sorted(os.listdir("runs")) == [*names(*range(count)), "recording.json"]
     assert run("--output=again", f"--num_episodes={count}", "--num_envs=4", *SHORT)[0] == 0

@@ -12,6 +12,7 @@ from minari.dataset.minari_dataset import MinariDataset
 
 from kitchen_suite import record
 from kitchen_suite.episode_arrays import flatten
+from kitchen_suite.vector_base import SuiteVectorEnv
 
 KITCHEN = ["--num_threads=1", "--output=runs", "--num_episodes=3", "--num_envs=2", "--seed=5", "--max_episode_steps=5"]
 ID = "kitchen-suite/random-v0"
@@ -127,7 +128,7 @@ def test_datasets_may_be_elsewhere(run):
 def test_a_dataset_that_holds_something_else_is_never_touched(run):
     assert run(f"--dataset={ID}")[0] == 0
     for arguments, message in {
-        ("--num_episodes=4",): f"dataset '{ID}' exists and holds 3 episodes of this recording, not 4",
+        ("--num_episodes=4",): f"dataset '{ID}' exists and is of the first 3 episodes of this recording, not of 4",
         ("--output=others", "--seed=6"): f"dataset '{ID}' exists and holds another recording",
     }.items():
         status, out, err = run(f"--dataset={ID}", *arguments)
@@ -151,6 +152,22 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
     assert run(f"--dataset={ID}")[0] == 0
     assert os.listdir("datasets") == ["kitchen-suite"]
     assert minari.load_dataset(ID).total_episodes == 3
+
+
+def test_what_diverged_is_not_in_the_dataset(run, monkeypatch):
+    step = SuiteVectorEnv.step
+
+    def diverge(self, actions):
+        observations, rewards, terminations, truncations, infos = step(self, actions)
+        diverged = np.array([seed == 6 for seed in self.np_random_seed])
+        return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
+
+    monkeypatch.setattr(SuiteVectorEnv, "step", diverge)
+    for _ in range(2):
+        status, out, err = run(f"--dataset={ID}")
+        assert (status, err) == (1, "kitchen-record: the physics diverged in 1 episodes, left out: seeds [6]\n")
+        assert f"\ndataset {ID} in " in out
+    assert [about["seed"] for about in minari.load_dataset(ID).storage.get_episode_metadata(range(2))] == [5, 7]
 
 
 def test_few_episodes_are_in_memory_at_once(run, monkeypatch):
