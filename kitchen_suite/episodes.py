@@ -15,7 +15,7 @@ from kitchen_suite.policies import PolicyBuilder
 Result = bool | int | float | dict[str, int]
 
 # Tells the policy's random numbers from all others that are drawn with the same seed.
-_POLICY_STREAM = 1
+POLICY_STREAM = 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ def play(
     """
     started = time.perf_counter()
     environment.random_state = seed
-    policy = build_policy(environment, np.random.default_rng((seed, _POLICY_STREAM)))
+    policy = build_policy(environment, np.random.default_rng((seed, POLICY_STREAM)))
     timestep = environment.reset()
     # Copies: a policy may change the arrays it is given.
     observations, actions, rewards, discounts = [_copy(timestep.observation)], [], [], []

@@ -4,6 +4,8 @@ import contextlib
 import importlib.util
 import json
 import os
+import shutil
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,12 +21,35 @@ _PATTERN = "episode_*.npz"
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Gives a path to write to, in the same folder; what was written there becomes `path` if all went well."""
-    partial = path.with_name(f".{os.getpid()}.{path.name}")
+    partial = partial_path(path)
     try:
         yield partial
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Removes files and folders, named as by `partial_path`, that killed processes have left unfinished in a folder."""
+    for path in folder.glob(".*"):
+        owner = path.name[1:].partition(".")[0]
+        if owner.isdecimal() and not _is_running(int(owner)):
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def partial_path(path: Path) -> Path:
+    """Where this process writes what shall become `path`: in the same folder, hidden."""
+    return path.with_name(f".{os.getpid()}.{path.name}")
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def claim_folder(folder: Path) -> None:
@@ -34,8 +59,7 @@ def claim_folder(folder: Path) -> None:
       OSError: it cannot be made or written to, or it holds episodes already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(f"{folder} may not be written to")
+    check_writable(folder)
     if any(folder.glob(_PATTERN)):
         raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
 
@@ -56,17 +80,65 @@ def save_episode(folder: Path, index: int, episode: Episode, metadata: Mapping[s
       The file.
     """
     known = {**metadata, "episode": index, "seed": episode.outcome.seed, "results": episode.outcome.results}
-    arrays: dict[str, Any] = {
+    arrays: dict[str, NDArray] = {
         **{f"observation/{key}": rows for key, rows in episode.observations.items()},
         "action": episode.actions,
         "reward": episode.rewards,
         "discount": episode.discounts,
-        "metadata": np.array(json.dumps(known)),
     }
-    path = folder / _PATTERN.replace("*", f"{index:06d}")
+    return save_arrays(episode_path(folder, index), arrays, known)
+
+
+def check_writable(folder: Path) -> None:
+    """Raises a PermissionError if nothing can be written to a folder."""
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{folder} may not be written to")
+
+
+def episode_path(folder: Path, index: int) -> Path:
+    """Where the episode of that number is."""
+    return folder / _PATTERN.replace("*", f"{index:06d}")
+
+
+def episode_indices(folder: Path) -> list[int]:
+    """Numbers of the episodes in a folder, in order."""
+    first = len(_PATTERN.partition("*")[0])
+    numbers = (path.stem[first:] for path in folder.glob(_PATTERN))
+    return sorted(int(number) for number in numbers if number.isdecimal())
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
+    """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
+    everything: dict[str, Any] = {**arrays, "metadata": np.array(json.dumps(metadata))}
     with whole_file(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+        np.savez_compressed(file, **everything)
     return path
+
+
+def load_arrays(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Reads what `save_arrays` wrote; gives arrays and metadata.
+
+    Raises:
+      OSError: there is nothing of the kind.
+    """
+    with _opened(path) as file:
+        arrays = dict(file)
+        return arrays, json.loads(str(arrays.pop("metadata")))
+
+
+def load_metadata(path: Path) -> dict[str, Any]:
+    """Reads only the metadata that `save_arrays` wrote; raises what `load_arrays` does."""
+    with _opened(path) as file:
+        return json.loads(str(file["metadata"]))
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Mapping[str, NDArray]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            yield file
+    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise OSError(f"{path} does not hold an episode") from error
 
 
 def check_ffmpeg() -> None:

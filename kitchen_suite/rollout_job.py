@@ -59,7 +59,7 @@ class RolloutJob:
         self._camera = find_camera(self._environment, settings.camera)
         if settings.video:
             recording.check_ffmpeg()
-            self._check_size()
+            check_size(self._environment, settings.width, settings.height)
         if settings.output:
             recording.claim_folder(settings.output)
         self._last_seed = settings.seed + settings.num_episodes - 1
@@ -93,14 +93,6 @@ class RolloutJob:
             task_kwargs={**settings.task_kwargs, **scene},
             visualize_reward=settings.visualize_reward,
         )
-
-    def _check_size(self) -> None:
-        settings, largest = self._settings, self._environment.physics.model.vis.global_
-        if settings.width > largest.offwidth or settings.height > largest.offheight:
-            raise ValueError(
-                f"a video of {settings.width} x {settings.height} pixels is too large: the model has room for "
-                f"{largest.offwidth} x {largest.offheight}"
-            )
 
     @contextlib.contextmanager
     def _progress(self) -> Iterator[Callable[[dm_env.TimeStep], None]]:
@@ -173,6 +165,20 @@ def find_camera(environment: Environment, camera: str) -> int:
     if camera.isdecimal() and int(camera) < len(names):
         return int(camera)
     return names.index(checks.choice(camera, names, "camera"))
+
+
+def check_size(environment: Environment, width: int, height: int) -> None:
+    """Sees to it that pictures of that size can be rendered.
+
+    Raises:
+      ValueError: they are too large.
+    """
+    largest = environment.physics.model.vis.global_
+    if width > largest.offwidth or height > largest.offheight:
+        raise ValueError(
+            f"a video of {width} x {height} pixels is too large: the model has room for "
+            f"{largest.offwidth} x {largest.offheight}"
+        )
 
 
 def describe_suite() -> str:

@@ -133,6 +133,32 @@ ALL_TASKS: tuple[tuple[str, str], ...] = tuple(
 BENCHMARKING: tuple[tuple[str, str], ...] = (("kitchen", "complete"), ("kitchen", "partial"), ("kitchen", "mixed"))
 
 
+def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
+    """What makes a task of the suite this one: arguments of the domain's builder, and of its Gymnasium environment.
+
+    Raises:
+      TypeError: a name is no string.
+      ValueError: an unknown domain or task.
+    """
+    return dict(_find(domain_name, task_name).keywords)
+
+
+def refuse_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
+    """Refuses arguments that would make another task of it.
+
+    Raises:
+      ValueError: there are such among them.
+    """
+    fixed = task_arguments(domain_name, task_name).keys() - {"tasks_to_complete"}
+    if clash := sorted(fixed & task_kwargs.keys()):
+        raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
+
+
+def _find(domain_name: str, task_name: str) -> functools.partial[Environment]:
+    tasks = _DOMAINS[checks.choice(domain_name, _DOMAINS.keys(), "domain")]
+    return tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")]
+
+
 def load(
     domain_name: str,
     task_name: str,
@@ -153,13 +179,11 @@ def load(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: an unknown domain or task, or a value that the builder refuses.
     """
-    tasks = _DOMAINS[checks.choice(domain_name, _DOMAINS.keys(), "domain")]
-    build = tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")]
+    build = _find(domain_name, task_name)
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
         if kwargs is not None and not isinstance(kwargs, Mapping):
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
-    if clash := sorted((build.keywords.keys() - {"tasks_to_complete"}) & (task_kwargs or {}).keys()):
-        raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
+    refuse_fixed(domain_name, task_name, task_kwargs or {})
     environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment

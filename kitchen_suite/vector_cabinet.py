@@ -42,6 +42,10 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         """Control steps `(n,)` that each environment has made; resets do not restart the count."""
         return self._life_steps.copy()
 
+    @life_steps.setter
+    def life_steps(self, value: NDArray[np.int64]) -> None:
+        self._life_steps[:] = value
+
     def drawn_model_fields(self) -> Sequence[str]:
         return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
 

@@ -1,0 +1,90 @@
+"""What command lines of the suite share: how they parse, what they print when something is wrong, how they end."""
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from absl import flags
+
+_DATASETS = "MINARI_DATASETS_PATH"
+
+FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 1, 2, 130, 141
+
+
+def parse(values: flags.FlagValues, name: str, arguments: Sequence[str], *, most: int = 0) -> list[str]:
+    """Takes up a command line anew, whatever was parsed before.
+
+    Args:
+      values: the command's own flags.
+      name: of the command.
+      arguments: without the program's name.
+      most: how many of them need not be flags.
+
+    Returns:
+      Those that are no flags.
+
+    Raises:
+      flags.Error: a flag is unknown or its value bad, or there are too many other arguments.
+    """
+    values.unparse_flags()
+    _, *rest = values([name, *arguments])
+    if len(rest) > most:
+        raise flags.Error(f"unexpected argument {rest[most]!r}: all others are flags, see --help")
+    return rest
+
+
+def describe(values: flags.FlagValues, introduction: str | None) -> str:
+    """What --help shows."""
+    # absl heads the list with two lines that name the module.
+    return "\n".join([introduction or "", *values.get_help(include_special_flags=False).splitlines()[2:]])
+
+
+def fail(name: str, problem: object, status: int) -> int:
+    """Says in one line what is wrong; returns the exit status."""
+    print(f"{name}:", " ".join(str(problem).split()), file=sys.stderr)
+    return status
+
+
+def run_as_process(main: Callable[[], int]) -> int:
+    """Runs a command as a process of its own; returns the exit status."""
+    # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        status = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read the output has left. What Python still wants to flush at exit goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    return status
+
+
+def check_video(path: str | None) -> bool:
+    """Validates the name of a video.
+
+    Raises:
+      flags.ValidationError: it is none that can be written.
+    """
+    if path is None:
+        return True
+    if not path.endswith(".mp4") or Path(path).is_dir():
+        raise flags.ValidationError("must be a file that ends with .mp4")
+    if not os.access(folder := Path(path).parent, os.W_OK) or not folder.is_dir():
+        raise flags.ValidationError(f"there is no folder {str(folder)!r} that may be written to")
+    return True
+
+
+@contextlib.contextmanager
+def datasets_in(path: str | os.PathLike | None) -> Iterator[None]:
+    """Lets Minari look for datasets, and write them, in a folder; where it does anyway without one."""
+    before = os.environ.get(_DATASETS)
+    if path is not None:
+        os.environ[_DATASETS] = os.path.abspath(path)
+    try:
+        yield
+    finally:
+        os.environ.pop(_DATASETS, None)
+        os.environ.update({} if before is None else {_DATASETS: before})

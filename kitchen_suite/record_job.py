@@ -1,0 +1,152 @@
+"""What `kitchen-record` does once its flags are read."""
+
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from kitchen_suite import policies
+from kitchen_suite.episode_arrays import results
+from kitchen_suite.episodes import Outcome
+from kitchen_suite.minari_datasets import DatasetPlan
+from kitchen_suite.recipe import Recipe, suite_env
+from kitchen_suite.report import Report
+from kitchen_suite.rollout_job import default_task
+from kitchen_suite.staging import Staging
+from kitchen_suite.vector_recorder import VectorRecorder
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What is asked for; see the flags of `record`."""
+
+    domain_name: str
+    task_name: str | None
+    task_kwargs: Mapping[str, Any]
+    policy: str
+    num_episodes: int
+    seed: int
+    max_episode_steps: int | None
+    num_envs: int
+    num_threads: int | None
+    output: Path
+    dataset: str | None
+
+
+class DivergedError(Exception):
+    """The physics diverged in some episodes, which were left out."""
+
+
+class RecordJob:
+    """A recording to be made, or to be completed."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
+
+        Raises:
+          ImportError: Minari is missing, but a dataset is asked for.
+          OSError: the folder cannot be written to or holds other episodes, or the assets are missing.
+          TypeError: an argument of the task has the wrong type, or there is no such argument.
+          ValueError: an unknown name, a value that is refused, or a folder or dataset that holds something else.
+        """
+        self._settings = settings
+        self._recipe = Recipe.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name or default_task(settings.domain_name),
+            task_kwargs=settings.task_kwargs,
+            policy=settings.policy,
+            seed=settings.seed,
+            max_episode_steps=settings.max_episode_steps,
+        )
+        self._single = self._recipe.environment()
+        self._wanted = range(settings.num_episodes)
+        self._plan = self._plan_dataset()
+        self._staging = Staging.claim(settings.output, self._recipe)
+        self._found = len(self._present())
+
+    @property
+    def finished(self) -> int:
+        """Number of wanted episodes that are written."""
+        return len(self._present())
+
+    def run(self) -> None:
+        """Plays what is missing, makes the dataset, and prints a summary, also of what was finished before an error.
+
+        Raises:
+          DivergedError: at the end, if some episodes are missing.
+        """
+        settings, recipe = self._settings, self._recipe
+        print(f"{recipe.domain_name} {recipe.task_name}, policy {recipe.policy}, seeds from {recipe.seed}")
+        print(f"{settings.num_episodes} episodes in {settings.output}, {self._found} of them there already")
+        sys.stdout.flush()
+        try:
+            with contextlib.closing(self._single):
+                diverged = self._play()
+                if self._plan and self._plan.is_missing:
+                    self._plan.make(self._single, self._staging, self._present())
+        finally:
+            print(f"\n{self._summary()}")
+        if self._plan:
+            print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
+        if diverged:
+            raise DivergedError(f"the physics diverged in {len(diverged)} episodes, left out: seeds {diverged}")
+
+    def _plan_dataset(self) -> DatasetPlan | None:
+        if self._settings.dataset is None:
+            return None
+        return DatasetPlan(self._settings.dataset, self._recipe, self._settings.num_episodes)
+
+    def _play(self) -> list[int]:
+        """Plays and saves what is missing; returns the seeds of episodes in which the physics diverged."""
+        present = set(self._present())
+        missing = [(index, self._recipe.seed + index) for index in self._wanted if index not in present]
+        if not missing:
+            return []
+        at_once = min(self._settings.num_envs, len(missing))
+        single, build = suite_env(self._single), policies.find(self._recipe.policy)
+        environments = self._recipe.environments(at_once, self._settings.num_threads)
+        with contextlib.closing(environments), self._progress() as bar:
+            recorder = VectorRecorder(environments, single, build)
+            for episode in recorder.play(missing):
+                came_of_it = results(single, episode.arrays)
+                self._staging.save(episode, came_of_it)
+                bar.count(bool(came_of_it["success"]))
+        return recorder.diverged
+
+    def _progress(self) -> "_Progress":
+        successes = sum(self._staging.outcome(index)["results"]["success"] for index in self._present())
+        return _Progress(len(self._wanted), self._found, successes)
+
+    def _present(self) -> list[int]:
+        return [index for index in self._staging.indices if index in self._wanted]
+
+    def _summary(self) -> str:
+        report = Report(last_seed=self._recipe.seed + len(self._wanted) - 1)
+        for index in self._present():
+            known = self._staging.outcome(index)
+            report.add(Outcome(**{field.name: known[field.name] for field in dataclasses.fields(Outcome)}))
+        return report.summary()
+
+
+class _Progress:
+    """A bar that counts episodes and shows how many of them succeeded."""
+
+    def __init__(self, total: int, found: int, successes: int) -> None:
+        self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
+        self._count, self._successes = found, successes
+
+    def __enter__(self) -> "_Progress":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.close()
+
+    def count(self, success: bool) -> None:
+        """Counts an episode."""
+        self._count, self._successes = self._count + 1, self._successes + success
+        self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
+        self._bar.update()
