@@ -12,8 +12,9 @@ import dm_env
 import gymnasium
 import numpy as np
 import pytest
+import tqdm
 
-from kitchen_suite import policies, record, rollout, vector_base
+from kitchen_suite import policies, record, record_job, rollout, vector_base
 from kitchen_suite.episode_arrays import flatten
 from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
 from kitchen_suite.tasks import drawer_reward
@@ -223,6 +224,22 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
     assert {name: load(f"runs/{name}")[0]["seconds"] for name in kept} == {
         name: about["seconds"] for name, (about, _) in kept.items()
     }
+
+
+def test_the_bar_counts_episodes_and_successes(run, monkeypatch):
+    shown = []
+
+    class Bar(tqdm.tqdm):
+        def display(self, *args, **kwargs):
+            shown.append((self.n, self.total, self.postfix))
+
+    monkeypatch.setattr(record_job, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
+    # So great that every task is complete after one step.
+    easy = '--task_kwargs={"threshold": 9}'
+    assert run("--output=runs", "--num_episodes=2", "--num_envs=1", easy)[0] == 0
+    assert run("--output=runs", "--num_episodes=3", "--num_envs=1", easy)[0] == 0
+    assert {(n, total) for n, total, _ in shown} == {(0, 2), (1, 2), (2, 2), (2, 3), (3, 3)}
+    assert shown[-1] == (3, 3, "success 100%")
 
 
 def test_a_complete_recording_is_left_alone(run):
