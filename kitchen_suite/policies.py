@@ -4,6 +4,9 @@ A policy is called with the present `dm_env.TimeStep` and returns the action; `t
 episode starts.
 """
 
+import ast
+import contextlib
+import dataclasses
 import importlib.util
 import pkgutil
 import sys
@@ -11,6 +14,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import dm_env
 import numpy as np
@@ -20,8 +24,8 @@ from kitchen_suite import checks
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
-# Makes the policy for one episode; the generator is the episode's own.
-PolicyBuilder = Callable[[dm_env.Environment, np.random.Generator], Policy]
+# Makes the policy for one episode, given the environment and a generator of the episode's own.
+PolicyBuilder = Callable[..., Policy]
 
 # What the extra `experts` installs.
 _EXPERTS_NEED = ("daqp", "mink")
@@ -51,11 +55,19 @@ def zero(environment: dm_env.Environment, generator: np.random.Generator) -> Pol
     return lambda timestep: np.zeros(shape)
 
 
-def expert(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
-    """Builds the scripted expert for the environment's task; it needs the extra `experts`."""
+def expert(environment: dm_env.Environment, generator: np.random.Generator, **options: Any) -> Policy:
+    """Builds the scripted expert for the environment's task; it needs the extra `experts`.
+
+    Args:
+      environment: of the suite.
+      generator: what jitter and noise are drawn from.
+      **options: attributes of `experts.Style`, and arguments of `experts.make_policy`.
+    """
     from kitchen_suite import experts
 
-    return experts.make_policy(environment, generator)
+    names = [field.name for field in dataclasses.fields(experts.Style)]
+    style = {name: options.pop(name) for name in names if name in options}
+    return experts.make_policy(environment, generator, style=experts.Style(**style), **options)
 
 
 POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType({"random": random, "zero": zero, "expert": expert})
@@ -65,8 +77,9 @@ def find(name: str) -> PolicyBuilder:
     """Returns what builds a policy, whose actions are checked and come as float64.
 
     Args:
-      name: a key of `POLICIES`; or `module:callable`, a policy that is the same object in every episode. Modules are
-        also looked for in the working directory.
+      name: a key of `POLICIES`, the expert's with options if wanted, such as `expert(speed=0.8, jitter=0.02)`; or
+        `module:callable`, a policy that is the same object in every episode. Modules are also looked for in the
+        working directory.
 
     Raises:
       ImportError: the policy needs an extra that is not installed.
@@ -75,13 +88,37 @@ def find(name: str) -> PolicyBuilder:
     if ":" in name:
         imported = _imported(name)
         return lambda environment, generator: _checked(imported, name, environment)
+    plain, options = _call(name) if name.endswith(")") else (name, {})
     try:
-        build = POLICIES[checks.choice(name, POLICIES.keys(), "policy")]
+        build = POLICIES[checks.choice(plain, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
     if build is expert and (missing := [name for name in _EXPERTS_NEED if not importlib.util.find_spec(name)]):
         raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
-    return lambda environment, generator: _checked(build(environment, generator), name, environment)
+    if options and build is not expert:
+        raise ValueError(f"policy {plain!r} takes no options, got {name!r}; expert does")
+
+    def built(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+        try:
+            policy = build(environment, generator, **options)
+        except (TypeError, ValueError) as error:
+            raise PolicyError(f"policy {name!r} cannot be built: {error}") from error
+        return _checked(policy, name, environment)
+
+    return built
+
+
+def _call(text: str) -> tuple[str, dict[str, Any]]:
+    """Name and options of a policy written as a call.
+
+    Raises:
+      ValueError: it is no call of a name with constants for named options.
+    """
+    with contextlib.suppress(SyntaxError, ValueError):
+        match ast.parse(text, mode="eval").body:
+            case ast.Call(func=ast.Name(id=name), args=[], keywords=options) if all(option.arg for option in options):
+                return name, {str(option.arg): ast.literal_eval(option.value) for option in options}
+    raise ValueError(f"policy {text!r} must be a name, or a name with options such as expert(speed=0.8, jitter=0.02)")
 
 
 def _imported(name: str) -> Policy:

@@ -53,7 +53,8 @@ _POLICY = flags.DEFINE_string(
     "policy",
     "random",
     "What acts: random (uniform; standard normal where the action is unbounded), zero, expert (scripted; needs the "
-    "extra experts), or module:callable, which is given the dm_env.TimeStep and returns the action.",
+    "extra experts; takes options, as in 'expert(speed=0.8, jitter=0.02)'), or module:callable, which is given the "
+    "dm_env.TimeStep and returns the action.",
     flag_values=_FLAGS,
 )
 _NUM_EPISODES = flags.DEFINE_integer("num_episodes", 3, "Number of episodes.", lower_bound=1, flag_values=_FLAGS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dm_env import specs
 
-from kitchen_suite import policies
+from kitchen_suite import policies, suite
 from kitchen_suite.episodes import Outcome
 from kitchen_suite.report import Report
 
@@ -123,3 +123,27 @@ def test_a_task_without_results_is_reported_too():
         "episode  seed    return  steps  seconds",
         "      0     0   -1234.6     10     0.50",
     ]
+
+
+@pytest.fixture(scope="module")
+def kettle():
+    return suite.load("kitchen", "kettle", {"visuals": False})
+
+
+def test_the_expert_takes_options_by_name(kettle):
+    policies.find("expert(speed=0.5, action_noise=0.1, jitter=0.01, threshold=0.15)")(kettle, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["expert(0.5)", "expert(speed=)", "expert(speed=fast)", "expert(**{})", "import os; expert()", "zero(speed=1)"],
+)
+def test_options_that_are_none_are_refused(name):
+    with pytest.raises(ValueError, match="options"):
+        policies.find(name)
+
+
+@pytest.mark.parametrize("name", ["expert(speed=2)", "expert(haste=1)", "expert(jitter='much')"])
+def test_options_that_the_expert_does_not_take_are_the_policys_fault(name, kettle):
+    with pytest.raises(policies.PolicyError, match="cannot be built"):
+        policies.find(name)(kettle, np.random.default_rng(0))
