@@ -18,6 +18,9 @@ _MEBIBYTE = 2**20
 # How often a long run is looked at.
 _SAMPLES = 20
 
+# Environments of EnvPool that still fit into the memory of common machines.
+_MOST_ENVPOOL = 128
+
 
 def resident_memory() -> float:
     """Memory that this process holds in RAM [MiB]; Linux only."""
@@ -48,7 +51,13 @@ def memory_per_environment(domain_name: str, builder: str, environments: int) ->
 def scaling(domain_name: str, sizes: Sequence[int], *, control_steps: int) -> list[dict[str, Any]]:
     """Throughput and memory by number of environments and threads; memory [MiB] of one of many, on one thread."""
     rows, domain = [], DOMAINS[domain_name]
-    cases = [(name, size, threads) for name in domain.builders for size in sizes for threads in THREADS]
+    cases = [
+        (name, size, threads)
+        for name in domain.builders
+        for size in sizes
+        for threads in THREADS
+        if not (name == "EnvPool" and size > _MOST_ENVPOOL)
+    ]
     for builder, size, threads in tqdm(cases, disable=None):
         environment = domain.builders[builder](size, threads)
         row = {"builder": builder, "environments": size, "threads": threads, "memory": None}

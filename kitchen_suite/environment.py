@@ -113,6 +113,12 @@ class Environment(composer.Environment):
         key = control.FLAT_OBSERVATION_KEY
         return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
 
+    def start_episode(self) -> None:
+        """Starts an episode as `reset` does after a first one, but observes nothing: for those who read the task."""
+        with self._physics.reset_context():
+            self._hooks.initialize_episode(self._physics_proxy, self._random_state)
+        self._step_count, self._reset_next_step = 0, False
+
     def continue_episode(self) -> None:
         """Lets the next `step` go on in an episode that has ended."""
         self._reset_next_step = False

@@ -247,7 +247,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """Makes a control step where `stepping`; returns rewards, terminations, and which simulations diverged."""
         self.apply_actions(actions, stepping)
         self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(self.stage))
-        diverged = (self._batch.warning[:, :, 1] > 0).any(axis=1)
+        diverged = np.logical_or.reduce(self._batch.warning[:, :, 1], axis=1)
         alive = stepping & ~diverged
         rewards, terminations = self.book_step(alive)
         self._episode_steps += stepping
@@ -262,7 +262,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for i in chosen.tolist():
             environment.random_state = self._streams[i].random_state
-            environment.reset()
+            environment.start_episode()
             mujoco.mj_getState(model, data, self._batch.state[i], PHYSICS_STATE)
             for name, own in self._own_fields.items():
                 own[i] = getattr(model, name)
@@ -293,12 +293,14 @@ class _Stream:
       generator: what Gymnasium makes of the seed.
       seed: drawn by Gymnasium when `None` is given.
       random_state: draws the generator's numbers.
+      sample: draws one of them from U(0, 1).
     """
 
     def __init__(self, seed: int | None) -> None:
         """Starts the stream."""
         self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
         self.random_state = np.random.RandomState(self.generator.bit_generator)
+        self.sample = self.random_state.random_sample
 
 
 def _processors() -> int:
@@ -315,8 +317,9 @@ def _row(observations: Any, i: int) -> Any:
 
 def _masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
     """Infos as Gymnasium lays them out: nothing where the mask is False, and the mask beside each."""
-    masked = {}
+    masked, partial = {}, not mask.all()
     for name, array in infos.items():
-        array[~mask] = None if array.dtype == object else 0
+        if partial:
+            array[~mask] = None if array.dtype == object else 0
         masked[name], masked[f"_{name}"] = array, mask.copy()
     return masked

@@ -34,7 +34,6 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         task = self._starter.environment.task
         self._rules, self._sensors = task.rules, task.sensors
         self._life_steps = np.zeros(self.num_envs, np.int64)
-        self._closing = np.zeros(self.num_envs)
         self._noise = np.zeros((self.num_envs, drawer_observation.SIZE))
 
     @property
@@ -50,11 +49,12 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
 
     def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
-        for i in np.flatnonzero(stepping):
-            self._closing[i] = self._rules.draw_gripper(self._streams[i].random_state)
+        closing = np.full(self.num_envs, 0.5)
+        if self._rules.samples_gripper:
+            closing[stepping] = [self._streams[i].sample() for i in np.flatnonzero(stepping).tolist()]
         self._actions = self._starter.limited(actions)
         positions = self._read("qpos", self._sensors.joint_qpos)
-        self._target = self._rules.command(positions, self._actions, self._closing)
+        self._target = self._rules.command(positions, self._actions, closing)
         self._batch.ctrl[:, self._sensors.ctrl] = self._target
 
     def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -66,7 +66,7 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             target=self._target,
             life_steps=self._life_steps,
             snapshot=self._read("sensordata", self._sensors.columns),
-            noise=self._noise.copy(),
+            noise=self._noise.copy() if self._rules.is_noisy else self._noise,
         )
         self._life_steps += stepping
         return self._state.reward, self._state.terminates

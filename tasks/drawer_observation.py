@@ -13,13 +13,15 @@ from kitchen_suite.tasks.drawer_snapshot import Snapshot
 # Every number is clipped to this range, both ways.
 LIMIT = 5.0
 
+_HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
+
 # From w, x, y, z to the order in which the system shows quaternions.
 _XYZW = [1, 2, 3, 0]
 
 
 def scaled_joint_positions(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(..., 8)`: arm and left finger, -1 at the joint's lower limit and 1 at its upper one."""
-    return 2.0 * (snapshot.joint_positions[..., :8] - JOINT_LOW) / (JOINT_HIGH - JOINT_LOW) - 1.0
+    return (snapshot.joint_positions[..., :8] - JOINT_LOW) / _HALF_RANGE - 1.0
 
 
 def scaled_joint_velocities(snapshot: Snapshot) -> NDArray[np.float64]:

@@ -138,7 +138,7 @@ class Progress(NamedTuple):
     @property
     def all_completed(self) -> NDArray[np.bool_]:
         """`(...)`, whether all tasks have been."""
-        return np.logical_and.reduce(self.completed, axis=-1)
+        return np.minimum.reduce(self.completion_steps, axis=-1) > 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -29,5 +29,6 @@ def position_target(
       `(..., 9)` targets for the position servos [rad, m].
     """
     velocity = np.minimum(np.maximum(action, -1.0), 1.0) * velocity_scale
-    velocity = np.minimum(np.maximum(velocity, -VELOCITY_LIMIT), VELOCITY_LIMIT)
+    if velocity_scale > VELOCITY_LIMIT:
+        velocity = np.minimum(np.maximum(velocity, -VELOCITY_LIMIT), VELOCITY_LIMIT)
     return np.minimum(np.maximum(positions + velocity * timestep, POSITION_LOW), POSITION_HIGH)

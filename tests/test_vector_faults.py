@@ -139,7 +139,7 @@ def interrupt(*args, **kwargs):
         (FrankaOpenCabinetVectorEnv, "apply_actions"),
         (FrankaOpenCabinetVectorEnv, "book_step"),
         (FrankaOpenCabinetVectorEnv, "_batch.step"),
-        (FrankaOpenCabinetVectorEnv, "_starter.environment.reset"),
+        (FrankaOpenCabinetVectorEnv, "_starter.environment.start_episode"),
     ],
 )
 def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, monkeypatch):
@@ -152,7 +152,7 @@ def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, m
 
 
 @pytest.mark.parametrize("options", [None, {"reset_mask": np.array([False, True, False])}], ids=["all", "one"])
-@pytest.mark.parametrize("place", ["_batch.reset", "_starter.environment.reset"])
+@pytest.mark.parametrize("place", ["_batch.reset", "_starter.environment.start_episode"])
 def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(place, options, monkeypatch):
     env = started(FrankaOpenCabinetVectorEnv, **SHORT)
     with monkeypatch.context() as patched:
