@@ -72,7 +72,8 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return self._state.reward, self._state.terminates
 
     def observe(self) -> NDArray[np.float32]:
-        return drawer_observation.shown(drawer_observation.observe(Snapshot(self._state.snapshot)) + self._state.noise)
+        values = drawer_observation.observe(Snapshot(self._state.snapshot))
+        return drawer_observation.shown(values + self._state.noise if self._rules.is_noisy else values)
 
     def info(self) -> dict[str, NDArray]:
         return {**results_arrays(self._state), "episode_step": self._episode_steps.copy()}

@@ -19,9 +19,8 @@ LATE_STAGE = 8_000
 # Opening from which the drawer counts as open [m].
 SUCCESS_OPENING = 0.3
 
-# Distances up to which closing pays, and up to which the drawer counts as opened by its handle [m].
+# Distance up to which closing pays [m].
 _GRASP_DISTANCE = 0.025
-_HOLD_DISTANCE = 0.03
 
 # How far the gripper may reach behind the handle [m], and how fast a joint may move [rad/s, m/s].
 _REACH_LIMIT = 0.03
@@ -41,7 +40,7 @@ def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
     # The scalar part of handle * conjugate(gripper) is their inner product.
     scalar = np.add.reduce(snapshot.handle_quaternion * snapshot.tcp_quaternion, axis=-1)
     alignment = np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
-    return np.where(_held_open(snapshot), 1.0, alignment)
+    return np.where(snapshot.is_held_open, 1.0, alignment)
 
 
 def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
@@ -51,12 +50,7 @@ def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[n
 
 def opening(snapshot: Snapshot) -> NDArray[np.float64]:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
-    return np.where(_held_open(snapshot), 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
-
-
-def _held_open(snapshot: Snapshot) -> NDArray[np.bool_]:
-    """Whether `(...)` the drawer is open at all, and by its handle."""
-    return (snapshot.drawer_position > 0.0) & (snapshot.handle_distance <= _HOLD_DISTANCE)
+    return np.where(snapshot.is_held_open, 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
 
 
 def straddling(snapshot: Snapshot) -> NDArray[np.float64]:

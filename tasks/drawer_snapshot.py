@@ -8,6 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Distance up to which the drawer counts as opened by its handle [m].
+_HOLD_DISTANCE = 0.03
+
 # Where each part stands among the numbers of a snapshot; a part with an index in place of a slice has no axis.
 PLACES: Mapping[str, slice | int] = MappingProxyType(
     {
@@ -98,6 +101,11 @@ class Snapshot:
     def handle_distance(self) -> NDArray[np.float64]:
         """`(...)`: from the point between the finger tips to the handle [m]."""
         return np.sqrt(np.square(self.handle_position - self.tcp_position).sum(axis=-1))
+
+    @functools.cached_property
+    def is_held_open(self) -> NDArray[np.bool_]:
+        """`(...)`: whether the drawer is open at all, and the gripper within 0.03 m of its handle."""
+        return (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Copies of all parts by name; `Snapshot.of(**arrays)` is the same snapshot."""
