@@ -102,6 +102,8 @@ class Environment(composer.Environment):
         if timestep.mid() and self._step_count >= self._step_limit:
             self._reset_next_step = True
             timestep = timestep._replace(step_type=dm_env.StepType.LAST)
+        if not self._flat_observation:
+            return timestep
         return timestep._replace(observation=self._flatten(timestep.observation))
 
     def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:

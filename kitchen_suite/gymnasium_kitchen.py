@@ -99,7 +99,11 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         )
 
     def build(self, task_options: Mapping[str, Any]) -> Environment:
-        return suite.kitchen(**task_options)
+        environment = suite.kitchen(**task_options)
+        # Goals are read from the task's state, all at once.
+        for key, shown in environment.task.task_observables.items():
+            shown.enabled = key in _STATE_KEYS
+        return environment
 
     def free_camera(self) -> dict[str, Any]:
         # The original's.
@@ -117,8 +121,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def observe(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
         return {
             "observation": np.concatenate([observation[key] for key in _STATE_KEYS]),
-            "achieved_goal": self._goal(observation, "achieved_goal"),
-            "desired_goal": self._goal(observation, "desired_goal"),
+            "achieved_goal": self.shown_goal(self._task.state.achieved.copy()),
+            "desired_goal": self.shown_goal(self._goals.desired.copy()),
         }
 
     def info(self) -> dict[str, Any]:
@@ -185,10 +189,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         desired = goal_functions.flatten(desired_goal, self._goals, "desired_goal")
         value = function(achieved, desired, info, self._goals, self._task.threshold)
         return value if value.ndim else value.item()
-
-    def _goal(self, observation: Mapping[str, NDArray], kind: str) -> dict[str, NDArray] | NDArray:
-        parts = {task: observation[f"{kind}/{task}"] for task in self._goals.tasks}
-        return parts if self._goal_format == "dict" else np.concatenate([*parts.values()])
 
     def _goal_space(self) -> spaces.Space:
         if self._goal_format == "flat":

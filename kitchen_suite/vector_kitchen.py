@@ -48,7 +48,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         goals = self._rules.goals
         return {
             "observation": self._layout.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
-            "achieved_goal": self._starter.shown_goal(self._read("qpos", self._layout.goal_qpos)),
+            "achieved_goal": self._starter.shown_goal(self._state.achieved.copy()),
             "desired_goal": self._starter.shown_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
         }
 

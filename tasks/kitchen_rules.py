@@ -26,6 +26,7 @@ class KitchenState(NamedTuple):
       noise: `(..., 59)`, what is added to the present observation.
       positions: `(..., 9)`, where the robot's joints are [rad, m].
       target: `(..., 9)`, where they were last told to go [rad, m].
+      achieved: `(..., k)`, what the goals are about, end to end [rad, m, quaternion].
       distances: `(..., n)`, from the goals of the tasks [rad, m].
       progress: how far the tasks are.
     """
@@ -33,6 +34,7 @@ class KitchenState(NamedTuple):
     noise: NDArray[np.float64]
     positions: NDArray[np.float64]
     target: NDArray[np.float64]
+    achieved: NDArray[np.float64]
     distances: NDArray[np.float64]
     progress: Progress
 
@@ -66,6 +68,7 @@ class KitchenRules:
             noise=self.noise_scale * draw,
             positions=positions,
             target=positions,
+            achieved=achieved,
             distances=distances,
             progress=Progress.start(distances.shape),
         )
@@ -92,7 +95,7 @@ class KitchenRules:
         progress = state.progress.advance(
             distances < self.threshold, remove_task_when_completed=self.remove_task_when_completed
         )
-        return KitchenState(self.noise_scale * draw, positions, target, distances, progress)
+        return KitchenState(self.noise_scale * draw, positions, target, achieved, distances, progress)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         """Whether `(...)` the episode ends."""
