@@ -4,6 +4,7 @@ The functions work on arrays of shape `(..., n)`: one environment has no leading
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple, Self
@@ -197,7 +198,13 @@ class GoalSet:
 
     def split(self, flat: NDArray) -> dict[str, NDArray]:
         """Cuts goals laid end to end, `(..., k)`, into the tasks' own; the pieces are views."""
-        return dict(zip(self.tasks, np.split(flat, self.starts[1:], axis=-1), strict=True))
+        return {task: flat[..., place] for task, place in self._places.items()}
+
+    @functools.cached_property
+    def _places(self) -> dict[str, slice]:
+        """Where the tasks' values stand among all, by task."""
+        stops = [*self.starts[1:], self.elements.size]
+        return {task: slice(*place) for task, *place in zip(self.tasks, self.starts, stops, strict=True)}
 
     def distances(self, achieved: NDArray) -> NDArray[np.float64]:
         """Distances `(..., n)` of the tasks' values `(..., k)` from their goals."""
