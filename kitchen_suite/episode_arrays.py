@@ -83,9 +83,12 @@ def suite_view(environment: SuiteEnv) -> Callable[[Mapping[str, NDArray]], dict[
 
     Policies see the latter, so that they act the same in a recording as elsewhere.
     """
-    spec = environment.environment.observation_spec()
-    ends = np.cumsum([part.shape[0] for part in spec.values()])[:-1]
-    goals = [key for key in spec if "_goal/" in key]
+    task, spec = environment.environment.task, environment.environment.observation_spec()
+    keys = [*task.task_observables]
+    # The Gymnasium environment does not let the suite's own one show goals.
+    goals = [key for key in keys if "_goal/" in key]
+    sizes = [task.goals[key.partition("/")[2]].size if key in goals else spec[key].shape[0] for key in keys]
+    ends = np.cumsum(sizes)[:-1]
 
     def view(row: Mapping[str, NDArray]) -> dict[str, NDArray]:
         if "observation" in row:
@@ -94,6 +97,6 @@ def suite_view(environment: SuiteEnv) -> Callable[[Mapping[str, NDArray]], dict[
             parts = [row[f"observation/{key}"] for key in ("observation", "achieved_goal", "desired_goal")]
         else:
             parts = [row[f"observation/{key}"] for key in ("observation", *goals)]
-        return dict(zip(spec, np.split(np.concatenate(parts), ends), strict=True))
+        return dict(zip(keys, np.split(np.concatenate(parts), ends), strict=True))
 
     return view

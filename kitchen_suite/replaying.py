@@ -79,6 +79,7 @@ def _move(inner: SuiteEnv, task: KitchenTask, first: NDArray[np.float64]) -> Map
         array[where] = first[part]
     state = inner.get_state()
     state["task"]["positions"] = state["task"]["target"] = first[noise.PARTS[0]]
+    state["task"]["achieved"] = data.qpos[layout.goal_qpos]
     return inner.set_state(state)
 
 

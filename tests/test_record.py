@@ -97,7 +97,7 @@ def played_alone(environment, policy_name, seed):
     rows, steps = [{**flatten(observation, "observation"), **flatten(info, "info")}], []
     ended = False
     while not ended:
-        view = dict(zip(inner.observation_spec(), split(environment, observation), strict=True))
+        view = dict(zip(inner.task.task_observables, split(environment, observation), strict=True))
         timestep = dm_env.transition(steps[-1][1], view) if steps else dm_env.restart(view)
         action = policy(timestep).clip(environment.action_space.low, environment.action_space.high).astype(np.float32)
         observation, reward, terminated, truncated, info = environment.step(action)

@@ -3,6 +3,7 @@
 import gc
 import unittest
 
+import mujoco
 import numpy as np
 import pytest
 from dm_control.suite.wrappers import action_noise, action_scale, mujoco_profiling, pixels
@@ -199,7 +200,9 @@ def test_action_noise_draws_from_the_tasks_random_state():
     assert not np.array_equal(positions(0.1), positions(0.0))
 
 
-def test_profiling_wraps_the_kitchen():
+def test_profiling_wraps_the_kitchen(request):
+    # The wrapper leaves a callback in MuJoCo, which then refuses to step batches.
+    request.addfinalizer(lambda: mujoco.set_mjcb_time(None))
     environment = mujoco_profiling.Wrapper(load("kitchen", "all"))
     environment.reset()
     assert environment.step(np.zeros(9)).observation["step_timing"].shape == (2,)
