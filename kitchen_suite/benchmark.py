@@ -13,9 +13,11 @@ from typing import Any
 
 from absl import flags
 
-from kitchen_suite import gl
+from kitchen_suite import commands, gl
 
 # All else is imported late: dm_control must not be before `gl.prepare`.
+
+_NAME = "kitchen-benchmark"
 
 _FLAGS = flags.FlagValues()
 _DOMAIN_NAME = flags.DEFINE_enum(
@@ -92,23 +94,20 @@ _MEASUREMENTS: Mapping[str, Callable[[], dict[str, Any]]] = MappingProxyType(
 def main(argv: Sequence[str]) -> int:
     """Measures and prints; returns the exit code, 2 for bad flags."""
     try:
-        _FLAGS.unparse_flags()
-        if extra := _FLAGS(argv)[1:]:
-            raise flags.UnrecognizedFlagError(extra[0])
+        commands.parse(_FLAGS, _NAME, argv[1:])
         if odd := [size for size in _SIZES.value if not size.isdecimal() or not int(size)]:
             raise flags.IllegalFlagValueError(f"flag --sizes must list positive whole numbers, got {odd[0]!r}")
     except flags.Error as error:
-        print("kitchen-benchmark:", " ".join(str(error).split()), file=sys.stderr)
-        return 2
+        return commands.fail(_NAME, error, commands.USAGE)
     if _HELP.value:
-        print(__doc__, *_FLAGS.get_help(include_special_flags=False).splitlines()[2:], sep="\n")
+        print(commands.describe(_FLAGS, __doc__))
         return 0
     gl.prepare(rendering=False)
     from kitchen_suite import benchmark_report
 
     results = {
         "measure": _MEASURE.value,
-        "command": " ".join(["kitchen-benchmark", *(flag for flag in argv[1:] if flag != "--json")]),
+        "command": " ".join([_NAME, *(flag for flag in argv[1:] if flag != "--json")]),
         "versions": benchmark_report.versions(),
         **_MEASUREMENTS[_MEASURE.value](),
     }

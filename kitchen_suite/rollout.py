@@ -13,8 +13,6 @@ for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """
 
 import json
-import os
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,13 +20,14 @@ from typing import TYPE_CHECKING, Any
 
 from absl import flags
 
-from kitchen_suite import gl
+from kitchen_suite import commands, gl
+from kitchen_suite.commands import FAILURE, INTERRUPTED, USAGE
 
 # All else is imported late: dm_control must not be before the flags have told whether a GL library is needed.
 if TYPE_CHECKING:
     from kitchen_suite import rollout_job
 
-FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 1, 2, 130, 141
+_NAME = "kitchen-rollout"
 
 # Flags of their own, not the global ones: the command can be called from other programs, any number of times.
 _FLAGS = flags.FlagValues()
@@ -104,15 +103,7 @@ def _check_output(path: str | None) -> bool:
     return True
 
 
-@flags.validator("video", flag_values=_FLAGS)
-def _check_video(path: str | None) -> bool:
-    if path is None:
-        return True
-    if not path.endswith(".mp4") or Path(path).is_dir():
-        raise flags.ValidationError("must be a file that ends with .mp4")
-    if not os.access(folder := Path(path).parent, os.W_OK) or not folder.is_dir():
-        raise flags.ValidationError(f"there is no folder {str(folder)!r} that may be written to")
-    return True
+flags.register_validator("video", commands.check_video, flag_values=_FLAGS)
 
 
 @flags.validator("width", message="must be even", flag_values=_FLAGS)
@@ -131,43 +122,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
       The exit status.
     """
     try:
-        _parse(sys.argv[1:] if arguments is None else arguments)
+        commands.parse(_FLAGS, _NAME, sys.argv[1:] if arguments is None else arguments)
         if _HELP.value:
             run = _show_help
         else:
             gl.prepare(rendering=_VIDEO.value is not None and not _LIST.value)
             run = _prepare_list() if _LIST.value else _prepare_rollout()
     except KeyboardInterrupt:
-        return _fail("interrupted", INTERRUPTED)
+        return commands.fail(_NAME, "interrupted", INTERRUPTED)
     except (flags.Error, ImportError, OSError, TypeError, ValueError) as error:
-        return _fail(error, USAGE)
+        return commands.fail(_NAME, error, USAGE)
     return run()
 
 
 def console_main() -> int:
     """Runs the command as a process of its own; returns the exit status."""
-    # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        status = main()
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read the output has left. What Python still wants to flush at exit goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
-    return status
-
-
-def _parse(arguments: Sequence[str]) -> None:
-    _FLAGS.unparse_flags()
-    _, *rest = _FLAGS(["kitchen-rollout", *arguments])
-    if rest:
-        raise flags.Error(f"unexpected argument {rest[0]!r}: everything is a flag, see --help")
+    return commands.run_as_process(main)
 
 
 def _show_help() -> int:
-    # absl heads the list with two lines that name the module.
-    print(__doc__, *_FLAGS.get_help(include_special_flags=False).splitlines()[2:], sep="\n")
+    print(commands.describe(_FLAGS, __doc__))
     return 0
 
 
@@ -217,20 +191,14 @@ def _run(job: "rollout_job.RolloutJob") -> int:
     try:
         job.run()
     except KeyboardInterrupt:
-        return _fail(f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes", INTERRUPTED)
+        return commands.fail(_NAME, f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes", INTERRUPTED)
     except PolicyError as error:
-        return _fail(error, USAGE)
+        return commands.fail(_NAME, error, USAGE)
     except BrokenPipeError:
         raise
     except (PhysicsError, OSError) as error:
-        return _fail(error, FAILURE)
+        return commands.fail(_NAME, error, FAILURE)
     return 0
-
-
-def _fail(problem: object, status: int) -> int:
-    """Says in one line what is wrong."""
-    print("kitchen-rollout:", " ".join(str(problem).split()), file=sys.stderr)
-    return status
 
 
 if __name__ == "__main__":

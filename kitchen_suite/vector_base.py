@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import checks, vector_checks
+from kitchen_suite import checks, vector_checks, vector_parts
 from kitchen_suite.environment import PHYSICS_STATE
 from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.tasks import rows
@@ -60,7 +60,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           ValueError: an unknown name, or a number out of range.
         """
         self.num_envs = checks.whole_number(num_envs, "num_envs", least=1)
-        threads = _processors() if num_threads is None else checks.whole_number(num_threads, "num_threads", least=1)
+        threads = (
+            vector_parts.processors()
+            if num_threads is None
+            else checks.whole_number(num_threads, "num_threads", least=1)
+        )
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
@@ -84,7 +88,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._physics_steps = task.physics_steps_per_control_step
         self._batch = Batch(physics.model.ptr, self.num_envs, threads, persistent=True)
         self._own_fields = {name: self._batch.expand(name) for name in self.drawn_model_fields()}
-        self._streams = [_Stream(None) for _ in range(self.num_envs)]
+        self._streams = [vector_parts.Stream(None) for _ in range(self.num_envs)]
         self._state: Any = rows.repeated(task.state, self.num_envs)
         self._episode_steps = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
@@ -148,10 +152,10 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         with self._all_or_nothing():
             for i in np.flatnonzero(mask):
                 if seeds[i] is not None:
-                    self._streams[i] = _Stream(seeds[i])
+                    self._streams[i] = vector_parts.Stream(seeds[i])
             self._start(mask)
             self._ended = self._ended & ~mask
-            return self.observe(), _masked(self.info(), mask)
+            return self.observe(), vector_parts.masked(self.info(), mask)
 
     def step(
         self, actions: ArrayLike
@@ -184,7 +188,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
             if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
                 infos |= self._final(self._ended)
                 self._start(self._ended & ~diverged)
-            infos |= _masked(self.info(), np.ones_like(starting))
+            infos |= vector_parts.masked(self.info(), np.ones_like(starting))
             return self.observe(), rewards, terminations, truncations, infos
 
     def render(self) -> tuple[NDArray, ...] | None:
@@ -273,8 +277,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """What the infos say of episodes that end and are followed by the next in the same step."""
         observations, last = self.observe(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
-            last[i] = _row(observations, i)
-        info = _masked(self.info(), ended)
+            last[i] = vector_parts.row(observations, i)
+        info = vector_parts.masked(self.info(), ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _picture(self, i: int) -> NDArray:
@@ -284,42 +288,3 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         mujoco.mj_setState(model, data, self._batch.state[i], PHYSICS_STATE)
         mujoco.mj_forward(model, data)
         return cast(NDArray, self._starter.render())
-
-
-class _Stream:
-    """The random stream of one environment, as Gymnasium and as composer see it.
-
-    Attributes:
-      generator: what Gymnasium makes of the seed.
-      seed: drawn by Gymnasium when `None` is given.
-      random_state: draws the generator's numbers.
-      sample: draws one of them from U(0, 1).
-    """
-
-    def __init__(self, seed: int | None) -> None:
-        """Starts the stream."""
-        self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
-        self.random_state = np.random.RandomState(self.generator.bit_generator)
-        self.sample = self.random_state.random_sample
-
-
-def _processors() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _row(observations: Any, i: int) -> Any:
-    """A copy of one environment's observation."""
-    if isinstance(observations, dict):
-        return {key: _row(part, i) for key, part in observations.items()}
-    return observations[i].copy()
-
-
-def _masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Infos as Gymnasium lays them out: nothing where the mask is False, and the mask beside each."""
-    masked, partial = {}, not mask.all()
-    for name, array in infos.items():
-        if partial:
-            array[~mask] = None if array.dtype == object else 0
-        masked[name], masked[f"_{name}"] = array, mask.copy()
-    return masked
