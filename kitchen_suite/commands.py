@@ -1,6 +1,7 @@
 """What command lines of the suite share: how they parse, what they print when something is wrong, how they end."""
 
 import contextlib
+import json
 import os
 import signal
 import sys
@@ -60,6 +61,21 @@ def run_as_process(main: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     return status
+
+
+def check_json_object(text: str) -> bool:
+    """Validates a flag that takes a JSON object.
+
+    Raises:
+      flags.ValidationError: it is none.
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise flags.ValidationError(f"not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise flags.ValidationError("must be a JSON object")
+    return True
 
 
 def check_video(path: str | None) -> bool:

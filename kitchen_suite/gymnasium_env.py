@@ -11,6 +11,9 @@ from kitchen_suite.gymnasium_kitchen import FrankaKitchenEnv as FrankaKitchenEnv
 KITCHEN_ID = "KitchenSuite/FrankaKitchen-v1"
 CABINET_ID = "KitchenSuite/FrankaOpenCabinet-v1"
 
+# By domain of the suite.
+IDS = {"kitchen": KITCHEN_ID, "open_cabinet": CABINET_ID}
+
 # Entry points of one and of many, and control steps after which `make` and `make_vec` truncate.
 _ENVIRONMENTS = {
     KITCHEN_ID: (

@@ -1,0 +1,143 @@
+"""Builds skrl's PPO agent, and takes the trained policy out of it."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from skrl.agents.torch.ppo import PPO
+from skrl.memories.torch import RandomMemory
+from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
+from skrl.resources.preprocessors.torch import RunningStandardScaler
+from skrl.resources.schedulers.torch import KLAdaptiveLR
+
+from kitchen_suite.trained_policy import TrainedPolicy
+from kitchen_suite.training.hyperparameters import Hyperparameters
+
+# The last layer starts this small, so that the first actions are exploration alone.
+_LAST_LAYER = 0.01
+
+
+class Policy(GaussianMixin, Model):
+    """Actions are normally distributed around a network's outputs; their deviations do not depend on what is seen.
+
+    Outputs and deviations are in units of `scale`, so that a step of the optimiser means the same for every action,
+    be it an angle or the log odds of closing the gripper.
+    """
+
+    def __init__(
+        self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int], scale: torch.Tensor
+    ) -> None:
+        """Builds the network; `scale` is `(k,)`."""
+        Model.__init__(self, observation_space=observation_space, action_space=action_space)
+        GaussianMixin.__init__(self, clip_actions=False)
+        self.network = network([self.num_observations, *hidden, self.num_actions])
+        self.log_deviation = torch.nn.Parameter(torch.zeros(self.num_actions))
+        self.register_buffer("scale", scale)
+        with torch.no_grad():
+            self.network[-1].weight *= _LAST_LAYER
+            self.network[-1].bias.zero_()
+
+    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
+        """Means `(n, k)` and logarithms of the deviations."""
+        del role
+        means = self.network(inputs["observations"]) * self.scale
+        return means, {"log_std": self.log_deviation + self.scale.log()}
+
+
+class Value(DeterministicMixin, Model):
+    """What return a network expects."""
+
+    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int]) -> None:
+        """Builds the network."""
+        Model.__init__(self, observation_space=observation_space, action_space=action_space)
+        DeterministicMixin.__init__(self)
+        self.network = network([self.num_observations, *hidden, 1])
+
+    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
+        """Values `(n, 1)`."""
+        del role
+        return self.network(inputs["observations"]), {}
+
+
+def network(sizes: Sequence[int]) -> torch.nn.Sequential:
+    """A perceptron with ELU units between its layers."""
+    layers: list[torch.nn.Module] = []
+    for inputs, outputs in itertools.pairwise(sizes):
+        layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]
+    return torch.nn.Sequential(*layers[:-1])
+
+
+def build(observation_size: int, action_space: spaces.Box, choices: Hyperparameters) -> PPO:
+    """Builds an agent that learns from batches of `num_envs * rollouts` steps, and is ready to.
+
+    Args:
+      observation_size: how many numbers it sees.
+      action_space: of one environment; the last two of nine numbers, or the last one, are the gripper's.
+      choices: what it is tuned by.
+    """
+    observation_space = spaces.Box(-np.inf, np.inf, (observation_size,), np.float32)
+    models = {
+        "policy": Policy(observation_space, action_space, choices.hidden, action_scale(action_space, choices)),
+        "value": Value(observation_space, action_space, choices.hidden),
+    }
+    adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}
+    agent = PPO(
+        models=models,
+        memory=RandomMemory(memory_size=choices.rollouts, num_envs=choices.num_envs),
+        observation_space=observation_space,
+        action_space=action_space,
+        cfg={
+            "rollouts": choices.rollouts,
+            "learning_epochs": choices.learning_epochs,
+            "mini_batches": choices.mini_batches,
+            "discount_factor": choices.discount,
+            "gae_lambda": choices.gae_lambda,
+            "learning_rate": choices.learning_rate,
+            **adaptive,
+            "learning_rate_scheduler_kwargs": {"kl_threshold": choices.kl_target} if adaptive else {},
+            "observation_preprocessor": RunningStandardScaler,
+            "observation_preprocessor_kwargs": {"size": observation_space},
+            "value_preprocessor": RunningStandardScaler,
+            "value_preprocessor_kwargs": {"size": 1},
+            "grad_norm_clip": choices.gradient_norm,
+            "ratio_clip": choices.ratio_clip,
+            "value_clip": choices.value_clip,
+            "value_loss_scale": choices.value_scale,
+            "entropy_loss_scale": choices.entropy_scale,
+            "time_limit_bootstrap": True,
+            "rewards_shaper": lambda rewards, timestep, timesteps: rewards * choices.reward_scale,
+            # Curves and checkpoints are not skrl's: its files are not written whole.
+            "experiment": {"write_interval": 0, "checkpoint_interval": 0},
+        },
+    )
+    agent.init()
+    agent.enable_training_mode(True)
+    return agent
+
+
+def action_scale(action_space: spaces.Box, choices: Hyperparameters) -> torch.Tensor:
+    """Actions `(k,)` for network outputs of one: seven joints, and the gripper."""
+    (size,) = action_space.shape
+    return torch.tensor([choices.arm_scale] * 7 + [choices.gripper_scale] * (size - 7))
+
+
+def export(agent: PPO, metadata: Mapping[str, Any]) -> TrainedPolicy:
+    """The policy as it is now, without exploration."""
+    scaler, policy = agent.checkpoint_modules["observation_preprocessor"], agent.models["policy"]
+    layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
+    return TrainedPolicy(
+        mean=_array(scaler.running_mean),
+        deviation=_array(scaler.running_variance.sqrt() + scaler.epsilon),
+        clip=scaler.clip_threshold,
+        weights=tuple(_array(layer.weight) for layer in layers),
+        biases=tuple(_array(layer.bias) for layer in layers),
+        action_scale=_array(policy.scale),
+        metadata=metadata,
+    )
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy().astype(np.float32)

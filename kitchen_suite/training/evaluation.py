@@ -1,0 +1,37 @@
+"""Plays episodes with a trained policy, many at once, each from its own seed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.trained_policy import TrainedPolicy, flat
+from kitchen_suite.training.measures import episode_measures
+from kitchen_suite.vector_base import SuiteVectorEnv
+
+
+def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:
+    """Plays one episode in each environment.
+
+    Args:
+      policy: what acts, without exploration.
+      environments: as many as there are seeds, with autoreset mode `NextStep`.
+      seeds: of the episodes.
+
+    Returns:
+      Measures of the episodes `(n,)` by name, as of `episode_measures`, and `episode/return`.
+    """
+    observations, _ = environments.reset(seed=seeds)
+    count = environments.num_envs
+    ended, returns = np.zeros(count, bool), np.zeros(count)
+    measures: dict[str, NDArray] = {}
+    while not ended.all():
+        observations, rewards, terminations, truncations, infos = environments.step(policy(flat(observations)))
+        returns += np.where(ended, 0.0, rewards)
+        ending = (terminations | truncations) & ~ended
+        if not ending.any():
+            continue
+        for name, values in episode_measures(infos).items():
+            measures[name] = np.where(ending, values, measures.get(name, 0.0))
+        ended |= ending
+    return {**measures, "episode/return": returns}

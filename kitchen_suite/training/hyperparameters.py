@@ -1,0 +1,108 @@
+"""What a training run is tuned by, and what suits each domain."""
+
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, get_type_hints
+
+from kitchen_suite import checks
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Hyperparameters:
+    """Of PPO, with networks for policy and value of the same hidden layers, ELU units.
+
+    Attributes:
+      num_envs: environments that are stepped at once.
+      rollouts: control steps of each environment between updates.
+      learning_epochs: passes over them in an update.
+      mini_batches: parts that each pass is cut into.
+      hidden: units of the hidden layers.
+      learning_rate: of Adam, at the start.
+      kl_target: Kullback-Leibler divergence of an update that the learning rate is adapted to; 0 keeps it.
+      discount: of later rewards.
+      gae_lambda: of generalised advantage estimation.
+      ratio_clip: of the surrogate objective.
+      value_clip: of the value's change in an update, in units of its standard deviation; 0 for none.
+      value_scale: weight of the value's loss.
+      entropy_scale: weight of the policy's entropy.
+      gradient_norm: greatest norm of a gradient.
+      reward_scale: factor of rewards before anything else.
+      arm_scale: action of a joint for a network output of one, which is also the exploration's first deviation.
+      gripper_scale: the same for the gripper.
+    """
+
+    num_envs: int = 1024
+    rollouts: int = 16
+    learning_epochs: int = 5
+    mini_batches: int = 8
+    hidden: tuple[int, ...] = (256, 128, 64)
+    learning_rate: float = 3e-4
+    kl_target: float = 0.008
+    discount: float = 0.99
+    gae_lambda: float = 0.95
+    ratio_clip: float = 0.2
+    value_clip: float = 0.2
+    value_scale: float = 1.0
+    entropy_scale: float = 0.001
+    gradient_norm: float = 1.0
+    reward_scale: float = 0.1
+    arm_scale: float = 0.05
+    gripper_scale: float = 2.0
+
+    @property
+    def batch(self) -> int:
+        """Control steps that an update learns from."""
+        return self.num_envs * self.rollouts
+
+    @classmethod
+    def of(cls, domain_name: str, changes: Mapping[str, Any]) -> "Hyperparameters":
+        """Those that suit a domain, with some changed.
+
+        Raises:
+          TypeError: a value of the wrong type.
+          ValueError: an unknown name, or a value out of range.
+        """
+        hints = get_type_hints(cls)
+        for name, value in changes.items():
+            checks.choice(name, hints.keys(), "hyperparameter")
+            _check(name, value, hints[name])
+        fitting = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
+        chosen = dataclasses.replace(DEFAULTS[domain_name], **fitting)
+        if chosen.batch % chosen.mini_batches:
+            raise ValueError(
+                f"mini_batches {chosen.mini_batches} must divide the {chosen.batch} steps of a batch "
+                "(num_envs * rollouts)"
+            )
+        return chosen
+
+
+def _check(name: str, value: object, kind: type) -> None:
+    if kind is int:
+        checks.whole_number(value, name, least=1)
+    elif kind is float:
+        if checks.number(value, name) < 0:
+            raise ValueError(f"{name} must not be negative, got {value}")
+    else:
+        if not isinstance(value, (list, tuple)) or not value:
+            raise TypeError(f"{name} must be a list of numbers of units, got {value!r}")
+        for units in value:
+            checks.whole_number(units, name, least=1)
+
+
+DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
+    {
+        "open_cabinet": Hyperparameters(),
+        "kitchen": Hyperparameters(
+            num_envs=32,
+            rollouts=140,
+            hidden=(512, 512),
+            mini_batches=10,
+            discount=0.995,
+            entropy_scale=0.0,
+            reward_scale=1.0,
+            arm_scale=0.1,
+            gripper_scale=0.1,
+        ),
+    }
+)

@@ -1,0 +1,138 @@
+"""One agent that learns from one vectorised environment, batch by batch."""
+
+import collections
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from kitchen_suite.trained_policy import flat
+from kitchen_suite.training import agent as agents
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.measures import episode_measures, step_measures
+from kitchen_suite.vector_base import SuiteVectorEnv
+
+
+class Learner:
+    """An agent, its environments and what it has seen of them so far.
+
+    Attributes:
+      agent: skrl's.
+      steps: control steps learned from so far, over all environments.
+    """
+
+    def __init__(self, environments: SuiteVectorEnv, choices: Hyperparameters, seed: int) -> None:
+        """Builds the agent.
+
+        Args:
+          environments: `num_envs` of them, with autoreset mode `SameStep`.
+          choices: what it is tuned by.
+          seed: of the networks and of exploration.
+        """
+        torch.manual_seed(seed)
+        self._environments, self._choices = environments, choices
+        self._observations = torch.empty(0)
+        size, action_space = _sizes(environments)
+        self.agent = agents.build(size, action_space, choices)
+        self.steps = 0
+
+    def start(self, seed: int, *, standardise: bool) -> None:
+        """Starts episodes at evenly spread times, so that a batch shows all parts of an episode.
+
+        Args:
+          seed: of the first environment; each further one has the next.
+          standardise: whether what is seen meanwhile decides on how observations are standardised.
+        """
+        environments, count = self._environments, self._environments.num_envs
+        observations, _ = environments.reset(seed=seed)
+        length = environments.spec.max_episode_steps
+        turn = np.random.default_rng(seed).permutation(count) * length // count
+        self._observations = _tensor(observations)
+        scaler = self.agent.checkpoint_modules["observation_preprocessor"]
+        for step in range(length):
+            observations, *_ = environments.step(self._act())
+            if (starting := turn == step).any():
+                observations, _ = environments.reset(options={"reset_mask": starting})
+            self._observations = _tensor(observations)
+            if standardise:
+                scaler(self._observations, train=True)
+
+    def learn(self) -> dict[str, float]:
+        """Plays and learns from one batch.
+
+        Returns:
+          Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
+        """
+        seen: dict[str, list[NDArray]] = collections.defaultdict(list)
+        for _ in range(self._choices.rollouts):
+            for name, values in self._step().items():
+                seen[name].append(values)
+        self.steps += self._choices.batch
+        return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
+
+    def _act(self) -> NDArray[np.float32]:
+        with torch.no_grad():
+            actions, _ = self.agent.act(self._observations, None, timestep=0, timesteps=0)
+        self._actions = actions
+        return actions.numpy()
+
+    def _step(self) -> dict[str, NDArray]:
+        """Makes a control step in all environments, and learns when the batch is full."""
+        observations, rewards, terminations, truncations, infos = self._environments.step(self._act())
+        fresh, ended = _tensor(observations), terminations | truncations
+        with torch.no_grad():
+            self.agent.record_transition(
+                observations=self._observations,
+                states=None,
+                actions=self._actions,
+                rewards=_column(rewards, torch.float32),
+                next_observations=_before_reset(fresh, infos),
+                next_states=None,
+                terminated=_column(terminations, torch.bool),
+                truncated=_column(truncations, torch.bool),
+                infos=infos,
+                timestep=0,
+                timesteps=0,
+            )
+        self.agent.post_interaction(timestep=0, timesteps=0)
+        self._observations = fresh
+        measures = {"step/reward": rewards, **step_measures(infos)}
+        if ended.any():
+            measures |= {name: values[ended] for name, values in episode_measures(infos["final_info"]).items()}
+        return measures
+
+    def _own_measures(self) -> dict[str, float]:
+        """What the agent noted in its last update, by TensorBoard's usual kind of name."""
+        noted = {
+            name.replace(" / ", "/").lower(): float(np.mean(values))
+            for name, values in self.agent.tracking_data.items()
+        }
+        self.agent.tracking_data.clear()
+        return noted
+
+
+def _sizes(environments: SuiteVectorEnv) -> tuple[int, spaces.Box]:
+    space, actions = environments.single_observation_space, environments.single_action_space
+    assert isinstance(actions, spaces.Box)
+    return spaces.flatdim(space), actions
+
+
+def _tensor(observations: Any) -> torch.Tensor:
+    return torch.as_tensor(flat(observations), dtype=torch.float32)
+
+
+def _column(values: NDArray, kind: torch.dtype) -> torch.Tensor:
+    return torch.as_tensor(values, dtype=kind)[:, None]
+
+
+def _before_reset(fresh: torch.Tensor, infos: Mapping[str, Any]) -> torch.Tensor:
+    """What each step led to: the last observation where an episode ended, not the first of the next."""
+    if "final_obs" not in infos:
+        return fresh
+    led_to = fresh.clone()
+    for i in np.flatnonzero(infos["_final_obs"]):
+        led_to[i] = _tensor(infos["final_obs"][i])
+    return led_to

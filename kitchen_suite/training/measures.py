@@ -1,0 +1,24 @@
+"""What curves are drawn of: numbers of steps and of episodes, out of the environments' infos."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_COMPLETIONS = "episode_task_completions_mask"
+
+
+def step_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Numbers `(n,)` of a step: the terms of the reward, where it has any."""
+    return {f"step/{name}": values for name, values in infos.items() if name.startswith("reward/")}
+
+
+def episode_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Numbers `(n,)` of episodes at their ends: `episode/success`, `episode/progress` and `episode/length`.
+
+    Progress is the drawer's opening [m], or the number of kitchen tasks completed.
+    """
+    progress = infos[_COMPLETIONS].sum(axis=-1) if _COMPLETIONS in infos else infos["drawer_opening"]
+    results = {"success": infos["is_success"], "progress": progress, "length": infos["episode_step"]}
+    return {f"episode/{name}": np.asarray(values, np.float64) for name, values in results.items()}

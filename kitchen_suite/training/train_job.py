@@ -1,0 +1,142 @@
+"""What `kitchen-train` does once its flags are read."""
+
+import contextlib
+import dataclasses
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import gymnasium
+import torch
+from gymnasium.vector import AutoresetMode
+from tqdm import tqdm
+
+from kitchen_suite import checks, gymnasium_env, recording, suite
+from kitchen_suite.rollout_job import default_task
+from kitchen_suite.training.attempt import HEADING, Attempt, Ending, Schedule
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.learner import Learner
+from kitchen_suite.vector_base import SuiteVectorEnv
+
+RUN_FILE = "training.json"
+
+# What a trained policy sees: arrays alone.
+_ARRAYS = {"kitchen": {"goal_format": "flat", "info_format": "arrays"}, "open_cabinet": {}}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What is asked for; see the flags of `train`."""
+
+    domain_name: str
+    task_name: str | None
+    task_kwargs: Mapping[str, Any]
+    hyperparameters: Mapping[str, Any]
+    schedule: Schedule
+    seed: int
+    restarts: int
+    num_threads: int | None
+    output: Path
+    resume: bool
+
+
+class TrainJob:
+    """A training run: one seed, and further ones where a seed comes to no progress."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
+
+        Raises:
+          OSError: the folder cannot be written to or holds another run, or there is none to be resumed.
+          TypeError: an argument or a hyperparameter has the wrong type, or there is no such argument.
+          ValueError: an unknown name, or a value that is refused.
+        """
+        domain = checks.choice(settings.domain_name, gymnasium_env.IDS.keys(), "env")
+        self._settings = settings
+        self._task_name = settings.task_name or default_task(domain)
+        suite.refuse_fixed(domain, self._task_name, settings.task_kwargs)
+        self._choices = Hyperparameters.of(domain, settings.hyperparameters)
+        self._metadata = {
+            "domain_name": domain,
+            "task_name": self._task_name,
+            "task_kwargs": dict(settings.task_kwargs),
+            "hyperparameters": dataclasses.asdict(self._choices),
+        }
+        self._environments = self._build(self._choices.num_envs, AutoresetMode.SAME_STEP)
+        self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
+        claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
+
+    def run(self) -> None:
+        """Trains; prints a table of evaluations, and how it ended.
+
+        Raises:
+          CheckpointError: a run is to be resumed, but none of its checkpoints can be read.
+        """
+        # The matrices are small: a second thread costs more than it gives.
+        torch.set_num_threads(1)
+        settings = self._settings
+        _print(f"{settings.domain_name} {self._task_name}, PPO, in {settings.output}")
+        _print(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
+        with contextlib.closing(self._environments), contextlib.closing(self._evaluated):
+            for seed in range(settings.seed, settings.seed + settings.restarts + 1):
+                if self._attempt(seed) is not Ending.HOPELESS:
+                    break
+
+    def _attempt(self, seed: int) -> Ending:
+        """Trains with one seed; its policy becomes the run's if it is the best so far."""
+        folder, choices = self._settings.output / f"seed_{seed}", self._choices
+        learner = Learner(self._environments, choices, seed)
+        attempt = Attempt(folder, seed, self._settings.schedule, learner, self._evaluated, self._metadata)
+        ending = attempt.run(_print)
+        success, gain = attempt.best
+        _print(f"seed {seed}: {ending.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
+        return ending
+
+    def _build(self, count: int, mode: AutoresetMode) -> SuiteVectorEnv:
+        settings, domain = self._settings, self._settings.domain_name
+        arguments = {**suite.task_arguments(domain, self._task_name), **_ARRAYS[domain], **settings.task_kwargs}
+        return cast(
+            SuiteVectorEnv,
+            gymnasium.make_vec(
+                gymnasium_env.IDS[domain],
+                count,
+                vectorization_mode="vector_entry_point",
+                num_threads=settings.num_threads,
+                autoreset_mode=mode,
+                **arguments,
+            ),
+        )
+
+
+def claim(folder: Path, run: Mapping[str, Any], *, resume: bool) -> None:
+    """Makes a folder ready for a run, or sees to it that it holds the one to be resumed.
+
+    Raises:
+      OSError: it cannot be made or written to, or it holds a run that is not to be resumed, or none that is.
+      ValueError: it holds a run of something else.
+    """
+    path = folder / RUN_FILE
+    if not resume:
+        folder.mkdir(parents=True, exist_ok=True)
+        recording.check_writable(folder)
+        if path.exists():
+            raise FileExistsError(f"{folder} holds a training run already: name another folder, or give --resume")
+        with recording.whole_file(path) as partial:
+            partial.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+        return
+    if not path.exists():
+        raise FileNotFoundError(f"{folder} holds no training run to be resumed")
+    recording.check_writable(folder)
+    recording.sweep(folder)
+    present = json.loads(path.read_text(encoding="utf-8"))
+    for name, value in json.loads(json.dumps(run)).items():
+        if present.get(name) != value:
+            raise ValueError(f"{folder} holds a run with {name} {present.get(name)!r}, not {value!r}")
+
+
+def _print(text: str) -> None:
+    """Prints above the progress bar, at once: the reader may be a pipe."""
+    tqdm.write(text)
+    sys.stdout.flush()
