@@ -74,7 +74,7 @@ class RecomputedGrasp(Recomputed):
 
     @property
     def holding(self):
-        return self.enclosure * max(1 - self.gap / 0.002, 0)
+        return self.enclosure * 0.001 / (0.001 + self.gap)
 
     @property
     def gap(self):

@@ -9,7 +9,7 @@ from cabinet_reference import HIGH, LOW, ROBOT_JOINTS, TERMS, RecomputedGrasp
 from kitchen_suite import suite
 from kitchen_suite.entities import CabinetDesign
 from kitchen_suite.gymnasium_env import CABINET_ID
-from kitchen_suite.tasks.drawer_grasp_reward import grip
+from kitchen_suite.tasks.drawer_grasp_reward import GraspReward, grip
 from kitchen_suite.tasks.drawer_reward import opening
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
@@ -119,12 +119,60 @@ def test_closing_a_drawer_costs_whether_it_is_held_or_not():
     assert env.task.reward_terms["opening"] == pytest.approx(10 * velocity)
 
 
+def grips(shape):
+    """Snapshots of aligned grippers with the bar in their middle, and the fingers' free space on either side [m]."""
+    snapshot = Snapshot(np.zeros((*shape, 36)))
+    snapshot.values[..., [21, 28]] = 1.0
+    spaces = np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
+    snapshot.values[..., [7, 8]] = 0.006 + spaces
+    return snapshot, spaces
+
+
+def test_it_is_the_farther_pad_that_counts():
+    snapshot, spaces = grips((4, 5))
+    held = grip(snapshot, 0.006)
+    np.testing.assert_allclose(held.gap, spaces.max(axis=-1), atol=1e-15)
+    np.testing.assert_array_equal(held.enclosure, np.ones((4, 5)))
+    np.testing.assert_allclose(held.holding, 1 / (1 + 1000 * spaces.max(axis=-1)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("column", "end"), [(25, 0.03), (26, 0.006), (27, 0.0095)])
+def test_no_bar_is_held_beyond_the_pads(column, end):
+    for side in (-1, 1):
+        snapshot, _ = grips(())
+        snapshot.values[[7, 8]] = 0.006
+        shares = []
+        for place in np.linspace(0.0, 1.2 * end, 13):
+            snapshot.values[column] = side * place
+            shares.append(float(grip(Snapshot(snapshot.values), 0.006).enclosure))
+        assert shares[0] == 1.0
+        assert 0.0 < shares[8] < 1.0
+        assert max(shares[10:]) < 1e-9
+        assert shares == sorted(shares, reverse=True)
+
+
+def test_a_batch_earns_what_its_rows_do():
+    batch, _ = grips((30,))
+    random = np.random.default_rng(1)
+    batch.values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
+    batch.values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
+    reward = GraspReward(handle_radius=0.006)
+    gripper, change, life = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
+    terms = reward(batch, gripper=gripper, action_change=change, life_steps=life)
+    assert len(set(terms["opening"])) > 20
+    for i in range(30):
+        row = Snapshot(batch.values[i])
+        single = reward(row, gripper=gripper[i], action_change=change[i], life_steps=int(life[i]))
+        for name, term in single.items():
+            assert term.shape == ()
+            np.testing.assert_allclose(term, terms[name][i], rtol=1e-13, atol=1e-15)
+
+
 def test_a_thicker_bar_is_held_by_fingers_farther_apart():
-    snapshot = Snapshot(np.zeros(36))
+    snapshot, _ = grips(())
     snapshot.values[[7, 8]] = 0.01
-    snapshot.values[[21, 28]] = 1.0
     assert grip(snapshot, 0.01).holding == 1.0
-    assert grip(snapshot, 0.006).holding == 0.0
+    assert grip(snapshot, 0.006).holding == pytest.approx(0.2)
     env = load(design=CabinetDesign(handle_radius=0.01))
     env.reset()
     steps = pulling_steps(env, cabinet_expert.opening_policy(env))
