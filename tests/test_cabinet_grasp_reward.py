@@ -151,6 +151,14 @@ def test_no_bar_is_held_beyond_the_pads(column, end):
         assert shares == sorted(shares, reverse=True)
 
 
+def test_no_bar_is_held_beside_fingers_that_open_along_it():
+    snapshot, _ = grips(())
+    snapshot.values[[7, 8]] = 0.006
+    snapshot.values[21:25] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)
+    snapshot.values[26] = 0.02
+    assert grip(snapshot, 0.006).enclosure == 0.0
+
+
 def test_a_batch_earns_what_its_rows_do():
     batch, _ = grips((30,))
     random = np.random.default_rng(1)
