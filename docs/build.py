@@ -18,7 +18,7 @@ from dm_control import mjcf
 
 from kitchen_suite import benchmark_report, suite
 from kitchen_suite.entities import CabinetDesign
-from kitchen_suite.tasks import GOALS, Randomization, drawer_observation, drawer_reward, noise
+from kitchen_suite.tasks import GOALS, Randomization, drawer_grasp_reward, drawer_observation, drawer_reward, noise
 from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
 
 DOCS = Path(__file__).parent
@@ -109,6 +109,16 @@ def cabinet_reward_table() -> str:
     return markdown(("term", "name", "value"), rows)
 
 
+def cabinet_grasp_reward_table() -> str:
+    """The terms that the reward for grasping has of its own."""
+    rows = [
+        (i, f"`{name}`", first_line(getattr(drawer_grasp_reward, name)))
+        for i, name in enumerate(drawer_reward.TERMS, 1)
+        if hasattr(drawer_grasp_reward, name)
+    ]
+    return markdown(("term", "name", "value"), rows)
+
+
 def cabinet_design_table() -> str:
     """The parameters of the cabinet."""
     meanings = attributes(CabinetDesign)
@@ -140,6 +150,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "suite": suite_table,
     "cabinet_observation": cabinet_observation_table,
     "cabinet_reward": cabinet_reward_table,
+    "cabinet_grasp_reward": cabinet_grasp_reward_table,
     "cabinet_design": cabinet_design_table,
     "cabinet_randomization": cabinet_randomization_table,
 }

@@ -33,6 +33,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         drawer: str = "top",
         *,
         gripper: str = "sampled",
+        reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | None = None,
         design: CabinetDesign | None = None,
@@ -43,7 +44,8 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 
         Args:
           drawer: `top` or `bottom`.
-          gripper: `sampled` or `deterministic`; see `OpenCabinetTask`, as for the two that follow.
+          gripper: `sampled` or `deterministic`; see `OpenCabinetTask`, as for the three that follow.
+          reward: `original` or `grasp`.
           observation_noise: half width of the uniform noise on parts of the observation, by their names.
           randomization: what else a reset draws.
           design: sizes and resistances of the cabinet.
@@ -60,6 +62,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         task_options = {
             "drawer": drawer,
             "gripper": gripper,
+            "reward": reward,
             "observation_noise": observation_noise,
             "randomization": randomization,
             "design": design,

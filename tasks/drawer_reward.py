@@ -4,6 +4,8 @@ Figures are those of MotrixLab's franka-open-cabinet (Apache-2.0), but for the s
 the environment's published description.
 """
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,17 +32,34 @@ _SPEED_LIMIT = 5.0
 _CHANGE_LIMIT = 1e150
 
 
+class RewardTerms(Protocol):
+    """What gives the terms of a step's reward; `reward_terms`, or what is called as it is."""
+
+    def __call__(
+        self,
+        snapshot: Snapshot,
+        *,
+        gripper: NDArray[np.float64] | float,
+        action_change: NDArray[np.float64],
+        life_steps: NDArray[np.int64] | int,
+    ) -> dict[str, NDArray[np.float64]]: ...
+
+
 def approach(snapshot: Snapshot) -> NDArray[np.float64]:
     """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
     return 10.0 * (1.0 - np.tanh(snapshot.handle_distance / 0.1))
 
 
-def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
-    """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
+def alignment(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(...)`, cosine of the angle between gripper and handle frame."""
     # The scalar part of handle * conjugate(gripper) is their inner product.
     scalar = np.add.reduce(snapshot.handle_quaternion * snapshot.tcp_quaternion, axis=-1)
-    alignment = np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
-    return np.where(snapshot.is_held_open, 1.0, alignment)
+    return np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
+
+
+def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
+    return np.where(snapshot.is_held_open, 1.0, alignment(snapshot))
 
 
 def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.drawer_control import JOINT_LOW, arm_target, gripper_target
 from kitchen_suite.tasks.drawer_observation import SIZE
-from kitchen_suite.tasks.drawer_reward import TERMS, reward_terms, succeeds
+from kitchen_suite.tasks.drawer_reward import TERMS, RewardTerms, succeeds
 from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 PHYSICS_TIMESTEP = 0.005  # [s]
@@ -60,10 +60,12 @@ class DrawerRules:
     Attributes:
       samples_gripper: whether a draw decides on closing, or the sign of the action.
       noise_scale: `(25,)`, greatest noise of each number of the observation, in its unit.
+      reward_terms: what gives the terms of a step's reward.
     """
 
     samples_gripper: bool
     noise_scale: NDArray[np.float64]
+    reward_terms: RewardTerms
 
     @functools.cached_property
     def is_noisy(self) -> bool:
@@ -129,7 +131,7 @@ class DrawerRules:
         # It may be infinite; the reward bounds it.
         with np.errstate(over="ignore"):
             change = action - state.previous_action
-        terms = reward_terms(after, gripper=target[..., 7], action_change=change, life_steps=life_steps)
+        terms = self.reward_terms(after, gripper=target[..., 7], action_change=change, life_steps=life_steps)
         succeeded = state.succeeded | succeeds(after.drawer_position)
         # The term is negative where the step terminates.
         return DrawerState(snapshot, noise, action, terms, terms["termination"] < 0.0, succeeded)

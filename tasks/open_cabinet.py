@@ -1,7 +1,8 @@
 """Open a drawer of the cabinet: reach for its handle, grasp it, pull."""
 
 import collections
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,13 @@ from dm_env import specs
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetArena, CabinetScene
+from kitchen_suite.entities import CabinetArena, CabinetDesign, CabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.drawer_control import GRIPPER_OPEN, JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.drawer_grasp_reward import GraspReward
 from kitchen_suite.tasks.drawer_observables import DrawerObservables
 from kitchen_suite.tasks.drawer_randomization import Randomization, Randomizer, checked
+from kitchen_suite.tasks.drawer_reward import RewardTerms, reward_terms
 from kitchen_suite.tasks.drawer_rules import (
     ACTION_SIZE,
     CONTROL_TIMESTEP,
@@ -34,6 +37,14 @@ TIME_LIMIT = 7.0  # [s], 700 control steps
 DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
 RESET_NOISE = 0.125
 
+# By public name what makes a reward for a cabinet.
+REWARDS: Mapping[str, Callable[[CabinetDesign], RewardTerms]] = MappingProxyType(
+    {
+        "original": lambda design: reward_terms,
+        "grasp": lambda design: GraspReward(handle_radius=design.handle_radius),
+    }
+)
+
 _OPEN_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
@@ -41,7 +52,7 @@ class OpenCabinetTask(SuiteTask):
     """Pull a drawer of the cabinet open.
 
     Start: the robot bent before the cabinet, each joint off by U(-0.125, 0.125) within its limits; everything closed.
-    Reward: of each step, the sum of the seven terms of `drawer_reward.reward_terms`.
+    Reward: of each step, the sum of seven terms, those of `drawer_reward.reward_terms` or of `GraspReward`.
     End: discount 0 when the gripper reaches through the handle or a joint moves faster than 5 rad/s or m/s; at the
       time limit discount 1. Success, an opening of 0.3 m or more, ends nothing.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
@@ -54,6 +65,7 @@ class OpenCabinetTask(SuiteTask):
         *,
         drawer: str = "top",
         gripper: str = "sampled",
+        reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | None = None,
     ) -> None:
@@ -64,6 +76,7 @@ class OpenCabinetTask(SuiteTask):
           drawer: `top` or `bottom`.
           gripper: `sampled` closes with the probability that the action's last element stands for; `deterministic`
             closes where that is above one half, and draws nothing.
+          reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
           observation_noise: half width of the uniform noise on parts of the observation, by their names, in the units
             of the part; none when omitted.
           randomization: what else a reset draws; nothing when omitted.
@@ -78,7 +91,11 @@ class OpenCabinetTask(SuiteTask):
         if not isinstance(randomization, Randomization | None):
             raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
         self._randomization = randomization
-        self._rules = DrawerRules(samples_gripper=samples_gripper, noise_scale=self._observation.noise_scale)
+        self._rules = DrawerRules(
+            samples_gripper=samples_gripper,
+            noise_scale=self._observation.noise_scale,
+            reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.design),
+        )
         self._scene = scene
         self._sensors = DrawerSensors(scene, drawer)
         self._life_steps = 0

@@ -22,6 +22,20 @@ def opening_policy(env):
 
 def pushing_script(env):
     """Actions that press the open gripper on the drawer's front, beside the handle, and rub up and down; no end."""
+    # In the handle's frame: y is up, z points into the cabinet, whose front is 0.04 m behind the handle.
+    beside, heights = (-0.17, 0.0, -0.05), [*[0.03, -0.03] * 4, 0.0]
+    places = [beside, *((-0.17, height, 0.045) for height in (0.0, *heights))]
+    return _script(env, places, Hand(approach=(0.0, 0.0, 1.0), spread=(0.0, 1.0, 0.0)), OPEN)
+
+
+def dragging_script(env):
+    """Actions that press the closed fingers on the bar from above and drag it along; no end."""
+    places = [(0.0, 0.05, -0.08), (0.0, 0.05, 0.0), (0.0, 0.006, 0.0), (0.0, 0.006, -0.36)]
+    return _script(env, places, Hand(approach=(0.0, 0.0, 1.0), spread=(0.0, 1.0, 0.0)), -OPEN)
+
+
+def _script(env, places, hand, gripper):
+    """Actions that take the hand through places in the handle's frame; no end."""
     handle = env.physics.bind(env.task.scene.cabinet.handle_site(env.task.drawer))
     frame = mink.SE3.from_rotation_and_translation(
         mink.SO3.from_matrix(np.array(handle.xmat).reshape(3, 3)), np.array(handle.xpos)
@@ -29,10 +43,6 @@ def pushing_script(env):
     joints = env.physics.bind(env.task.scene.robot.joints[:7])
     gains = [link.servo.gain for link in PANDA.links]
     arm, pace = Arm("open_cabinet"), Pace(joint_speed=np.full(7, 0.01), timestep=CONTROL_TIMESTEP)
-    # In the handle's frame: y is up, z points into the cabinet, whose front is 0.04 m behind the handle.
-    beside, heights = (-0.17, 0.0, -0.05), [*[0.03, -0.03] * 4, 0.0]
-    places = [beside, *((-0.17, height, 0.045) for height in (0.0, *heights))]
-    hand = Hand(approach=(0.0, 0.0, 1.0), spread=(0.0, 1.0, 0.0))
     skill = Skill(
         steps=tuple(Move(to=place, hand=hand, speed=0.1) for place in places),
         posture=tuple(DEFAULT_POSE[:7].tolist()),
@@ -42,7 +52,7 @@ def pushing_script(env):
     while True:
         step += 1
         target, _ = path.at(step)
-        yield np.append(target - joints.qpos + arm.gravity(joints.qpos.copy()) / gains, OPEN)
+        yield np.append(target - joints.qpos + arm.gravity(joints.qpos.copy()) / gains, gripper)
 
 
 def pads_on_bar(env):

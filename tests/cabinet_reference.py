@@ -21,7 +21,8 @@ class Recomputed:
         self.handle = named.site_xpos[f"cabinet/drawer_{drawer}_handle"].copy()
         self.tcp_turn = Rotation.from_matrix(named.site_xmat["franka/gripper"].reshape(3, 3))
         self.handle_turn = Rotation.from_matrix(named.site_xmat[f"cabinet/drawer_{drawer}_handle"].reshape(3, 3))
-        self.pads = [named.geom_xpos[f"franka/{side}_finger_pad"][2] for side in ("left", "right")]
+        self.pad_positions = [named.geom_xpos[f"franka/{side}_finger_pad"].copy() for side in ("left", "right")]
+        self.pads = [position[2] for position in self.pad_positions]
         self.open = named.qpos[f"cabinet/drawer_{drawer}_joint"].item()
         self.speed = named.qvel[f"cabinet/drawer_{drawer}_joint"].item()
         self.gripper = named.ctrl["franka/finger_joint1"].item()
@@ -55,3 +56,46 @@ class Recomputed:
             "effort": -action * (self.change**2).sum() - velocity * (self.v[:8] ** 2).sum(),
             "termination": -10 if self.terminates else 0,
         }
+
+
+class RecomputedGrasp(Recomputed):
+    """With the reward that pays for opening by a grasp."""
+
+    @property
+    def terms(self):
+        return {
+            **super().terms,
+            "orientation": 4 * np.cos((self.handle_turn * self.tcp_turn.inv()).magnitude()),
+            "grasp": 4 * self.enclosure * (1 - np.tanh(self.gap / 0.02))
+            - 20 * (1 - self.enclosure) * (0.04 - self.gripper),
+            "opening": 50 * self.holding * np.clip(self.open, 0, 1)
+            + 10 * self.speed * (self.holding if self.speed > 0 else 1),
+        }
+
+    @property
+    def holding(self):
+        return self.enclosure * 0.001 / (0.001 + self.gap)
+
+    @property
+    def gap(self):
+        return max(*self.spaces, 0)
+
+    @property
+    def enclosure(self):
+        x, _, z = self.tcp_turn.inv().apply(self.nearest - self.tcp)
+        along = np.linalg.norm(self.nearest - self.handle)
+        shares = [3 - 3 * abs(x) / 0.0105, 3 - 3 * abs(z) / 0.0095, 3 - 3 * along / 0.03, 2 + min(self.spaces) / 0.003]
+        return np.prod(np.clip(shares, 0, 1))
+
+    @property
+    def nearest(self):
+        """The point of the bar's axis that is nearest to the gripper."""
+        bar = self.handle_turn.as_matrix()[:, 0]
+        return self.handle + bar * (bar @ (self.tcp - self.handle))
+
+    @property
+    def spaces(self):
+        """Between the inner face of either pad and the bar, across the gripper."""
+        inwards = [-self.tcp_turn.as_matrix()[:, 1], self.tcp_turn.as_matrix()[:, 1]]
+        faces = [pad + 0.005 * inward for pad, inward in zip(self.pad_positions, inwards, strict=True)]
+        return [inward @ (self.nearest - face) - 0.006 for face, inward in zip(faces, inwards, strict=True)]
