@@ -70,16 +70,42 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     return experts.make_policy(environment, generator, style=experts.Style(**style), **options)
 
 
-POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType({"random": random, "zero": zero, "expert": expert})
+def trained(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
+    """Builds a trained policy, which acts without exploration.
+
+    Args:
+      environment: of the suite.
+      generator: not used.
+      file: what `kitchen-train` has written; by default what comes with the package for the environment's task.
+
+    Raises:
+      OSError: there is no such file, or it holds nothing of the kind.
+      ValueError: the policy is for something else, or none comes with the package.
+    """
+    del generator
+    # Needed by this policy alone, and it imports what writes episodes, which imports this module.
+    from kitchen_suite import trained_policy
+
+    policy = trained_policy.TrainedPolicy.load(Path(file) if file else trained_policy.shipped(environment.task))
+    sizes = [sum(spec.shape[0] for spec in environment.observation_spec().values()), *environment.action_spec().shape]
+    policy.check_fits(*sizes)
+    return lambda timestep: policy(trained_policy.flat_timestep(timestep))
+
+
+POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
+    {"random": random, "zero": zero, "expert": expert, "trained": trained}
+)
+
+_TAKE_OPTIONS = (expert, trained)
 
 
 def find(name: str) -> PolicyBuilder:
     """Returns what builds a policy, whose actions are checked and come as float64.
 
     Args:
-      name: a key of `POLICIES`, the expert's with options if wanted, such as `expert(speed=0.8, jitter=0.02)`; or
-        `module:callable`, a policy that is the same object in every episode. Modules are also looked for in the
-        working directory.
+      name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
+        `trained(file='policy.npz')`; or `module:callable`, a policy that is the same object in every episode. Modules
+        are also looked for in the working directory.
 
     Raises:
       ImportError: the policy needs an extra that is not installed.
@@ -95,13 +121,13 @@ def find(name: str) -> PolicyBuilder:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
     if build is expert and (missing := [name for name in _EXPERTS_NEED if not importlib.util.find_spec(name)]):
         raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
-    if options and build is not expert:
-        raise ValueError(f"policy {plain!r} takes no options, got {name!r}; expert does")
+    if options and build not in _TAKE_OPTIONS:
+        raise ValueError(f"policy {plain!r} takes no options, got {name!r}; expert and trained do")
 
     def built(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         try:
             policy = build(environment, generator, **options)
-        except (TypeError, ValueError) as error:
+        except (OSError, TypeError, ValueError) as error:
             raise PolicyError(f"policy {name!r} cannot be built: {error}") from error
         return _checked(policy, name, environment)
 

@@ -27,6 +27,11 @@ class Report:
         """Number of episodes so far."""
         return len(self._outcomes)
 
+    @property
+    def successes(self) -> int:
+        """Number of those that succeeded."""
+        return sum(outcome.results["success"] is True for outcome in self._outcomes)
+
     def add(self, outcome: Outcome) -> str:
         """Returns the episode's row; the first time with the heading above it."""
         cells = _cells(len(self._outcomes), outcome)

@@ -52,7 +52,8 @@ _POLICY = flags.DEFINE_string(
     "policy",
     "random",
     "What acts: random (uniform; standard normal where the action is unbounded), zero, expert (scripted; needs the "
-    "extra experts; takes options, as in 'expert(speed=0.8, jitter=0.02)'), or module:callable, which is given the "
+    "extra experts; takes options, as in 'expert(speed=0.8, jitter=0.02)'), trained (what comes with the package; or "
+    "\"trained(file='policy.npz')\"), or module:callable, which is given the "
     "dm_env.TimeStep and returns the action.",
     flag_values=_FLAGS,
 )
@@ -72,6 +73,9 @@ _OUTPUT = flags.DEFINE_string(
 )
 _VIDEO = flags.DEFINE_string(
     "video", None, "Video of all episodes, an .mp4 in an existing folder; replaced if it is there.", flag_values=_FLAGS
+)
+_VIDEO_FPS = flags.DEFINE_float(
+    "video_fps", 25.0, "Greatest number of frames in a second of the video.", lower_bound=0.1, flag_values=_FLAGS
 )
 _CAMERA = flags.DEFINE_string("camera", "overview", "Camera of the video, by name or number.", flag_values=_FLAGS)
 _WIDTH = flags.DEFINE_integer("width", 640, "Width of the video in pixels.", lower_bound=2, flag_values=_FLAGS)
@@ -173,6 +177,7 @@ def _prepare_rollout() -> Callable[[], int]:
         width=_WIDTH.value,
         height=_HEIGHT.value,
         visualize_reward=_VISUALIZE_REWARD.value,
+        video_fps=_VIDEO_FPS.value,
     )
     job = rollout_job.RolloutJob(settings)
     return lambda: _run(job)

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import importlib.metadata
+import math
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,6 +39,8 @@ class Settings:
     width: int
     height: int
     visualize_reward: bool
+    video_fps: float = 25.0
+    video_episodes: int | None = None
 
 
 class RolloutJob:
@@ -69,6 +72,11 @@ class RolloutJob:
     def finished(self) -> int:
         """Number of episodes played to their end, and written."""
         return self._report.count
+
+    @property
+    def successes(self) -> int:
+        """Number of those that succeeded."""
+        return self._report.successes
 
     def run(self) -> None:
         """Plays all episodes; prints a table, row by row, and a summary, also of what was finished before an error."""
@@ -102,7 +110,7 @@ class RolloutJob:
 
             def watch(timestep: dm_env.TimeStep) -> None:
                 nonlocal left
-                film()
+                film(timestep)
                 bar.update(not timestep.first())
                 left -= timestep.last()
                 if timestep.last() and bar.total:
@@ -111,16 +119,26 @@ class RolloutJob:
             yield watch
 
     @contextlib.contextmanager
-    def _open_video(self) -> Iterator[Callable[[], None]]:
+    def _open_video(self) -> Iterator[Callable[[dm_env.TimeStep], None]]:
         """Gives what adds the present view to the video; it does nothing where no video is asked for."""
         settings = self._settings
         if settings.video is None:
-            yield lambda: None
+            yield lambda timestep: None
             return
         size = {"width": settings.width, "height": settings.height}
+        # Real time, by as many control steps a frame as it takes to have no more frames than asked for.
         rate = 1.0 / self._environment.control_timestep()
-        with recording.open_video(settings.video, **size, frames_per_second=rate) as add:
-            yield lambda: add(self._environment.physics.render(**size, camera_id=self._camera))
+        stride = math.ceil(rate / settings.video_fps - 1e-6)
+        with recording.open_video(settings.video, **size, frames_per_second=rate / stride) as add:
+            steps = episodes = 0
+
+            def film(timestep: dm_env.TimeStep) -> None:
+                nonlocal steps, episodes
+                episodes, steps = episodes + timestep.first(), 0 if timestep.first() else steps + 1
+                if steps % stride == 0 and episodes <= (settings.video_episodes or episodes):
+                    add(self._environment.physics.render(**size, camera_id=self._camera))
+
+            yield film
 
     def _save(self, index: int, episode: Episode) -> None:
         if self._settings.output:

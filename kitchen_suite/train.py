@@ -3,6 +3,8 @@
   kitchen-train --output=runs/drawer                           opens the top drawer
   kitchen-train --output=runs/drawer --resume                  goes on where an interrupted run stopped
   kitchen-train --output=runs/hold --task_kwargs='{"gripper": "deterministic"}'
+  kitchen-train --output=runs/kettle --env=kitchen --task_name=kettle --demonstrations=kettle
+                                                               clones what kitchen-record has written, then goes on
   kitchen-train --output=runs/small --hyperparameters='{"num_envs": 512, "hidden": [128, 64]}'
   tensorboard --logdir=runs                                    shows the curves, also while training goes on
 
@@ -89,6 +91,9 @@ _RESTARTS = flags.DEFINE_integer(
 _NUM_THREADS = flags.DEFINE_integer(
     "num_threads", None, "Threads that step environments. Default: one a processor.", lower_bound=1, flag_values=_FLAGS
 )
+_DEMONSTRATIONS = flags.DEFINE_string(
+    "demonstrations", None, "Folder written by kitchen-record, to be cloned before all else.", flag_values=_FLAGS
+)
 _OUTPUT = flags.DEFINE_string("output", None, "Folder of the run.", flag_values=_FLAGS)
 _RESUME = flags.DEFINE_boolean("resume", False, "Go on with the run in the folder.", flag_values=_FLAGS)
 _HELP = flags.DEFINE_boolean("help", False, "Show this help, and exit.", short_name="h", flag_values=_FLAGS)
@@ -152,6 +157,7 @@ def _prepare() -> "train_job.TrainJob":
         seed=_SEED.value,
         restarts=_RESTARTS.value,
         num_threads=_NUM_THREADS.value,
+        demonstrations=Path(_DEMONSTRATIONS.value) if _DEMONSTRATIONS.value else None,
         output=Path(_OUTPUT.value),
         resume=_RESUME.value,
     )

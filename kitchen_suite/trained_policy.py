@@ -7,10 +7,12 @@ from typing import Any
 
 import dm_env
 import numpy as np
+from dm_control import composer
 from numpy.typing import NDArray
 
 import kitchen_suite
 from kitchen_suite import recording
+from kitchen_suite.tasks import OpenCabinetTask
 
 # Version of the file's layout; it grows when old readers would misread new files.
 FORMAT = 1
@@ -89,7 +91,7 @@ class TrainedPolicy:
         arrays = {
             "mean": self.mean,
             "deviation": self.deviation,
-            "clip": np.float32(self.clip),
+            "clip": np.array(self.clip, np.float32),
             "action_scale": self.action_scale,
             **{f"weight_{i}": weight for i, weight in enumerate(self.weights)},
             **{f"bias_{i}": bias for i, bias in enumerate(self.biases)},
@@ -157,16 +159,17 @@ def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
     return np.concatenate([*timestep.observation.values()])
 
 
-def shipped(domain_name: str, task_name: str) -> Path:
+def shipped(task: composer.Task) -> Path:
     """The policy that comes with the package for a task.
 
     Raises:
       ValueError: there is none.
     """
-    path = SHIPPED / f"{domain_name}_{task_name}.npz"
+    name = f"{task.drawer}_drawer" if isinstance(task, OpenCabinetTask) else "_".join(task.goals)
+    path = SHIPPED / f"{name.replace(' ', '_')}.npz"
     if not path.exists():
         there = ", ".join(sorted(path.stem for path in SHIPPED.glob("*.npz")))
-        raise ValueError(f"no trained policy comes with the package for {domain_name} {task_name}; there are {there}")
+        raise ValueError(f"no trained policy comes with the package for {name}; there are {there}")
     return path
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
 from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
@@ -102,8 +101,10 @@ class Attempt:
         """Learns until there is a reason to stop; `show` is called with a line for each evaluation."""
         schedule, learner = self._schedule, self._learner
         started = time.perf_counter() - self._seconds
-        learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000, standardise=not self.resumed)
+        learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         with contextlib.closing(SummaryWriter(str(self._folder), purge_step=self.steps)) as writer, self._bar() as bar:
+            if not self.resumed:
+                self._look(writer, started, show)
             while (ending := self._ending()) is None:
                 before, began = self.steps, time.perf_counter()
                 means = learner.learn()
@@ -112,12 +113,16 @@ class Attempt:
                 bar.update(self.steps - before)
                 bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
                 if self.steps // schedule.eval_interval > before // schedule.eval_interval:
-                    measures = self._evaluate()
-                    self._seconds = time.perf_counter() - started
-                    _write(writer, {**_means(measures), "time/minutes": self._seconds / 60}, self.steps)
-                    self._save()
-                    show(self._row(measures))
+                    self._look(writer, started, show)
         return ending
+
+    def _look(self, writer: SummaryWriter, started: float, show: Callable[[str], None]) -> None:
+        """Evaluates the policy, and writes down all that there is."""
+        measures = self._evaluate()
+        self._seconds = time.perf_counter() - started
+        _write(writer, {**_means(measures), "time/minutes": self._seconds / 60}, self.steps)
+        self._save()
+        show(self._row(measures))
 
     def _ending(self) -> Ending | None:
         if self._reached >= 2:
@@ -146,25 +151,18 @@ class Attempt:
         dataclasses.replace(policy, metadata=known).save(self._folder / POLICY_FILE)
 
     def _save(self) -> None:
-        modules = {name: module.state_dict() for name, module in self._learner.agent.checkpoint_modules.items()}
-        counters = {
-            "steps": self.steps,
-            "seconds": self._seconds,
-            "best": list(self._best),
-            "progress": self._progress,
-            "reached": self._reached,
-        }
-        checkpoints.save(self._folder, self.steps, {"modules": modules, **counters, "random": torch.get_rng_state()})
+        counters = {"seconds": self._seconds, "best": list(self._best), "progress": self._progress}
+        state = {**self._learner.state(), **counters, "reached": self._reached}
+        checkpoints.save(self._folder, self.steps, state)
 
     def _resume(self) -> bool:
         state = checkpoints.load_last(self._folder)
         if state is None:
             return False
-        for name, module in self._learner.agent.checkpoint_modules.items():
-            module.load_state_dict(state["modules"][name])
-        torch.set_rng_state(state["random"])
-        self._learner.steps, self._seconds = state["steps"], state["seconds"]
-        self._best, self._progress, self._reached = tuple(state["best"]), state["progress"], state["reached"]
+        self._learner.load_state(state)
+        success, gain = state["best"]
+        self._best, self._seconds = (success, gain), state["seconds"]
+        self._progress, self._reached = state["progress"], state["reached"]
         return True
 
     def _bar(self) -> tqdm:

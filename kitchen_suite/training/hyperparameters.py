@@ -28,6 +28,8 @@ class Hyperparameters:
       entropy_scale: weight of the policy's entropy.
       gradient_norm: greatest norm of a gradient.
       reward_scale: factor of rewards before anything else.
+      clone_epochs: passes over demonstrations, where there are any.
+      value_batches: batches after them that teach the value alone.
       arm_scale: action of a joint for a network output of one, which is also the exploration's first deviation.
       gripper_scale: the same for the gripper.
     """
@@ -47,6 +49,8 @@ class Hyperparameters:
     entropy_scale: float = 0.001
     gradient_norm: float = 1.0
     reward_scale: float = 0.1
+    clone_epochs: int = 60
+    value_batches: int = 10
     arm_scale: float = 0.05
     gripper_scale: float = 2.0
 
@@ -67,7 +71,7 @@ class Hyperparameters:
         for name, value in changes.items():
             checks.choice(name, hints.keys(), "hyperparameter")
             _check(name, value, hints[name])
-        fitting = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
+        fitting: dict[str, Any] = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
         chosen = dataclasses.replace(DEFAULTS[domain_name], **fitting)
         if chosen.batch % chosen.mini_batches:
             raise ValueError(
@@ -98,6 +102,8 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             rollouts=140,
             hidden=(512, 512),
             mini_batches=10,
+            learning_rate=1e-4,
+            kl_target=0.0,
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,

@@ -1,7 +1,7 @@
 """One agent that learns from one vectorised environment, batch by batch."""
 
 import collections
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.trained_policy import flat
 from kitchen_suite.training import agent as agents
+from kitchen_suite.training import cloning
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.measures import episode_measures, step_measures
 from kitchen_suite.vector_base import SuiteVectorEnv
@@ -38,17 +39,32 @@ class Learner:
         size, action_space = _sizes(environments)
         self.agent = agents.build(size, action_space, choices)
         self.steps = 0
+        self._standardised, self._values_only = False, 0
 
-    def start(self, seed: int, *, standardise: bool) -> None:
+    def imitate(
+        self, observations: NDArray[np.float32], actions: NDArray[np.float32], watch: Callable[[float], None]
+    ) -> None:
+        """Learns to do what was done; from then on the policy changes once its values are known.
+
+        Args:
+          observations: `(m, n)`, as a trained policy takes them.
+          actions: `(m, k)`.
+          watch: called after each pass with its mean loss.
+        """
+        cloning.clone(self.agent, observations, actions, self._choices.clone_epochs, watch)
+        self._standardised, self._values_only = True, self._choices.value_batches
+
+    def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch shows all parts of an episode.
+
+        What is seen meanwhile decides on how observations are standardised, where nothing has before.
 
         Args:
           seed: of the first environment; each further one has the next.
-          standardise: whether what is seen meanwhile decides on how observations are standardised.
         """
         environments, count = self._environments, self._environments.num_envs
         observations, _ = environments.reset(seed=seed)
-        length = environments.spec.max_episode_steps
+        length = _episode_length(environments)
         turn = np.random.default_rng(seed).permutation(count) * length // count
         self._observations = _tensor(observations)
         scaler = self.agent.checkpoint_modules["observation_preprocessor"]
@@ -57,8 +73,23 @@ class Learner:
             if (starting := turn == step).any():
                 observations, _ = environments.reset(options={"reset_mask": starting})
             self._observations = _tensor(observations)
-            if standardise:
+            if not self._standardised:
                 scaler(self._observations, train=True)
+        self._standardised = True
+
+    def state(self) -> dict[str, Any]:
+        """What `load_state` goes on from, but for the episodes that are being played."""
+        modules = {name: module.state_dict() for name, module in self.agent.checkpoint_modules.items()}
+        random = torch.get_rng_state()
+        return {"modules": modules, "random": random, "steps": self.steps, "values_only": self._values_only}
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state."""
+        for name, module in self.agent.checkpoint_modules.items():
+            module.load_state_dict(state["modules"][name])
+        torch.set_rng_state(state["random"])
+        self.steps, self._values_only = state["steps"], state["values_only"]
+        self._standardised = True
 
     def learn(self) -> dict[str, float]:
         """Plays and learns from one batch.
@@ -66,6 +97,9 @@ class Learner:
         Returns:
           Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
         """
+        # What is known of a good policy should not be lost to values that are not.
+        self.agent.models["policy"].requires_grad_(self._values_only == 0)
+        self._values_only = max(0, self._values_only - 1)
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):
             for name, values in self._step().items():
@@ -118,6 +152,12 @@ def _sizes(environments: SuiteVectorEnv) -> tuple[int, spaces.Box]:
     space, actions = environments.single_observation_space, environments.single_action_space
     assert isinstance(actions, spaces.Box)
     return spaces.flatdim(space), actions
+
+
+def _episode_length(environments: SuiteVectorEnv) -> int:
+    assert environments.spec
+    assert environments.spec.max_episode_steps
+    return environments.spec.max_episode_steps
 
 
 def _tensor(observations: Any) -> torch.Tensor:

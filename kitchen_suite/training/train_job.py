@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any, cast
 
 import gymnasium
+import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import checks, gymnasium_env, recording, suite
 from kitchen_suite.rollout_job import default_task
 from kitchen_suite.training.attempt import HEADING, Attempt, Ending, Schedule
+from kitchen_suite.training.cloning import load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
 from kitchen_suite.vector_base import SuiteVectorEnv
@@ -38,6 +41,7 @@ class Settings:
     seed: int
     restarts: int
     num_threads: int | None
+    demonstrations: Path | None
     output: Path
     resume: bool
 
@@ -49,7 +53,8 @@ class TrainJob:
         """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
 
         Raises:
-          OSError: the folder cannot be written to or holds another run, or there is none to be resumed.
+          OSError: the folder cannot be written to or holds another run, there is none to be resumed, or there are no
+            demonstrations where there should be.
           TypeError: an argument or a hyperparameter has the wrong type, or there is no such argument.
           ValueError: an unknown name, or a value that is refused.
         """
@@ -64,6 +69,7 @@ class TrainJob:
             "task_kwargs": dict(settings.task_kwargs),
             "hyperparameters": dataclasses.asdict(self._choices),
         }
+        self._demonstrations = self._load_demonstrations()
         self._environments = self._build(self._choices.num_envs, AutoresetMode.SAME_STEP)
         self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
         claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
@@ -89,10 +95,24 @@ class TrainJob:
         folder, choices = self._settings.output / f"seed_{seed}", self._choices
         learner = Learner(self._environments, choices, seed)
         attempt = Attempt(folder, seed, self._settings.schedule, learner, self._evaluated, self._metadata)
+        if self._demonstrations and not attempt.resumed:
+            with tqdm(total=choices.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+
+                def watch(loss: float) -> None:
+                    bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+                    bar.update()
+
+                learner.imitate(*self._demonstrations, watch)
         ending = attempt.run(_print)
         success, gain = attempt.best
         _print(f"seed {seed}: {ending.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
         return ending
+
+    def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+        folder = self._settings.demonstrations
+        if folder is None:
+            return None
+        return load_demonstrations(folder, self._settings.domain_name, self._task_name)
 
     def _build(self, count: int, mode: AutoresetMode) -> SuiteVectorEnv:
         settings, domain = self._settings, self._settings.domain_name
