@@ -75,12 +75,15 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
 
     Args:
       observation_size: how many numbers it sees.
-      action_space: of one environment; the last two of nine numbers, or the last one, are the gripper's.
+      action_space: of one environment.
       choices: what it is tuned by.
+
+    Raises:
+      ValueError: these do not fit the action space.
     """
     observation_space = spaces.Box(-np.inf, np.inf, (observation_size,), np.float32)
     models = {
-        "policy": Policy(observation_space, action_space, choices.hidden, action_scale(action_space, choices)),
+        "policy": Policy(observation_space, action_space, choices.hidden, _action_scale(action_space, choices)),
         "value": Value(observation_space, action_space, choices.hidden),
     }
     adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}
@@ -118,10 +121,15 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
     return agent
 
 
-def action_scale(action_space: spaces.Box, choices: Hyperparameters) -> torch.Tensor:
-    """Actions `(k,)` for network outputs of one: seven joints, and the gripper."""
-    (size,) = action_space.shape
-    return torch.tensor([choices.arm_scale] * 7 + [choices.gripper_scale] * (size - 7))
+def _action_scale(action_space: spaces.Box, choices: Hyperparameters) -> torch.Tensor:
+    """Actions `(k,)` for network outputs of one.
+
+    Raises:
+      ValueError: there is not one for each action.
+    """
+    if action_space.shape != (len(choices.action_scale),):
+        raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {choices.action_scale}")
+    return torch.tensor(choices.action_scale)
 
 
 def export(agent: PPO, metadata: Mapping[str, Any]) -> TrainedPolicy:

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from kitchen_suite import checks
 
@@ -30,8 +30,7 @@ class Hyperparameters:
       reward_scale: factor of rewards before anything else.
       clone_epochs: passes over demonstrations, where there are any.
       value_batches: batches after them that teach the value alone.
-      arm_scale: action of a joint for a network output of one, which is also the exploration's first deviation.
-      gripper_scale: the same for the gripper.
+      action_scale: action for network outputs of one; exploration begins with these standard deviations.
     """
 
     num_envs: int = 1024
@@ -51,8 +50,7 @@ class Hyperparameters:
     reward_scale: float = 0.1
     clone_epochs: int = 60
     value_batches: int = 10
-    arm_scale: float = 0.05
-    gripper_scale: float = 2.0
+    action_scale: tuple[float, ...] = (0.02, 0.02, 0.025, 0.025, 0.006, 0.006, 0.006, 2.0)
 
     @property
     def batch(self) -> int:
@@ -81,17 +79,26 @@ class Hyperparameters:
         return chosen
 
 
-def _check(name: str, value: object, kind: type) -> None:
+def _check(name: str, value: object, kind: Any) -> None:
+    """Sees to it that a value is of its kind and not negative.
+
+    Raises:
+      TypeError: it is of another kind.
+      ValueError: it is negative, or zero where that makes no sense.
+    """
     if kind is int:
         checks.whole_number(value, name, least=1)
     elif kind is float:
         if checks.number(value, name) < 0:
             raise ValueError(f"{name} must not be negative, got {value}")
+    elif not isinstance(value, list) or not value:
+        raise TypeError(f"{name} must be a list of numbers, got {value!r}")
     else:
-        if not isinstance(value, (list, tuple)) or not value:
-            raise TypeError(f"{name} must be a list of numbers of units, got {value!r}")
-        for units in value:
-            checks.whole_number(units, name, least=1)
+        for part in value:
+            if get_args(kind)[0] is int:
+                checks.whole_number(part, name, least=1)
+            else:
+                checks.number(part, name, positive=True)
 
 
 DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
@@ -107,8 +114,7 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,
-            arm_scale=0.1,
-            gripper_scale=0.1,
+            action_scale=(0.1,) * 9,
         ),
     }
 )

@@ -15,6 +15,7 @@ from kitchen_suite.training import cloning
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.measures import episode_measures, step_measures
 from kitchen_suite.vector_base import SuiteVectorEnv
+from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
 
 class Learner:
@@ -63,6 +64,9 @@ class Learner:
           seed: of the first environment; each further one has the next.
         """
         environments, count = self._environments, self._environments.num_envs
+        if isinstance(environments, FrankaOpenCabinetVectorEnv):
+            # The penalties' weights depend on it.
+            environments.life_steps = np.full(count, self.steps // count)
         observations, _ = environments.reset(seed=seed)
         length = _episode_length(environments)
         turn = np.random.default_rng(seed).permutation(count) * length // count

@@ -3,8 +3,9 @@
 import contextlib
 import dataclasses
 import json
+import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +18,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, gymnasium_env, recording, suite
 from kitchen_suite.rollout_job import default_task
-from kitchen_suite.training.attempt import HEADING, Attempt, Ending, Schedule
+from kitchen_suite.training.attempt import HEADING, POLICY_FILE, Attempt, Ending, Schedule
 from kitchen_suite.training.cloning import load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
@@ -72,6 +73,7 @@ class TrainJob:
         self._demonstrations = self._load_demonstrations()
         self._environments = self._build(self._choices.num_envs, AutoresetMode.SAME_STEP)
         self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
+        self._best = (-1.0, 0.0)
         claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
 
     def run(self) -> None:
@@ -89,23 +91,23 @@ class TrainJob:
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
                 if self._attempt(seed) is not Ending.HOPELESS:
                     break
+        _print(f"best policy: {settings.output / POLICY_FILE}")
 
     def _attempt(self, seed: int) -> Ending:
         """Trains with one seed; its policy becomes the run's if it is the best so far."""
-        folder, choices = self._settings.output / f"seed_{seed}", self._choices
-        learner = Learner(self._environments, choices, seed)
-        attempt = Attempt(folder, seed, self._settings.schedule, learner, self._evaluated, self._metadata)
+        settings, folder = self._settings, self._settings.output / f"seed_{seed}"
+        learner = Learner(self._environments, self._choices, seed)
+        attempt = Attempt(folder, seed, settings.schedule, learner, self._evaluated, self._metadata)
         if self._demonstrations and not attempt.resumed:
-            with tqdm(total=choices.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
-
-                def watch(loss: float) -> None:
-                    bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-                    bar.update()
-
+            with _cloning_bar(self._choices.clone_epochs) as watch:
                 learner.imitate(*self._demonstrations, watch)
         ending = attempt.run(_print)
         success, gain = attempt.best
         _print(f"seed {seed}: {ending.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
+        if attempt.best > self._best:
+            self._best = attempt.best
+            with recording.whole_file(settings.output / POLICY_FILE) as partial:
+                shutil.copyfile(folder / POLICY_FILE, partial)
         return ending
 
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
@@ -154,6 +156,18 @@ def claim(folder: Path, run: Mapping[str, Any], *, resume: bool) -> None:
     for name, value in json.loads(json.dumps(run)).items():
         if present.get(name) != value:
             raise ValueError(f"{folder} holds a run with {name} {present.get(name)!r}, not {value!r}")
+
+
+@contextlib.contextmanager
+def _cloning_bar(epochs: int) -> Iterator[Callable[[float], None]]:
+    """Gives what is to be called with the loss of each pass."""
+    with tqdm(total=epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+
+        def watch(loss: float) -> None:
+            bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+            bar.update()
+
+        yield watch
 
 
 def _print(text: str) -> None:
