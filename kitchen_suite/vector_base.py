@@ -74,7 +74,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         limit = None if max_episode_steps == -1 else max_episode_steps
 
         self._starter = self.single(max_episode_steps=limit, **settings)
-        self._step_limit = np.inf if limit is None else limit
+        self._step_limit = np.iinfo(np.int64).max if limit is None else limit
         self.render_mode = self._starter.render_mode
         self.metadata = {**self._starter.metadata, "autoreset_mode": self._autoreset}
         self.single_action_space = self._starter.action_space
@@ -87,6 +87,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         physics, task = self._starter.environment.physics, self._starter.environment.task
         self._physics_steps = task.physics_steps_per_control_step
         self._batch = Batch(physics.model.ptr, self.num_envs, threads, persistent=True)
+        self._fields: dict[str, NDArray] = {}
         self._own_fields = {name: self._batch.expand(name) for name in self.drawn_model_fields()}
         self._streams = [vector_parts.Stream(None) for _ in range(self.num_envs)]
         self._state: Any = rows.repeated(task.state, self.num_envs)
@@ -179,16 +180,17 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._check_episodes()
         actions = vector_checks.actions(actions, self.action_space)
         starting = self._ended if self._autoreset == AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
+        stepping = ~starting
         with self._all_or_nothing():
-            rewards, terminations, diverged = self._make_step(actions, ~starting)
-            truncations = (self._episode_steps >= self._step_limit) & ~starting
+            rewards, terminations, diverged = self._make_step(actions, stepping)
+            truncations = (self._episode_steps >= self._step_limit) & stepping
             self._start(starting | diverged)
             infos = {"physics_error": diverged, "_physics_error": diverged.copy()} if diverged.any() else {}
             self._ended = terminations | truncations
             if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
                 infos |= self._final(self._ended)
                 self._start(self._ended & ~diverged)
-            infos |= vector_parts.masked(self.info(), np.ones_like(starting))
+            infos |= vector_parts.complete(self.info(), self.num_envs)
             return self.observe(), rewards, terminations, truncations, infos
 
     def render(self) -> tuple[NDArray, ...] | None:
@@ -216,11 +218,17 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def close_extras(self, **kwargs: Any) -> None:
         self._starter.close()
         # With the last reference to the batch its threads end.
-        del self._batch, self._own_fields
+        del self._batch, self._fields, self._own_fields
+
+    def _field(self, name: str) -> NDArray[np.float64]:
+        """A field `(n, ...)` of MuJoCo's data over all simulations, live."""
+        if name not in self._fields:
+            self._fields[name] = self._batch.bind(name)
+        return self._fields[name]
 
     def _read(self, name: str, columns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Columns `(n, k)` of a field of MuJoCo's data over all simulations; a copy."""
-        return np.take(self._batch.bind(name), columns, axis=1)
+        return self._field(name).take(columns, axis=1)
 
     @contextlib.contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
@@ -259,9 +267,10 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask is True."""
-        if not mask.any():
+        (chosen,) = mask.nonzero()
+        if not chosen.size:
             return
-        environment, chosen = self._starter.environment, np.flatnonzero(mask)
+        environment = self._starter.environment
         self._batch.reset(chosen, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for i in chosen.tolist():

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_cabinet import FrankaOpenCabinetEnv, results_arrays
 from kitchen_suite.tasks import drawer_observation, drawer_randomization
 from kitchen_suite.tasks.drawer_rules import DrawerState
-from kitchen_suite.tasks.drawer_snapshot import Snapshot
 from kitchen_suite.vector_base import SuiteVectorEnv
 
 
@@ -34,7 +33,6 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         task = self._starter.environment.task
         self._rules, self._sensors = task.rules, task.sensors
         self._life_steps = np.zeros(self.num_envs, np.int64)
-        self._noise = np.zeros((self.num_envs, drawer_observation.SIZE))
 
     @property
     def life_steps(self) -> NDArray[np.int64]:
@@ -49,30 +47,35 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
 
     def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
-        closing = np.full(self.num_envs, 0.5)
+        closing: NDArray[np.float64] | float = 0.5
         if self._rules.samples_gripper:
-            closing[stepping] = [self._streams[i].sample() for i in np.flatnonzero(stepping).tolist()]
+            each = zip(self._streams, stepping.tolist(), strict=True)
+            closing = np.array([stream.sample() if draws else 0.5 for stream, draws in each])
         self._actions = self._starter.limited(actions)
-        positions = self._read("qpos", self._sensors.joint_qpos)
+        positions = self._field("qpos")[:, self._sensors.joint_qpos]
         self._target = self._rules.command(positions, self._actions, closing)
-        self._batch.ctrl[:, self._sensors.ctrl] = self._target
+        self._field("ctrl")[:, self._sensors.ctrl] = self._target
 
     def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        for i in np.flatnonzero(stepping & self._rules.is_noisy):
-            self._noise[i] = self._rules.draw_noise(self._streams[i].random_state)
+        noise = self._state.noise
+        if self._rules.is_noisy:
+            noise = noise.copy()
+            for i in np.flatnonzero(stepping):
+                noise[i] = self._rules.draw_noise(self._streams[i].random_state)
         self._state = self._rules.advance(
             self._state,
             action=self._actions,
             target=self._target,
             life_steps=self._life_steps,
-            snapshot=self._read("sensordata", self._sensors.columns),
-            noise=self._noise.copy() if self._rules.is_noisy else self._noise,
+            # Transposed in memory: the rules compute with columns, which lie in one piece then.
+            snapshot=self._field("sensordata").T.take(self._sensors.columns, axis=0).T,
+            noise=noise,
         )
         self._life_steps += stepping
         return self._state.reward, self._state.terminates
 
     def observe(self) -> NDArray[np.float32]:
-        values = drawer_observation.observe(Snapshot(self._state.snapshot))
+        values = self._state.observation
         return drawer_observation.shown(values + self._state.noise if self._rules.is_noisy else values)
 
     def info(self) -> dict[str, NDArray]:

@@ -38,11 +38,18 @@ def row(observations: Any, i: int) -> Any:
     return observations[i].copy()
 
 
+def complete(infos: Mapping[str, NDArray], count: int) -> dict[str, NDArray]:
+    """Infos of `count` environments as Gymnasium lays them out: a mask beside each, here True everywhere."""
+    laid_out = {}
+    for (name, array), mask in zip(infos.items(), np.ones((len(infos), count), bool), strict=True):
+        laid_out[name], laid_out[f"_{name}"] = array, mask
+    return laid_out
+
+
 def masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Infos as Gymnasium lays them out: nothing where the mask is False, and the mask beside each."""
-    laid_out, partial = {}, not mask.all()
+    """Infos likewise of some environments: nothing where the mask is False."""
+    laid_out = complete(infos, mask.size)
     for name, array in infos.items():
-        if partial:
-            array[~mask] = None if array.dtype == object else 0
-        laid_out[name], laid_out[f"_{name}"] = array, mask.copy()
+        array[~mask] = None if array.dtype == object else 0
+        laid_out[f"_{name}"][:] = mask
     return laid_out

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 JOINT_LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973, 0.0])
 JOINT_HIGH = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973, 0.04])
 
+_ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
+
 # Targets of both fingers [m].
 GRIPPER_CLOSED = 0.0
 GRIPPER_OPEN = 0.04
@@ -22,7 +24,7 @@ def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> N
     Returns:
       `(..., 7)` targets within the joints' limits [rad].
     """
-    return np.minimum(np.maximum(positions + action, JOINT_LOW[:7]), JOINT_HIGH[:7])
+    return np.minimum(np.maximum(positions + action, _ARM_LOW), _ARM_HIGH)
 
 
 def closing_probability(action: NDArray[np.float64] | float) -> NDArray[np.float64]:

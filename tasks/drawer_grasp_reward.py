@@ -59,7 +59,7 @@ def grip(snapshot: Snapshot, handle_radius: float) -> Grip:
       snapshot: the state after the control step.
       handle_radius: of the bar [m].
     """
-    offset = snapshot.handle_position - snapshot.tcp_position
+    offset = snapshot.handle_offset
     bar = _rotated(snapshot.handle_quaternion, _BAR_AXIS)
     along = np.add.reduce(offset * bar, axis=-1)
     # From the gripper the shortest way to the bar's axis, in the gripper's frame.

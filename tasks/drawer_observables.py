@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.tasks import drawer_observation as observation
-from kitchen_suite.tasks.drawer_snapshot import Snapshot
 
 
 class DrawerObservables:
-    """Holds what is seen of the last snapshot; one observable for each part, enabled.
+    """Holds what is seen now; one observable for each part, enabled.
 
     Attributes:
       by_name: the observables by public key, in the order of the flat vector.
@@ -42,9 +41,8 @@ class DrawerObservables:
             if self.noise_scale[place].any():
                 self.by_name[name].corruptor = functools.partial(self._noisy_part, place)
 
-    def show(self, snapshot: Snapshot, noise: NDArray[np.float64]) -> None:
-        """Makes the observation, without and with the noise `(25,)`."""
-        values = observation.observe(snapshot)
+    def show(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+        """Makes the observation of what is seen `(25,)`, without and with the noise `(25,)`."""
         self._clean = observation.shown(values)
         # Noise is added before clipping, so that what is shown keeps its range.
         self._noisy = observation.shown(values + noise) if self._is_noisy else self._clean

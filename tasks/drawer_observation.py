@@ -13,15 +13,16 @@ from kitchen_suite.tasks.drawer_snapshot import Snapshot
 # Every number is clipped to this range, both ways.
 LIMIT = 5.0
 
+_MIDDLE = (JOINT_HIGH + JOINT_LOW) / 2.0
 _HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
 
 # From w, x, y, z to the order in which the system shows quaternions.
-_XYZW = [1, 2, 3, 0]
+_XYZW = np.array([1, 2, 3, 0])
 
 
 def scaled_joint_positions(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(..., 8)`: arm and left finger, -1 at the joint's lower limit and 1 at its upper one."""
-    return (snapshot.joint_positions[..., :8] - JOINT_LOW) / _HALF_RANGE - 1.0
+    return (snapshot.joint_positions[..., :8] - _MIDDLE) / _HALF_RANGE
 
 
 def scaled_joint_velocities(snapshot: Snapshot) -> NDArray[np.float64]:
@@ -31,7 +32,7 @@ def scaled_joint_velocities(snapshot: Snapshot) -> NDArray[np.float64]:
 
 def handle_offset(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(..., 3)`: from the gripper to the handle, along the world's axes [m]."""
-    return snapshot.handle_position - snapshot.tcp_position
+    return snapshot.handle_offset
 
 
 def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
@@ -40,20 +41,19 @@ def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
     The handle's w is never negative, and the gripper's sign is the one nearer to the handle, so equal orientations
     give zero.
     """
-    handle = snapshot.handle_quaternion * _sign(snapshot.handle_quaternion[..., :1])
-    tcp = snapshot.tcp_quaternion
-    alignment = np.add.reduce(handle * tcp, axis=-1, keepdims=True)
-    return np.take(handle - tcp * _sign(alignment), _XYZW, axis=-1)
+    handle, nearer = snapshot.handle_quaternion, _sign(snapshot.quaternion_product[..., np.newaxis])
+    offset = (handle - snapshot.tcp_quaternion * nearer) * _sign(handle[..., :1])
+    return offset.take(_XYZW, axis=-1)
 
 
 def drawer_position(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(..., 1)`: how far the drawer is open [m]."""
-    return np.asarray(snapshot.drawer_position)[..., np.newaxis]
+    return snapshot.drawer_position[..., np.newaxis]
 
 
 def drawer_velocity(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(..., 1)`: how fast it opens [m/s]."""
-    return np.asarray(snapshot.drawer_velocity)[..., np.newaxis]
+    return snapshot.drawer_velocity[..., np.newaxis]
 
 
 def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:

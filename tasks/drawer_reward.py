@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.drawer_control import GRIPPER_OPEN
-from kitchen_suite.tasks.drawer_snapshot import Snapshot
+from kitchen_suite.tasks.drawer_snapshot import Snapshot, scalars
 
 # Names of the terms, in their order; each is a function of this module.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
@@ -52,36 +52,35 @@ def approach(snapshot: Snapshot) -> NDArray[np.float64]:
 
 def alignment(snapshot: Snapshot) -> NDArray[np.float64]:
     """`(...)`, cosine of the angle between gripper and handle frame."""
-    # The scalar part of handle * conjugate(gripper) is their inner product.
-    scalar = np.add.reduce(snapshot.handle_quaternion * snapshot.tcp_quaternion, axis=-1)
-    return np.cos(2.0 * np.arccos(np.minimum(np.maximum(scalar, -1.0), 1.0)))
+    # cos(a) = 2 cos(a / 2)^2 - 1
+    return 2.0 * snapshot.quaternion_product * snapshot.quaternion_product - 1.0
 
 
 def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
-    return np.where(snapshot.is_held_open, 1.0, alignment(snapshot))
+    return _choose(snapshot.is_held_open, 1.0, alignment(snapshot))
 
 
 def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
-    return np.where(snapshot.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
+    return _choose(snapshot.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
 
 
 def opening(snapshot: Snapshot) -> NDArray[np.float64]:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
-    return np.where(snapshot.is_held_open, 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
+    return _choose(snapshot.is_held_open, 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
 
 
 def straddling(snapshot: Snapshot) -> NDArray[np.float64]:
     """`min(z_left - z_handle, 0) + min(z_handle - z_right, 0)` [m]: left pad above the bar, right pad below it."""
-    height = snapshot.handle_position[..., 2]
+    height = scalars(snapshot.handle_position[..., 2])
     return np.minimum(snapshot.left_pad_height - height, 0.0) + np.minimum(height - snapshot.right_pad_height, 0.0)
 
 
 def penalty_coefficients(life_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights `(...)` of the action's change and of the joint speeds, after `(...)` control steps of life."""
-    late = np.asarray(life_steps) >= LATE_STAGE
-    return np.multiply(1e-3, 1 + late), np.multiply(2e-7, late)
+    late = np.multiply(1.0, life_steps >= LATE_STAGE)
+    return 1e-3 * (1.0 + late), 2e-7 * late
 
 
 def effort(
@@ -89,16 +88,13 @@ def effort(
 ) -> NDArray[np.float64]:
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
     of_action, of_velocity = penalty_coefficients(life_steps)
-    velocity = snapshot.joint_velocities[..., :8]
-    change = np.minimum(np.maximum(action_change, -_CHANGE_LIMIT), _CHANGE_LIMIT)
-    return -of_action * np.add.reduce(np.square(change), axis=-1) - of_velocity * np.add.reduce(
-        np.square(velocity), axis=-1
-    )
+    change = np.minimum(np.abs(action_change), _CHANGE_LIMIT)
+    return -(of_action * _squared(change) + of_velocity * _squared(snapshot.joint_velocities[..., :8]))
 
 
 def termination(snapshot: Snapshot) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
-    return np.where(terminates(snapshot), -10.0, 0.0)
+    return _choose(terminates(snapshot), -10.0, 0.0)
 
 
 def reward_terms(
@@ -133,10 +129,23 @@ def reward_terms(
 
 def terminates(snapshot: Snapshot) -> NDArray[np.bool_]:
     """Whether `(...)` the gripper reaches through the handle, or any of the nine joints moves too fast."""
-    behind = snapshot.tcp_position[..., 0] - snapshot.handle_position[..., 0] < -_REACH_LIMIT
+    behind = scalars(snapshot.handle_offset[..., 0]) > _REACH_LIMIT
     return behind | (np.maximum.reduce(np.abs(snapshot.joint_velocities), axis=-1) > _SPEED_LIMIT)
+
+
+def _choose(
+    condition: NDArray[np.bool_], where_true: NDArray[np.float64] | float, elsewhere: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
+    """`(...)`, one number or the other."""
+    return scalars(np.where(condition, where_true, elsewhere))
+
+
+def _squared(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squares `(...)` of the lengths of vectors `(..., n)`."""
+    # The order in memory decides in which order numbers are added: one vector gives what it gives among many.
+    return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
     """Whether `(...)` a drawer is open far enough."""
-    return np.asarray(drawer_position) >= SUCCESS_OPENING
+    return np.greater_equal(drawer_position, SUCCESS_OPENING)

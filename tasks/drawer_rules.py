@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.drawer_control import JOINT_LOW, arm_target, gripper_target
-from kitchen_suite.tasks.drawer_observation import SIZE
+from kitchen_suite.tasks.drawer_observation import SIZE, observe
 from kitchen_suite.tasks.drawer_reward import TERMS, RewardTerms, succeeds
-from kitchen_suite.tasks.drawer_snapshot import Snapshot
+from kitchen_suite.tasks.drawer_snapshot import Snapshot, scalars
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -28,7 +28,8 @@ class DrawerState(NamedTuple):
 
     Attributes:
       snapshot: `(..., 36)`, numbers of the present `Snapshot`.
-      noise: `(..., 25)`, what is added to the present observation.
+      observation: `(..., 25)`, what is seen of it, without noise and not yet clipped.
+      noise: `(..., 25)`, what is added to that.
       previous_action: `(..., 8)`.
       terms: `(...)` each, the terms of the last step's reward by name.
       terminates: `(...)`, whether the last step ended the episode.
@@ -36,6 +37,7 @@ class DrawerState(NamedTuple):
     """
 
     snapshot: NDArray[np.float64]
+    observation: NDArray[np.float64]
     noise: NDArray[np.float64]
     previous_action: NDArray[np.float64]
     terms: dict[str, NDArray[np.float64]]
@@ -85,6 +87,7 @@ class DrawerRules:
         axes = snapshot.shape[:-1]
         return DrawerState(
             snapshot=snapshot,
+            observation=observe(Snapshot(snapshot)),
             noise=noise,
             previous_action=np.zeros((*axes, ACTION_SIZE)),
             terms=dict.fromkeys(TERMS, np.zeros(axes)),
@@ -131,7 +134,16 @@ class DrawerRules:
         # It may be infinite; the reward bounds it.
         with np.errstate(over="ignore"):
             change = action - state.previous_action
-        terms = self.reward_terms(after, gripper=target[..., 7], action_change=change, life_steps=life_steps)
+        gripper = scalars(target[..., 7])
+        terms = self.reward_terms(after, gripper=gripper, action_change=change, life_steps=life_steps)
         succeeded = state.succeeded | succeeds(after.drawer_position)
-        # The term is negative where the step terminates.
-        return DrawerState(snapshot, noise, action, terms, terms["termination"] < 0.0, succeeded)
+        return DrawerState(
+            snapshot=snapshot,
+            observation=observe(after),
+            noise=noise,
+            previous_action=action,
+            terms=terms,
+            # The term is negative where the step terminates.
+            terminates=terms["termination"] < 0.0,
+            succeeded=succeeded,
+        )

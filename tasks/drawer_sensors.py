@@ -15,8 +15,8 @@ class DrawerSensors:
 
     Attributes:
       columns: `(36,)`, where the numbers of a snapshot stand in `sensordata`.
-      joint_qpos: `(9,)`, where the robot's joints stand in qpos.
-      ctrl: `(9,)`, where its servos stand in ctrl.
+      joint_qpos: where the robot's nine joints stand in qpos.
+      ctrl: where its nine servos stand in ctrl.
     """
 
     def __init__(self, scene: CabinetScene, drawer: str) -> None:
@@ -46,8 +46,8 @@ class DrawerSensors:
         ends = sensors.adr + sensors.dim
         numbers = [np.arange(start, end) for start, end in zip(sensors.adr, ends, strict=True)]
         self.columns = np.concatenate([own[part] for own, (_, part) in zip(numbers, self._read, strict=True)])
-        self.joint_qpos = np.array(physics.bind(self._robot.joints).qposadr)
-        self.ctrl = np.array(physics.bind(self._robot.actuators).element_id)
+        self.joint_qpos = _stretch(physics.bind(self._robot.joints).qposadr)
+        self.ctrl = _stretch(physics.bind(self._robot.actuators).element_id)
 
     def read(self, physics: mjcf.Physics) -> NDArray[np.float64]:
         """Numbers `(36,)` of the present snapshot, a copy. The sensors must be up to date (see `refresh`)."""
@@ -60,6 +60,14 @@ class DrawerSensors:
 def _place(element: mjcf.Element) -> dict[str, Any]:
     """What a sensor of a site's or a geom's place in space needs."""
     return {"objtype": element.tag, "objname": element}
+
+
+def _stretch(indices: NDArray[np.int64]) -> slice:
+    """Indices, which follow each other, as a slice: reading that is several times as fast."""
+    stretch = slice(int(indices[0]), int(indices[-1]) + 1)
+    if not np.array_equal(np.arange(stretch.stop)[stretch], indices):
+        raise ValueError(f"indices must follow each other, got {indices}")
+    return stretch
 
 
 def refresh(physics: mjcf.Physics) -> None:

@@ -28,6 +28,11 @@ PLACES: Mapping[str, slice | int] = MappingProxyType(
 )
 
 
+def scalars(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns `values (...)`; without any axis as a scalar, with which numpy computes several times as fast."""
+    return values[()]
+
+
 class Snapshot:
     """Positions and velocities after a control step, in the world's frame; the parts are views of one array.
 
@@ -80,27 +85,37 @@ class Snapshot:
     @property
     def left_pad_height(self) -> NDArray[np.float64]:
         """`(...)`: z of the left finger's pad [m]."""
-        return self.values[..., PLACES["left_pad_height"]]
+        return scalars(self.values[..., PLACES["left_pad_height"]])
 
     @property
     def right_pad_height(self) -> NDArray[np.float64]:
         """`(...)`: z of the right finger's pad [m]."""
-        return self.values[..., PLACES["right_pad_height"]]
+        return scalars(self.values[..., PLACES["right_pad_height"]])
 
     @property
     def drawer_position(self) -> NDArray[np.float64]:
         """`(...)`: 0 when closed, positive when open [m]."""
-        return self.values[..., PLACES["drawer_position"]]
+        return scalars(self.values[..., PLACES["drawer_position"]])
 
     @property
     def drawer_velocity(self) -> NDArray[np.float64]:
         """`(...)`: positive when opening [m/s]."""
-        return self.values[..., PLACES["drawer_velocity"]]
+        return scalars(self.values[..., PLACES["drawer_velocity"]])
+
+    @functools.cached_property
+    def handle_offset(self) -> NDArray[np.float64]:
+        """`(..., 3)`: from the point between the finger tips to the handle, along the world's axes [m]."""
+        return self.handle_position - self.tcp_position
 
     @functools.cached_property
     def handle_distance(self) -> NDArray[np.float64]:
-        """`(...)`: from the point between the finger tips to the handle [m]."""
-        return np.sqrt(np.square(self.handle_position - self.tcp_position).sum(axis=-1))
+        """`(...)`: how long that is [m]."""
+        return np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
+
+    @functools.cached_property
+    def quaternion_product(self) -> NDArray[np.float64]:
+        """`(...)`: inner product of the two quaternions, plus or minus the cosine of half the angle between them."""
+        return np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
 
     @functools.cached_property
     def is_held_open(self) -> NDArray[np.bool_]:

@@ -263,12 +263,13 @@ class OpenCabinetTask(SuiteTask):
         self._life_steps = life_steps
         if self._randomizer:
             self._randomizer.set(drawn)
-        arrays = {name: state[name] for name in DrawerState._fields}
-        self._show(DrawerState(**{**arrays, "snapshot": Snapshot.of(**state["snapshot"]).values}))
+        start = self._rules.start(Snapshot.of(**state["snapshot"]).values, state["noise"])
+        arrays = {name: state[name] for name in ("previous_action", "terms", "terminates", "succeeded")}
+        self._show(start._replace(**arrays))
 
     def _show(self, state: DrawerState, physics: mjcf.Physics | None = None) -> None:
         """Takes up a state; the observation shows it, and with a physics the handle's colour."""
         self._state = state
-        self._observation.show(Snapshot(state.snapshot), state.noise)
+        self._observation.show(state.observation, state.noise)
         if self._visualize_reward and physics is not None:
             physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
