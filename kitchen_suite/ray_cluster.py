@@ -13,8 +13,11 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
-# Read when Ray is imported or started. The command tells in a line of its own that a worker died, and reports no usage.
-_QUIET = {"RAY_DEDUP_LOGS_SKIP_REGEX": "A worker died or was killed", "RAY_USAGE_STATS_ENABLED": "0"}
+# Read when Ray is imported or started. That a worker died is told in a line; usage is not reported.
+_QUIET = {
+    "RAY_DEDUP_LOGS_SKIP_REGEX": "A worker died or was killed|Raylet is terminated",
+    "RAY_USAGE_STATS_ENABLED": "0",
+}
 _CLIENT = "ray://"
 _PATIENCE = 5.0  # How long an address may take to answer [s].
 
