@@ -92,7 +92,7 @@ class Pool:
         try:
             ended = ray.get(answer)
         except ray.exceptions.RayTaskError as error:
-            raise error.cause from None
+            raise error.cause from error
         except ray.exceptions.RayError as error:
             self._replace(place, error)
             return None

@@ -74,7 +74,7 @@ _NUM_ENVS = flags.DEFINE_integer(
 _NUM_THREADS = flags.DEFINE_integer(
     "num_threads",
     None,
-    "Threads that play them. Default: one a processor, or one a worker.",
+    "Threads that play them. Default: one a processor; with --workers, one in each.",
     lower_bound=1,
     flag_values=_FLAGS,
 )

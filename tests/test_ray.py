@@ -2,9 +2,12 @@
 
 import json
 import os
+import secrets
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -17,6 +20,7 @@ pytestmark = pytest.mark.ray
 
 SHORT = "--max_episode_steps=20"
 WORKERS = "--workers=2"
+RAY = [sys.executable, "-c", "from ray.scripts.scripts import main; main()"]
 
 POLICIES = """
 import os
@@ -159,6 +163,52 @@ def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_pat
     wanted = max(int(name[8:14]) for name in load_all("runs")) + 2
     assert run(record, "--output=runs", f"--num_episodes={wanted}", SHORT)[0] == 0
     assert len(load_all("runs")) == wanted
+
+
+@pytest.fixture
+def cluster():
+    """Address of a cluster with two processors, and the environment that its clients need."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    # Paths of sockets must be short.
+    with tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as folder:
+        token = Path(folder, "token")
+        token.write_text(secrets.token_hex(32))
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path),
+            "RAY_AUTH_MODE": "token",
+            "RAY_AUTH_TOKEN_PATH": str(token),
+            "RAY_USAGE_STATS_ENABLED": "0",
+        }
+        head = [*RAY, "start", "--head", "--block", f"--port={port}", "--num-cpus=2", "--include-dashboard=false"]
+        with subprocess.Popen(
+            [*head, f"--temp-dir={folder}"], cwd=folder, env=environment, stdout=subprocess.DEVNULL
+        ) as process:
+            yield f"127.0.0.1:{port}", environment
+            process.terminate()
+
+
+def test_a_cluster_elsewhere_plays_and_the_command_writes(run, cluster, tmp_path):
+    address, environment = cluster
+    command = ["--num_episodes=5", "--num_envs=2", SHORT]
+    wait_until(lambda: answers(address))
+    done = subprocess.run(
+        [sys.executable, "-m", "kitchen_suite.record", "--output=many", WORKERS, f"--ray_address={address}", *command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert run(record, "--output=one", *command)[0] == 0
+    assert len(load_all("many")) == 5
+    assert_same_episodes("many", "one")
+
+
+def answers(address):
+    host, port = address.split(":")
+    with socket.socket() as client:
+        return client.connect_ex((host, int(port))) == 0
 
 
 def processes_of(folder):
