@@ -4,11 +4,12 @@
   kitchen-record --output=runs --task_name=kettle --seed=7    another task, other seeds
   kitchen-record --output=runs --dataset=me/kitchen-v0        also makes a Minari dataset of them
   kitchen-record --output=runs --num_episodes=1000            goes on where an earlier run in that folder ended
+  kitchen-record --output=runs --workers=4                    four processes on Ray play, here or on a cluster
 
 Episode i of --seed=S has the seed S+i and is the same however many are played at once. Its file is written whole or
 not at all, so that an interrupt, even by kill -9, loses only the episodes that were being played; the same command
-completes the recording. Exit status: 0; 1 if writing or the physics failed; 2 for a bad argument or policy, with one
-line on stderr; 130 if interrupted.
+completes the recording. Exit status: 0; 1 if writing, the physics or the workers failed; 2 for a bad argument or
+policy, with one line on stderr; 130 if interrupted.
 """
 
 import json
@@ -21,6 +22,8 @@ from absl import flags
 
 from kitchen_suite import commands, gl
 from kitchen_suite.commands import FAILURE, INTERRUPTED, USAGE
+from kitchen_suite.ray_cluster import ClusterError
+from kitchen_suite.ray_flags import RayFlags
 
 # All else is imported late: dm_control must not be before it is settled that no GL library is needed.
 if TYPE_CHECKING:
@@ -65,10 +68,17 @@ _MAX_EPISODE_STEPS = flags.DEFINE_integer(
     lower_bound=1,
     flag_values=_FLAGS,
 )
-_NUM_ENVS = flags.DEFINE_integer("num_envs", 16, "Episodes played at once.", lower_bound=1, flag_values=_FLAGS)
-_NUM_THREADS = flags.DEFINE_integer(
-    "num_threads", None, "Threads that play them. Default: one a processor.", lower_bound=1, flag_values=_FLAGS
+_NUM_ENVS = flags.DEFINE_integer(
+    "num_envs", 16, "Episodes played at once, by each worker.", lower_bound=1, flag_values=_FLAGS
 )
+_NUM_THREADS = flags.DEFINE_integer(
+    "num_threads",
+    None,
+    "Threads that play them. Default: one a processor; with --workers, one in each.",
+    lower_bound=1,
+    flag_values=_FLAGS,
+)
+_RAY = RayFlags(_FLAGS)
 _OUTPUT = flags.DEFINE_string(
     "output",
     None,
@@ -145,6 +155,7 @@ def _prepare() -> "record_job.RecordJob":
         max_episode_steps=_MAX_EPISODE_STEPS.value,
         num_envs=_NUM_ENVS.value,
         num_threads=_NUM_THREADS.value,
+        cluster=_RAY.cluster(),
         output=Path(_OUTPUT.value),
         dataset=_DATASET.value,
     )
@@ -164,7 +175,7 @@ def _run(job: "record_job.RecordJob") -> int:
         return commands.fail(_NAME, error, USAGE)
     except BrokenPipeError:
         raise
-    except (DivergedError, OSError) as error:
+    except (ClusterError, DivergedError, OSError) as error:
         return commands.fail(_NAME, error, FAILURE)
     return 0
 

@@ -1,19 +1,23 @@
 """What `kitchen-record` does once its flags are read."""
 
+import collections
 import contextlib
 import dataclasses
+import functools
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from kitchen_suite import policies
-from kitchen_suite.episode_arrays import results
+from kitchen_suite.episode_arrays import EpisodeArrays, results
 from kitchen_suite.episodes import Outcome
 from kitchen_suite.minari_datasets import DatasetPlan
+from kitchen_suite.progress import EpisodeBar
+from kitchen_suite.ray_cluster import Cluster
 from kitchen_suite.recipe import Recipe, suite_env
+from kitchen_suite.record_player import RecordPlayer
 from kitchen_suite.report import Report
 from kitchen_suite.rollout_job import default_task
 from kitchen_suite.staging import Staging
@@ -33,8 +37,18 @@ class Settings:
     max_episode_steps: int | None
     num_envs: int
     num_threads: int | None
+    cluster: Cluster | None
     output: Path
     dataset: str | None
+
+    @property
+    def processes(self) -> int:
+        """How many play."""
+        return self.cluster.workers if self.cluster else 1
+
+
+# Numbers of episodes, and what happened in them; None if the physics diverged.
+_Ended = Generator[tuple[int, EpisodeArrays | None], None, None]
 
 
 class DivergedError(Exception):
@@ -77,6 +91,7 @@ class RecordJob:
         """Plays what is missing, makes the dataset, and prints a summary, also of what was finished before an error.
 
         Raises:
+          ClusterError: the workers cannot be had, or do not get anywhere.
           DivergedError: at the end, if some episodes are missing.
         """
         settings, recipe = self._settings, self._recipe
@@ -106,20 +121,34 @@ class RecordJob:
         missing = [(index, self._recipe.seed + index) for index in self._wanted if index not in present]
         if not missing:
             return []
-        at_once = min(self._settings.num_envs, len(missing))
-        single, build = suite_env(self._single), policies.find(self._recipe.policy)
-        environments = self._recipe.environments(at_once, self._settings.num_threads)
-        with contextlib.closing(environments), self._progress() as bar:
-            recorder = VectorRecorder(environments, single, build)
-            for episode in recorder.play(missing):
+        single, diverged = suite_env(self._single), []
+        with contextlib.closing(self._ended(missing)) as ended, self._progress() as bar:
+            for index, episode in ended:
+                if episode is None:
+                    diverged.append(self._recipe.seed + index)
+                    continue
                 came_of_it = results(single, episode.arrays)
-                self._staging.save(episode, came_of_it)
+                seconds = episode.seconds / self._settings.processes
+                self._staging.save(dataclasses.replace(episode, seconds=seconds), came_of_it)
                 bar.count(bool(came_of_it["success"]))
-        return recorder.diverged
+        return sorted(diverged)
 
-    def _progress(self) -> "_Progress":
+    def _ended(self, missing: Sequence[tuple[int, int]]) -> _Ended:
+        """Plays episodes of given numbers and seeds, here or by workers; gives each as `VectorRecorder.play` does."""
+        settings, recipe, cluster = self._settings, self._recipe, self._settings.cluster
+        at_once = min(settings.num_envs, math.ceil(len(missing) / settings.processes))
+        if cluster:
+            num_threads = settings.num_threads or 1
+            build = functools.partial(RecordPlayer, recipe, at_once, num_threads)
+            yield from cluster.play(build, missing, capacity=at_once, num_threads=num_threads)
+            return
+        with contextlib.closing(recipe.environments(at_once, settings.num_threads)) as environments:
+            recorder = VectorRecorder(environments, suite_env(self._single), policies.find(recipe.policy))
+            yield from recorder.play(collections.deque(missing))
+
+    def _progress(self) -> EpisodeBar:
         successes = sum(self._staging.outcome(index)["results"]["success"] for index in self._present())
-        return _Progress(len(self._wanted), self._found, successes)
+        return EpisodeBar(len(self._wanted), self._found, successes)
 
     def _present(self) -> list[int]:
         return [index for index in self._staging.indices if index in self._wanted]
@@ -130,23 +159,3 @@ class RecordJob:
             known = self._staging.outcome(index)
             report.add(Outcome(**{field.name: known[field.name] for field in dataclasses.fields(Outcome)}))
         return report.summary()
-
-
-class _Progress:
-    """A bar that counts episodes and shows how many of them succeeded."""
-
-    def __init__(self, total: int, found: int, successes: int) -> None:
-        self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
-        self._count, self._successes = found, successes
-
-    def __enter__(self) -> "_Progress":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.close()
-
-    def count(self, success: bool) -> None:
-        """Counts an episode."""
-        self._count, self._successes = self._count + 1, self._successes + success
-        self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
-        self._bar.update()

@@ -32,9 +32,14 @@ class Report:
         """Number of those that succeeded."""
         return sum(outcome.results["success"] is True for outcome in self._outcomes)
 
-    def add(self, outcome: Outcome) -> str:
-        """Returns the episode's row; the first time with the heading above it."""
-        cells = _cells(len(self._outcomes), outcome)
+    def add(self, outcome: Outcome, index: int | None = None) -> str:
+        """Returns the episode's row; the first time with the heading above it.
+
+        Args:
+          outcome: what came of it.
+          index: its number; by default the next one.
+        """
+        cells = _cells(len(self._outcomes) if index is None else index, outcome)
         heading = "" if self._outcomes else self._row({name: name for name in cells}) + "\n"
         self._outcomes.append(outcome)
         return heading + self._row(cells)

@@ -6,10 +6,11 @@
   kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films them
   kitchen-rollout --policy=expert                          completes the task
   kitchen-rollout --policy=my_module:act                   acts as your own function does
+  kitchen-rollout --workers=4 --num_episodes=100           four processes on Ray play, here or on a cluster
 
 Your own policy is a callable that takes a dm_env.TimeStep and returns the action. Files are written whole or not at
-all. Ctrl-C keeps the episodes that are finished, but no video. Exit status: 0; 1 if writing or the physics failed; 2
-for a bad argument or policy, with one line on stderr; 130 if interrupted.
+all. Ctrl-C keeps the episodes that are finished, but no video. Exit status: 0; 1 if writing, the physics or the
+workers failed; 2 for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """
 
 import json
@@ -22,6 +23,8 @@ from absl import flags
 
 from kitchen_suite import commands, gl
 from kitchen_suite.commands import FAILURE, INTERRUPTED, USAGE
+from kitchen_suite.ray_cluster import ClusterError
+from kitchen_suite.ray_flags import RayFlags
 
 # All else is imported late: dm_control must not be before the flags have told whether a GL library is needed.
 if TYPE_CHECKING:
@@ -65,6 +68,7 @@ _SEED = flags.DEFINE_integer(
     lower_bound=0,
     flag_values=_FLAGS,
 )
+_RAY = RayFlags(_FLAGS)
 _OUTPUT = flags.DEFINE_string(
     "output",
     None,
@@ -178,6 +182,7 @@ def _prepare_rollout() -> Callable[[], int]:
         height=_HEIGHT.value,
         visualize_reward=_VISUALIZE_REWARD.value,
         video_fps=_VIDEO_FPS.value,
+        cluster=_RAY.cluster(),
     )
     job = rollout_job.RolloutJob(settings)
     return lambda: _run(job)
@@ -201,7 +206,7 @@ def _run(job: "rollout_job.RolloutJob") -> int:
         return commands.fail(_NAME, error, USAGE)
     except BrokenPipeError:
         raise
-    except (PhysicsError, OSError) as error:
+    except (ClusterError, PhysicsError, OSError) as error:
         return commands.fail(_NAME, error, FAILURE)
     return 0
 

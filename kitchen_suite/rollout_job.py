@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import importlib.metadata
 import math
 import sys
@@ -17,7 +18,10 @@ import kitchen_suite
 from kitchen_suite import checks, policies, recording, suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.episodes import Episode, play
+from kitchen_suite.progress import EpisodeBar
+from kitchen_suite.ray_cluster import Cluster
 from kitchen_suite.report import WIDTH, Report
+from kitchen_suite.rollout_player import RolloutPlayer
 
 # Whose versions decide what an episode looks like.
 _PACKAGES = ("dm-control", "mujoco", "numpy", "gymnasium-robotics")
@@ -39,6 +43,7 @@ class Settings:
     width: int
     height: int
     visualize_reward: bool
+    cluster: Cluster | None = None
     video_fps: float = 25.0
     video_episodes: int | None = None
 
@@ -55,6 +60,8 @@ class RolloutJob:
           TypeError: an argument of the task has the wrong type, or there is no such argument.
           ValueError: an unknown name, or a value that is refused.
         """
+        if settings.cluster and settings.video:
+            raise ValueError("workers make no video: leave out --workers")
         self._settings = settings
         self._task_name = settings.task_name or default_task(settings.domain_name)
         self._build_policy = policies.find(settings.policy)
@@ -79,17 +86,46 @@ class RolloutJob:
         return self._report.successes
 
     def run(self) -> None:
-        """Plays all episodes; prints a table, row by row, and a summary, also of what was finished before an error."""
+        """Plays all episodes; prints a table, row by row, and a summary, also of what was finished before an error.
+
+        Raises:
+          ClusterError: the workers cannot be had, or do not get anywhere.
+        """
         settings = self._settings
         _print(f"{settings.domain_name} {self._task_name}, policy {settings.policy}\n")
         try:
-            with contextlib.closing(self._environment), self._progress() as watch:
-                for index in range(settings.num_episodes):
-                    episode = play(self._environment, self._build_policy, settings.seed + index, watch)
-                    self._save(index, episode)
-                    _print(self._report.add(episode.outcome))
+            with contextlib.closing(self._environment):
+                if settings.cluster:
+                    self._play_on(settings.cluster)
+                else:
+                    self._play_here()
         finally:
             _print(f"\n{self._report.summary()}")
+
+    def _play_here(self) -> None:
+        with self._progress() as watch:
+            for index, seed in self._episodes():
+                self._add(index, play(self._environment, self._build_policy, seed, watch))
+
+    def _play_on(self, cluster: Cluster) -> None:
+        settings = self._settings
+        build = functools.partial(
+            RolloutPlayer, settings.domain_name, self._task_name, settings.task_kwargs, settings.policy
+        )
+        ended = cluster.play(build, self._episodes(), capacity=1, num_threads=1)
+        with contextlib.closing(ended), EpisodeBar(settings.num_episodes) as bar:
+            for index, episode in ended:
+                self._add(index, episode)
+                bar.count(bool(episode.outcome.results["success"]))
+
+    def _episodes(self) -> list[tuple[int, int]]:
+        """Numbers and seeds."""
+        return [(index, self._settings.seed + index) for index in range(self._settings.num_episodes)]
+
+    def _add(self, index: int, episode: Episode) -> None:
+        """Writes an episode, and prints its row."""
+        self._save(index, episode)
+        _print(self._report.add(episode.outcome, index))
 
     def _load(self) -> Environment:
         settings = self._settings

@@ -18,9 +18,9 @@ class Take:
     """An episode that is being played."""
 
     def __init__(self, index: int, seed: int, policy: Policy) -> None:
-        self.seed = seed
+        self.index, self.seed = index, seed
         self.rows: list[Row] = []
-        self._index, self._policy = index, policy
+        self._policy = policy
         self._steps: list[tuple] = []
         self._started = time.perf_counter()
 
@@ -41,7 +41,7 @@ class Take:
         arrays = {name: np.stack([row[name] for row in self.rows]) for name in self.rows[0]}
         columns = zip(*self._steps, strict=True)
         return EpisodeArrays(
-            index=self._index,
+            index=self.index,
             seed=self.seed,
             arrays={**arrays, **{name: np.stack(column) for name, column in zip(STEP_ARRAYS, columns, strict=True)}},
             seconds=(time.perf_counter() - self._started) / at_once,

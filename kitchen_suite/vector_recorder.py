@@ -1,7 +1,7 @@
 """Plays episodes in vectorised environments, each from its own seed, and keeps what happened in them."""
 
 import collections
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 
 import gymnasium
 import numpy as np
@@ -17,11 +17,7 @@ from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
 
 class VectorRecorder:
-    """Plays many episodes at once; each is what it would be alone, in a new environment.
-
-    Attributes:
-      diverged: seeds of episodes in which the physics diverged; nothing else is kept of them.
-    """
+    """Plays many episodes at once; each is what it would be alone, in a new environment."""
 
     def __init__(self, environments: SuiteVectorEnv, single: SuiteEnv, build_policy: PolicyBuilder) -> None:
         """Makes everything ready.
@@ -33,14 +29,20 @@ class VectorRecorder:
         """
         self._environments, self._single, self._build_policy = environments, single, build_policy
         self._view = suite_view(single)
-        self.diverged: list[int] = []
 
-    def play(self, episodes: Iterable[tuple[int, int]]) -> Iterator[EpisodeArrays]:
-        """Plays episodes of given numbers and seeds; gives each when it has ended, in that order."""
-        waiting = collections.deque(episodes)
+    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EpisodeArrays | None]]:
+        """Plays episodes; gives each one's number and what happened in it when it has ended.
+
+        None stands in place of an episode in which the physics diverged.
+
+        Args:
+          waiting: numbers and seeds of episodes, taken from the left; it may grow while they are played.
+        """
         takes: list[Take | None] = [None] * self._environments.num_envs
         ended = np.full(len(takes), True)
         while True:
+            if waiting:
+                ended |= [take is None for take in takes]
             for i in np.flatnonzero(ended):
                 takes[i] = self._next(waiting)
             if not any(takes):
@@ -71,7 +73,7 @@ class VectorRecorder:
             if take := takes[i]:
                 take.rows.append(_row(frame, i))
 
-    def _step(self, takes: list[Take | None]) -> Generator[EpisodeArrays, None, NDArray[np.bool_]]:
+    def _step(self, takes: list[Take | None]) -> Generator[tuple[int, EpisodeArrays | None], None, NDArray[np.bool_]]:
         """Makes a control step; gives the episodes that it ends, and returns which environments these are in."""
         actions = self._act(takes)
         observations, rewards, terminations, truncations, infos = self._environments.step(actions)
@@ -82,10 +84,8 @@ class VectorRecorder:
             if take is None:
                 continue
             take.add(_row(frame, i), (actions[i], rewards[i], terminations[i], truncations[i]))
-            if diverged[i]:
-                self.diverged.append(take.seed)
-            elif ended[i]:
-                yield take.finish(len(takes))
+            if ended[i]:
+                yield take.index, None if diverged[i] else take.finish(len(takes))
         return ended
 
     def _act(self, takes: list[Take | None]) -> NDArray[np.float32]:

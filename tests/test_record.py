@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import tqdm
 
-from kitchen_suite import policies, record, record_job, rollout, vector_base
+from kitchen_suite import policies, progress, record, rollout, vector_base
 from kitchen_suite.episode_arrays import flatten
 from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
 from kitchen_suite.tasks import drawer_reward
@@ -233,7 +233,7 @@ def test_the_bar_counts_episodes_and_successes(run, monkeypatch):
         def display(self, *args, **kwargs):
             shown.append((self.n, self.total, self.postfix))
 
-    monkeypatch.setattr(record_job, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
+    monkeypatch.setattr(progress, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
     # So great that every task is complete after one step.
     easy = '--task_kwargs={"threshold": 9}'
     assert run("--output=runs", "--num_episodes=2", "--num_envs=1", easy)[0] == 0
