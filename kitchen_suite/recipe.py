@@ -15,7 +15,6 @@ from kitchen_suite.gymnasium_base import SuiteEnv
 from kitchen_suite.vector_base import SuiteVectorEnv
 
 _PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
-_IDS = {"kitchen": gymnasium_env.KITCHEN_ID, "open_cabinet": gymnasium_env.CABINET_ID}
 # What a recording decides itself.
 _TAKEN = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
 _TAKEN |= {"autoreset_mode", "num_envs", "num_threads"}
@@ -60,12 +59,12 @@ class Recipe:
           TypeError: a name is no string.
           ValueError: an unknown domain, task or policy, or an argument that is not free.
         """
-        checks.choice(domain_name, _IDS.keys(), "domain")
+        checks.choice(domain_name, gymnasium_env.IDS.keys(), "domain")
         suite.refuse_fixed(domain_name, task_name, task_kwargs)
         if taken := sorted(_TAKEN & task_kwargs.keys()):
             raise ValueError(f"{', '.join(taken)} cannot be among the task_kwargs: a recording decides that itself")
         policies.find(policy)
-        limit = max_episode_steps or gymnasium.spec(_IDS[domain_name]).max_episode_steps
+        limit = max_episode_steps or gymnasium.spec(gymnasium_env.IDS[domain_name]).max_episode_steps
         return cls(
             domain_name=domain_name,
             task_name=task_name,
@@ -95,7 +94,7 @@ class Recipe:
     def environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment that each episode can be played again in."""
         return gymnasium.make(
-            _IDS[self.domain_name], max_episode_steps=self.max_episode_steps, **self._settings(), **extra
+            gymnasium_env.IDS[self.domain_name], max_episode_steps=self.max_episode_steps, **self._settings(), **extra
         )
 
     def environments(self, num_envs: int, num_threads: int | None) -> SuiteVectorEnv:
@@ -103,7 +102,7 @@ class Recipe:
         return cast(
             SuiteVectorEnv,
             gymnasium.make_vec(
-                _IDS[self.domain_name],
+                gymnasium_env.IDS[self.domain_name],
                 num_envs,
                 vectorization_mode="vector_entry_point",
                 num_threads=num_threads,

@@ -1,6 +1,7 @@
 """Builds skrl's PPO agent, and takes the trained policy out of it."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,13 +29,18 @@ class Policy(GaussianMixin, Model):
     """
 
     def __init__(
-        self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int], scale: torch.Tensor
+        self,
+        observation_space: spaces.Box,
+        action_space: spaces.Box,
+        hidden: Sequence[int],
+        scale: torch.Tensor,
+        exploration: float,
     ) -> None:
-        """Builds the network; `scale` is `(k,)`."""
+        """Builds the network; `scale` is `(k,)`, `exploration` the first deviation in its units."""
         Model.__init__(self, observation_space=observation_space, action_space=action_space)
         GaussianMixin.__init__(self, clip_actions=False)
         self.network = network([self.num_observations, *hidden, self.num_actions])
-        self.log_deviation = torch.nn.Parameter(torch.zeros(self.num_actions))
+        self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(exploration)))
         self.register_buffer("scale", scale)
         with torch.no_grad():
             self.network[-1].weight *= _LAST_LAYER
@@ -83,7 +89,9 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
     """
     observation_space = spaces.Box(-np.inf, np.inf, (observation_size,), np.float32)
     models = {
-        "policy": Policy(observation_space, action_space, choices.hidden, _action_scale(action_space, choices)),
+        "policy": Policy(
+            observation_space, action_space, choices.hidden, _action_scale(action_space, choices), choices.exploration
+        ),
         "value": Value(observation_space, action_space, choices.hidden),
     }
     adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}

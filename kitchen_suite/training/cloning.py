@@ -12,6 +12,9 @@ from kitchen_suite.episode_arrays import nested
 from kitchen_suite.staging import Staging
 from kitchen_suite.trained_policy import flat
 
+# Observations that a scaler must have seen for no later ones to move it.
+_SETTLED = 1e15
+
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
@@ -66,6 +69,8 @@ def clone(
     """
     policy, scaler = agent.models["policy"], agent.checkpoint_modules["observation_preprocessor"]
     scaler(torch.as_tensor(observations), train=True)
+    # skrl would go on to follow what is seen, and so change the policy behind the optimiser's back.
+    scaler.current_count.fill_(_SETTLED)
     seen, done = scaler(torch.as_tensor(observations)), torch.as_tensor(actions) / policy.scale
     optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
     batches = -(-len(done) // _BATCH)

@@ -30,7 +30,8 @@ class Hyperparameters:
       reward_scale: factor of rewards before anything else.
       clone_epochs: passes over demonstrations, where there are any.
       value_batches: batches after them that teach the value alone.
-      action_scale: action for network outputs of one; exploration begins with these standard deviations.
+      action_scale: action for network outputs of one.
+      exploration: standard deviation of the first actions, in units of `action_scale`.
     """
 
     num_envs: int = 1024
@@ -50,6 +51,7 @@ class Hyperparameters:
     reward_scale: float = 0.1
     clone_epochs: int = 60
     value_batches: int = 10
+    exploration: float = 1.0
     action_scale: tuple[float, ...] = (0.02, 0.02, 0.025, 0.025, 0.006, 0.006, 0.006, 2.0)
 
     @property

@@ -101,14 +101,19 @@ class Learner:
         Returns:
           Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
         """
+        holding = self._values_only > 0
         # What is known of a good policy should not be lost to values that are not.
-        self.agent.models["policy"].requires_grad_(self._values_only == 0)
-        self._values_only = max(0, self._values_only - 1)
+        self.agent.models["policy"].requires_grad_(not holding)
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):
             for name, values in self._step().items():
                 seen[name].append(values)
         self.steps += self._choices.batch
+        if holding:
+            self._values_only -= 1
+            # A policy that stands still lets the learning rate grow from batch to batch.
+            for group in self.agent.optimizer.param_groups:
+                group["lr"] = self._choices.learning_rate
         return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
 
     def _act(self) -> NDArray[np.float32]:
