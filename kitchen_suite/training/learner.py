@@ -39,6 +39,7 @@ class Learner:
         self._observations = torch.empty(0)
         size, action_space = _sizes(environments)
         self.agent = agents.build(size, action_space, choices)
+        self._scheduler = self.agent.scheduler
         self.steps = 0
         self._standardised, self._values_only = False, 0
 
@@ -101,8 +102,11 @@ class Learner:
         Returns:
           Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
         """
-        # What is known of a good policy should not be lost to values that are not.
-        self.agent.models["policy"].requires_grad_(self._values_only == 0)
+        # What is known of a good policy should not be lost to values that are not. The learning rate follows the
+        # change of the policy, so it rests, too.
+        changing = self._values_only == 0
+        self.agent.models["policy"].requires_grad_(changing)
+        self.agent.scheduler = self._scheduler if changing else None
         self._values_only = max(0, self._values_only - 1)
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):
