@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import kitchen_suite
-from kitchen_suite import policies, suite, trained_policy
+from kitchen_suite import policies, record, suite, trained_policy
+from kitchen_suite.episode_arrays import nested
 from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.staging import Staging
 from kitchen_suite.trained_policy import TrainedPolicy
 
 TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
@@ -284,6 +286,22 @@ def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
             np.testing.assert_allclose(many[seed], one, rtol=1e-3, atol=1e-5)
             np.testing.assert_allclose(rewards[seed], reward, rtol=1e-3, atol=1e-4)
     vector.close()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_policy_can_be_recorded(domain, tmp_path):
+    policy, path = make(domain), tmp_path / "policy.npz"
+    policy.save(path)
+    arguments = [f"--domain_name={domain}", f"--task_name={TASKS[domain]}", f"--policy=trained(file={str(path)!r})"]
+    if domain == "kitchen":
+        arguments.append('--task_kwargs={"goal_format": "flat"}')
+    arguments += ["--num_episodes=2", "--max_episode_steps=5", f"--output={tmp_path / 'episodes'}"]
+    assert record.main(arguments) == 0
+    for index in range(2):
+        arrays = Staging.open(tmp_path / "episodes").load(index).arrays
+        seen = trained_policy.flat(nested(arrays, "observation"))[:-1]
+        # Several observations are summed up in another order than one.
+        np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize(("own", "other"), [DOMAINS, DOMAINS[::-1]])
