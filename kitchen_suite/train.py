@@ -11,8 +11,8 @@
 
 The folder gets one of its own for each seed: curves for TensorBoard, the last checkpoints, and `policy.npz`, the best
 policy that an evaluation on held-out seeds has found; `kitchen-play --policy_file=...` plays it. A seed that comes to
-no progress is given up for the next one. Exit status: 0; 1 if writing or the physics failed, or if no checkpoint can be
-read; 2 for a bad argument, with one line on stderr; 130 if interrupted.
+no progress is given up for the next one. Exit status: 0; 1 if writing or the physics failed, learning
+diverged, or no checkpoint can be read; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """
 
 import importlib.util
@@ -179,6 +179,7 @@ def _run(job: "train_job.TrainJob") -> int:
     from dm_control.rl.control import PhysicsError
 
     from kitchen_suite.training.checkpoints import CheckpointError
+    from kitchen_suite.training.learner import DivergedError
 
     try:
         job.run()
@@ -186,7 +187,7 @@ def _run(job: "train_job.TrainJob") -> int:
         return commands.fail(_NAME, "interrupted; the same with --resume goes on from the last checkpoint", INTERRUPTED)
     except BrokenPipeError:
         raise
-    except (CheckpointError, OSError, PhysicsError) as error:
+    except (CheckpointError, DivergedError, OSError, PhysicsError) as error:
         return commands.fail(_NAME, error, FAILURE)
     return 0
 

@@ -42,13 +42,15 @@ def run(capsys, tmp_path, monkeypatch):
 
 @pytest.fixture
 def evaluations(monkeypatch):
-    """Replaces evaluations: each takes the next of these measures, the last one for ever."""
+    """Replaces evaluations: each takes the next of these measures, the last one for ever; None interrupts."""
     from kitchen_suite.training import attempt
 
     measures = [{"success": 0.0, "progress": 0.0, "return": 0.0}]
 
     def evaluate(policy, environments, seeds):
         now = measures.pop(0) if len(measures) > 1 else measures[0]
+        if now is None:
+            raise KeyboardInterrupt
         return {f"episode/{name}": np.full(len(seeds), value) for name, value in now.items()}
 
     monkeypatch.setattr(attempt, "evaluate", evaluate)
@@ -159,6 +161,35 @@ def test_the_best_seeds_policy_becomes_the_runs(run, evaluations):
 @clients
 def test_patience_of_zero_never_gives_up(run, evaluations):
     assert "seed 0: all steps were made" in run("--patience=0")[1]
+
+
+@clients
+def test_an_interrupted_restart_goes_on_with_its_own_seed(run, evaluations):
+    nothing = {"success": 0.0, "progress": 0.0, "return": 0.0}
+    evaluations[:] = [nothing, nothing, nothing, None, {**nothing, "progress": 1.0}]
+    assert run("--patience=64")[0] == 130
+    status, out, _ = run("--patience=64", "--resume")
+    assert status == 0
+    # The first seed stays given up; the second had only its first evaluation.
+    assert "seed 0: there was no progress" in out
+    assert rows(out) == [(1, batches * BATCH) for batches in (1, 2, 4, 6)]
+
+
+@clients
+def test_a_run_that_came_to_its_target_goes_on_to_a_higher_one(run, evaluations):
+    evaluations[:] = [{"success": 0.9, "progress": 0.0, "return": 0.0}]
+    assert rows(run("--target_success=0.9")[1])[-1] == (0, 2 * BATCH)
+    assert rows(run("--target_success=0.9", "--resume")[1]) == []
+    assert rows(run("--target_success=0.95", "--resume")[1])[-1] == (0, 6 * BATCH)
+
+
+@clients
+def test_learning_that_diverges_is_told_in_one_line(run):
+    changes = json.dumps({**SMALL, "learning_rate": 1e30, "kl_target": 0})
+    status, _, err = run(f"--hyperparameters={changes}")
+    assert status == 1
+    assert re.fullmatch(r"kitchen-train: after \d+ steps the \w+ network is no longer finite: learn slower\n", err)
+    assert files("run/seed_0") == [checkpoint(0), "policy.npz"]
 
 
 @clients

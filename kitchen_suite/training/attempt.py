@@ -84,7 +84,8 @@ class Attempt:
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluated, self._metadata = learner, evaluated, metadata
         folder.mkdir(parents=True, exist_ok=True)
-        self._seconds, self._best, self._progress, self._reached = 0.0, (-1.0, 0.0), 0.0, 0
+        self._seconds, self._best, self._progress = 0.0, (-1.0, 0.0), 0.0
+        self._successes: list[float] = []
         self.resumed = self._resume()
 
     @property
@@ -130,7 +131,7 @@ class Attempt:
         show(self._row(measures))
 
     def _ending(self) -> Ending | None:
-        if self._reached >= 2:
+        if len(self._successes) == 2 and min(self._successes) >= self._schedule.target_success:
             return Ending.TARGET
         if self.steps >= self._schedule.num_steps:
             return Ending.STEPS
@@ -144,7 +145,7 @@ class Attempt:
         measures = evaluate(policy, self._evaluated, [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + count)])
         success, gain = measures["episode/success"].mean(), measures["episode/return"].mean()
         self._progress = max(self._progress, float(measures["episode/progress"].mean()))
-        self._reached = self._reached + 1 if success >= self._schedule.target_success else 0
+        self._successes = [*self._successes[-1:], float(success)]
         if (success, gain) > self._best:
             self._best = float(success), float(gain)
             self._keep(policy)
@@ -157,7 +158,7 @@ class Attempt:
 
     def _save(self) -> None:
         counters = {"seconds": self._seconds, "best": list(self._best), "progress": self._progress}
-        state = {**self._learner.state(), **counters, "reached": self._reached}
+        state = {**self._learner.state(), **counters, "successes": self._successes}
         checkpoints.save(self._folder, self.steps, state)
 
     def _resume(self) -> bool:
@@ -167,7 +168,7 @@ class Attempt:
         self._learner.load_state(state)
         success, gain = state["best"]
         self._best, self._seconds = (success, gain), state["seconds"]
-        self._progress, self._reached = state["progress"], state["reached"]
+        self._progress, self._successes = state["progress"], state["successes"]
         return True
 
     def _bar(self) -> tqdm:

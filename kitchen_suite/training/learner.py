@@ -18,6 +18,10 @@ from kitchen_suite.vector_base import SuiteVectorEnv
 from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
 
+class DivergedError(Exception):
+    """A network's parameters are no longer finite."""
+
+
 class Learner:
     """An agent, its environments and what it has seen of them so far.
 
@@ -101,6 +105,9 @@ class Learner:
 
         Returns:
           Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
+
+        Raises:
+          DivergedError: the learning rate is too high, or rewards too great.
         """
         # What is known of a good policy should not be lost to values that are not. The learning rate follows the
         # change of the policy, so it rests, too.
@@ -113,6 +120,9 @@ class Learner:
             for name, values in self._step().items():
                 seen[name].append(values)
         self.steps += self._choices.batch
+        for name, model in self.agent.models.items():
+            if not all(parameter.isfinite().all() for parameter in model.parameters()):
+                raise DivergedError(f"after {self.steps} steps the {name} network is no longer finite: learn slower")
         return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
 
     def _act(self) -> NDArray[np.float32]:

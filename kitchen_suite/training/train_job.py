@@ -85,6 +85,7 @@ class TrainJob:
 
         Raises:
           CheckpointError: a run is to be resumed, but none of its checkpoints can be read.
+          DivergedError: a network is no longer finite.
           OSError: a file cannot be written.
         """
         # The matrices are small: a second thread costs more than it gives.
