@@ -20,6 +20,7 @@ from kitchen_suite import benchmark_report, suite
 from kitchen_suite.entities import CabinetDesign
 from kitchen_suite.tasks import GOALS, Randomization, drawer_grasp_reward, drawer_observation, drawer_reward, noise
 from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
+from kitchen_suite.training.hyperparameters import DEFAULTS, Hyperparameters
 
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
@@ -132,6 +133,25 @@ def cabinet_randomization_table() -> str:
     return markdown(("option", "what it draws"), rows)
 
 
+def hyperparameter_table() -> str:
+    """What a training run is tuned by."""
+    meanings, domains = attributes(Hyperparameters), list(DEFAULTS)
+    rows = [
+        (f"`{each.name}`", meanings[each.name], *(shown(getattr(DEFAULTS[domain], each.name)) for domain in domains))
+        for each in dataclasses.fields(Hyperparameters)
+    ]
+    return markdown(("name", "meaning", *(f"`{domain}`" for domain in domains)), rows)
+
+
+def shown(value: object) -> str:
+    """A number, or numbers with those that repeat told once."""
+    if not isinstance(value, tuple):
+        return f"{value:g}"
+    if len(set(value)) == 1 and len(value) > 2:
+        return f"{len(value)} times {value[0]:g}"
+    return ", ".join(f"{part:g}" for part in value)
+
+
 def first_line(documented: object) -> str:
     """The first line of a docstring, fit for a cell."""
     return (inspect.getdoc(documented) or "").splitlines()[0].replace("|", "\\|")
@@ -153,6 +173,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "cabinet_grasp_reward": cabinet_grasp_reward_table,
     "cabinet_design": cabinet_design_table,
     "cabinet_randomization": cabinet_randomization_table,
+    "hyperparameters": hyperparameter_table,
 }
 
 

@@ -46,9 +46,6 @@ _HELP = flags.DEFINE_boolean("help", False, "Show this help, and exit.", short_n
 
 flags.register_validator("video_file", commands.check_video, flag_values=_FLAGS)
 
-# Enough to follow a motion, and few enough to be rendered without a graphics card.
-_FPS = 12.5
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command.
@@ -80,24 +77,14 @@ def console_main() -> int:
 
 def _prepare() -> "rollout_job.RolloutJob":
     from kitchen_suite import rollout_job
-    from kitchen_suite.trained_policy import SHIPPED, TrainedPolicy
+    from kitchen_suite.trained_policy import SHIPPED
 
-    file = Path(_POLICY_FILE.value) if _POLICY_FILE.value else SHIPPED / "top_drawer.npz"
-    known = TrainedPolicy.load(file).metadata
-    settings = rollout_job.Settings(
-        domain_name=known["domain_name"],
-        task_name=known["task_name"],
-        task_kwargs=known["task_kwargs"],
-        policy=f"trained(file={str(file)!r})",
+    settings = rollout_job.settings_of_policy(
+        Path(_POLICY_FILE.value) if _POLICY_FILE.value else SHIPPED / "top_drawer.npz",
         num_episodes=_NUM_EPISODES.value,
         seed=_SEED.value,
-        output=None,
         video=Path(_VIDEO_FILE.value) if _VIDEO.value else None,
         camera=_CAMERA.value,
-        width=640,
-        height=480,
-        visualize_reward=False,
-        video_fps=_FPS,
         video_episodes=_VIDEO_EPISODES.value,
     )
     return rollout_job.RolloutJob(settings)

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -115,30 +116,34 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
     return path
 
 
-def load_arrays(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+def load_arrays(path: Path, what: str = "an episode") -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Reads what `save_arrays` wrote; gives arrays and metadata.
+
+    Args:
+      path: of the file.
+      what: it should hold; the error names it.
 
     Raises:
       OSError: there is nothing of the kind.
     """
-    with _opened(path) as file:
+    with _opened(path, what) as file:
         arrays = dict(file)
         return arrays, json.loads(str(arrays.pop("metadata")))
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
     """Reads only the metadata that `save_arrays` wrote; raises what `load_arrays` does."""
-    with _opened(path) as file:
+    with _opened(path, "an episode") as file:
         return json.loads(str(file["metadata"]))
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Mapping[str, NDArray]]:
+def _opened(path: Path, what: str) -> Iterator[Mapping[str, NDArray]]:
     try:
         with np.load(path, allow_pickle=False) as file:
             yield file
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise OSError(f"{path} does not hold an episode") from error
+    except (EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise OSError(f"{path} does not hold {what}") from error
 
 
 def check_ffmpeg() -> None:

@@ -22,6 +22,10 @@ from kitchen_suite.progress import EpisodeBar
 from kitchen_suite.ray_cluster import Cluster
 from kitchen_suite.report import WIDTH, Report
 from kitchen_suite.rollout_player import RolloutPlayer
+from kitchen_suite.trained_policy import TrainedPolicy
+
+# Enough to follow a motion, and few enough to be rendered without a graphics card.
+_POLICY_FPS = 12.5
 
 # Whose versions decide what an episode looks like.
 _PACKAGES = ("dm-control", "mujoco", "numpy", "gymnasium-robotics")
@@ -46,6 +50,48 @@ class Settings:
     cluster: Cluster | None = None
     video_fps: float = 25.0
     video_episodes: int | None = None
+
+
+def settings_of_policy(
+    file: Path,
+    *,
+    num_episodes: int,
+    seed: int,
+    video: Path | None,
+    camera: str = "overview",
+    video_episodes: int | None = None,
+) -> Settings:
+    """What plays a trained policy in the task that it was trained for.
+
+    Args:
+      file: of the policy.
+      num_episodes: how many.
+      seed: of the first one.
+      video: where to, if anywhere.
+      camera: of the video.
+      video_episodes: how many of them are filmed; by default all.
+
+    Raises:
+      OSError: there is no such file, or it holds nothing of the kind.
+      ValueError: its layout is of another version, or its parts do not fit together.
+    """
+    known = TrainedPolicy.load(file).metadata
+    return Settings(
+        domain_name=known["domain_name"],
+        task_name=known["task_name"],
+        task_kwargs=known["task_kwargs"],
+        policy=f"trained(file={str(file)!r})",
+        num_episodes=num_episodes,
+        seed=seed,
+        output=None,
+        video=video,
+        camera=camera,
+        width=640,
+        height=480,
+        visualize_reward=False,
+        video_fps=_POLICY_FPS,
+        video_episodes=video_episodes,
+    )
 
 
 class RolloutJob:

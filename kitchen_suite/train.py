@@ -6,12 +6,13 @@
   kitchen-train --output=runs/kettle --env=kitchen --task_name=kettle --demonstrations=kettle
                                                                clones what kitchen-record has written, then goes on
   kitchen-train --output=runs/small --hyperparameters='{"num_envs": 512, "hidden": [128, 64]}'
+  kitchen-train --output=runs/film --video=film.mp4            films an episode of the best policy at the end
   tensorboard --logdir=runs                                    shows the curves, also while training goes on
 
 The folder gets one of its own for each seed: curves for TensorBoard, the last checkpoints, and `policy.npz`, the best
 policy that an evaluation on held-out seeds has found; `kitchen-play --policy_file=...` plays it. A seed that comes to
-no progress is given up for the next one. Exit status: 0; 1 if writing failed or no checkpoint can be read; 2 for a
-bad argument, with one line on stderr; 130 if interrupted.
+no progress is given up for the next one. Exit status: 0; 1 if writing or the physics failed, learning
+diverged, or no checkpoint can be read; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """
 
 import importlib.util
@@ -45,7 +46,7 @@ _TASK_NAME = flags.DEFINE_string(
 _TASK_KWARGS = flags.DEFINE_string(
     "task_kwargs",
     "{}",
-    """Further arguments of the Gymnasium environment, as a JSON object, such as '{"gripper": "deterministic"}'.""",
+    """Further arguments of the task, as a JSON object, such as '{"gripper": "deterministic"}'.""",
     flag_values=_FLAGS,
 )
 _HYPERPARAMETERS = flags.DEFINE_string(
@@ -95,8 +96,17 @@ _DEMONSTRATIONS = flags.DEFINE_string(
     "demonstrations", None, "Folder written by kitchen-record, to be cloned before all else.", flag_values=_FLAGS
 )
 _OUTPUT = flags.DEFINE_string("output", None, "Folder of the run.", flag_values=_FLAGS)
+_VIDEO = flags.DEFINE_string(
+    "video",
+    None,
+    "Video of an episode of the best policy, made at the end; an .mp4 in an existing folder, replaced if it is there.",
+    flag_values=_FLAGS,
+)
 _RESUME = flags.DEFINE_boolean("resume", False, "Go on with the run in the folder.", flag_values=_FLAGS)
 _HELP = flags.DEFINE_boolean("help", False, "Show this help, and exit.", short_name="h", flag_values=_FLAGS)
+
+
+flags.register_validator("video", commands.check_video, flag_values=_FLAGS)
 
 
 @flags.validator("task_kwargs", flag_values=_FLAGS)
@@ -137,7 +147,7 @@ def _prepare() -> "train_job.TrainJob":
         raise ValueError("--output is missing: name a folder for the run")
     if missing := [name for name in _NEEDS if not importlib.util.find_spec(name)]:
         raise ImportError(f"training needs {' and '.join(missing)}: pip install 'kitchen-suite[train]'")
-    gl.prepare(rendering=False)
+    gl.prepare(rendering=_VIDEO.value is not None)
     from kitchen_suite.training import train_job
     from kitchen_suite.training.attempt import Schedule
 
@@ -160,12 +170,16 @@ def _prepare() -> "train_job.TrainJob":
         demonstrations=Path(_DEMONSTRATIONS.value) if _DEMONSTRATIONS.value else None,
         output=Path(_OUTPUT.value),
         resume=_RESUME.value,
+        video=Path(_VIDEO.value) if _VIDEO.value else None,
     )
     return train_job.TrainJob(settings)
 
 
 def _run(job: "train_job.TrainJob") -> int:
+    from dm_control.rl.control import PhysicsError
+
     from kitchen_suite.training.checkpoints import CheckpointError
+    from kitchen_suite.training.learner import DivergedError
 
     try:
         job.run()
@@ -173,7 +187,7 @@ def _run(job: "train_job.TrainJob") -> int:
         return commands.fail(_NAME, "interrupted; the same with --resume goes on from the last checkpoint", INTERRUPTED)
     except BrokenPipeError:
         raise
-    except (CheckpointError, OSError) as error:
+    except (CheckpointError, DivergedError, OSError, PhysicsError) as error:
         return commands.fail(_NAME, error, FAILURE)
     return 0
 

@@ -17,6 +17,9 @@ from kitchen_suite.tasks import OpenCabinetTask
 # Version of the file's layout; it grows when old readers would misread new files.
 FORMAT = 1
 
+# What the metadata must tell for a policy to be played.
+_TASK = {"domain_name": str, "task_name": str, "task_kwargs": dict}
+
 # Files that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
 
@@ -49,22 +52,23 @@ class TrainedPolicy:
         Raises:
           ValueError: they do not, or some of the numbers are not finite.
         """
-        sizes = [self.mean.size, *(bias.size for bias in self.biases)]
-        expected = [
-            ("deviation", self.deviation, (sizes[0],)),
-            ("action_scale", self.action_scale, (sizes[-1],)),
-            *((f"weights {i}", weight, (sizes[i + 1], sizes[i])) for i, weight in enumerate(self.weights)),
-        ]
         if not self.weights or len(self.weights) != len(self.biases):
             raise ValueError(f"there are {len(self.weights)} layers of weights and {len(self.biases)} of biases")
+        sizes = [self.mean.size, *(bias.size for bias in self.biases)]
+        expected = [
+            ("mean", self.mean, (sizes[0],)),
+            ("deviation", self.deviation, (sizes[0],)),
+            ("action_scale", self.action_scale, (sizes[-1],)),
+            *((f"weight_{i}", weight, (sizes[i + 1], sizes[i])) for i, weight in enumerate(self.weights)),
+            *((f"bias_{i}", bias, (sizes[i + 1],)) for i, bias in enumerate(self.biases)),
+        ]
         for name, array, shape in expected:
-            if array.shape != shape:
-                raise ValueError(f"{name} have shape {array.shape}, not {shape}")
-        for array in (self.mean, self.deviation, self.action_scale, *self.weights, *self.biases):
+            if array.shape != shape or array.dtype != np.float32:
+                raise ValueError(f"{name} must be float32 of shape {shape}, not {array.dtype} of shape {array.shape}")
             if not np.isfinite(array).all():
-                raise ValueError("some numbers are not finite")
+                raise ValueError(f"{name} must be finite")
         if not (self.deviation > 0).all() or not self.clip > 0:
-            raise ValueError("deviations and clip must be positive")
+            raise ValueError("deviation and clip must be positive")
 
     @property
     def observation_size(self) -> int:
@@ -107,9 +111,8 @@ class TrainedPolicy:
           OSError: there is no such file, or it holds nothing of the kind.
           ValueError: its layout is of another version, or its parts do not fit together.
         """
-        arrays, metadata = recording.load_arrays(path)
-        if metadata.get("format") != FORMAT:
-            raise ValueError(f"{path} has format {metadata.get('format')!r}; this version reads {FORMAT}")
+        arrays, metadata = recording.load_arrays(path, "a trained policy")
+        _check_metadata(path, metadata)
         layers = range(sum(name.startswith("weight_") for name in arrays))
         try:
             return cls(
@@ -123,7 +126,7 @@ class TrainedPolicy:
             )
         except KeyError as error:
             raise ValueError(f"{path} holds no trained policy: {error} is missing") from error
-        except ValueError as error:
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{path} holds no trained policy: {error}") from error
 
     def check_fits(self, observation_size: int, action_size: int) -> None:
@@ -138,6 +141,21 @@ class TrainedPolicy:
                 f"the policy takes {own[0]} numbers and returns {own[1]}, but this task shows {asked[0]} and takes "
                 f"{asked[1]}: it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
             )
+
+
+def _check_metadata(path: Path, metadata: Any) -> None:
+    """Sees to it that a file says what it is.
+
+    Raises:
+      ValueError: it does not, or its layout is of another version.
+    """
+    if not isinstance(metadata, dict) or "format" not in metadata:
+        raise ValueError(f"{path} holds no trained policy: it has no format version")
+    if metadata["format"] != FORMAT:
+        raise ValueError(f"{path} has format {metadata['format']!r}; this version reads {FORMAT}")
+    for name, kind in _TASK.items():
+        if not isinstance(metadata.get(name), kind):
+            raise ValueError(f"{path} holds no trained policy: its {name} is {metadata.get(name)!r}")
 
 
 def flat(observations: Any) -> NDArray:

@@ -23,7 +23,7 @@ POLICY_FILE = "policy.npz"
 
 # Training episodes take their seeds from here on, so that smaller ones, which people play with, are unseen.
 _TRAINING_SEEDS = 1_000_000_000
-_EVALUATION_SEEDS = 500_000_000
+EVALUATION_SEEDS = 500_000_000
 
 
 class Ending(enum.Enum):
@@ -84,7 +84,8 @@ class Attempt:
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluated, self._metadata = learner, evaluated, metadata
         folder.mkdir(parents=True, exist_ok=True)
-        self._seconds, self._best, self._progress, self._reached = 0.0, (-1.0, 0.0), 0.0, 0
+        self._seconds, self._best, self._progress = 0.0, (-1.0, 0.0), 0.0
+        self._successes: list[float] = []
         self.resumed = self._resume()
 
     @property
@@ -99,10 +100,14 @@ class Attempt:
 
     def run(self, show: Callable[[str], None]) -> Ending:
         """Learns until there is a reason to stop; `show` is called with a line for each evaluation."""
+        if self.resumed and (ending := self._ending()):
+            return ending
         schedule, learner = self._schedule, self._learner
         started = time.perf_counter() - self._seconds
         learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
-        with contextlib.closing(SummaryWriter(str(self._folder), purge_step=self.steps)) as writer, self._bar() as bar:
+        # What an interrupted attempt wrote after its last checkpoint is not shown.
+        purge = self.steps + 1 if self.resumed else None
+        with contextlib.closing(SummaryWriter(str(self._folder), purge_step=purge)) as writer, self._bar() as bar:
             if not self.resumed:
                 self._look(writer, started, show)
             while (ending := self._ending()) is None:
@@ -112,7 +117,8 @@ class Attempt:
                 _write(writer, means, self.steps)
                 bar.update(self.steps - before)
                 bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
-                if self.steps // schedule.eval_interval > before // schedule.eval_interval:
+                due = self.steps // schedule.eval_interval > before // schedule.eval_interval
+                if due or self._ending():
                     self._look(writer, started, show)
         return ending
 
@@ -125,7 +131,7 @@ class Attempt:
         show(self._row(measures))
 
     def _ending(self) -> Ending | None:
-        if self._reached >= 2:
+        if len(self._successes) == 2 and min(self._successes) >= self._schedule.target_success:
             return Ending.TARGET
         if self.steps >= self._schedule.num_steps:
             return Ending.STEPS
@@ -136,10 +142,10 @@ class Attempt:
         """Plays the held-out episodes; keeps the policy if it is the best so far."""
         policy = agents.export(self._learner.agent, self._metadata)
         count = self._schedule.eval_episodes
-        measures = evaluate(policy, self._evaluated, [*range(_EVALUATION_SEEDS, _EVALUATION_SEEDS + count)])
+        measures = evaluate(policy, self._evaluated, [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + count)])
         success, gain = measures["episode/success"].mean(), measures["episode/return"].mean()
         self._progress = max(self._progress, float(measures["episode/progress"].mean()))
-        self._reached = self._reached + 1 if success >= self._schedule.target_success else 0
+        self._successes = [*self._successes[-1:], float(success)]
         if (success, gain) > self._best:
             self._best = float(success), float(gain)
             self._keep(policy)
@@ -152,7 +158,7 @@ class Attempt:
 
     def _save(self) -> None:
         counters = {"seconds": self._seconds, "best": list(self._best), "progress": self._progress}
-        state = {**self._learner.state(), **counters, "reached": self._reached}
+        state = {**self._learner.state(), **counters, "successes": self._successes}
         checkpoints.save(self._folder, self.steps, state)
 
     def _resume(self) -> bool:
@@ -162,7 +168,7 @@ class Attempt:
         self._learner.load_state(state)
         success, gain = state["best"]
         self._best, self._seconds = (success, gain), state["seconds"]
-        self._progress, self._reached = state["progress"], state["reached"]
+        self._progress, self._successes = state["progress"], state["successes"]
         return True
 
     def _bar(self) -> tqdm:

@@ -50,7 +50,7 @@ def load_last(folder: Path) -> dict[str, Any] | None:
             return torch.load(path, weights_only=True)
         except (EOFError, OSError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
             reason = str(error).partition("\n")[0]
-            tqdm.write(f"{path} cannot be read, so the checkpoint before it is used: {reason}")
+            tqdm.write(f"{path} cannot be read, so an older checkpoint is looked for: {reason}")
     if present:
         raise CheckpointError(f"none of the {len(present)} checkpoints in {folder} can be read")
     return None

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from kitchen_suite.trained_policy import TrainedPolicy, flat
 from kitchen_suite.training.measures import episode_measures
 from kitchen_suite.vector_base import SuiteVectorEnv
+from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
 
 def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:
@@ -21,8 +22,11 @@ def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequenc
     Returns:
       Measures of the episodes `(n,)` by name, as of `episode_measures`, and `episode/return`.
     """
-    observations, _ = environments.reset(seed=seeds)
     count = environments.num_envs
+    if isinstance(environments, FrankaOpenCabinetVectorEnv):
+        # The penalties' weights depend on it, but an evaluation must not depend on how many went before.
+        environments.life_steps = np.zeros(count, np.int64)
+    observations, _ = environments.reset(seed=seeds)
     ended, returns = np.zeros(count, bool), np.zeros(count)
     measures: dict[str, NDArray] = {}
     while not ended.all():

@@ -18,6 +18,10 @@ from kitchen_suite.vector_base import SuiteVectorEnv
 from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
 
+class DivergedError(Exception):
+    """A network's parameters are no longer finite."""
+
+
 class Learner:
     """An agent, its environments and what it has seen of them so far.
 
@@ -39,6 +43,7 @@ class Learner:
         self._observations = torch.empty(0)
         size, action_space = _sizes(environments)
         self.agent = agents.build(size, action_space, choices)
+        self._scheduler = self.agent.scheduler
         self.steps = 0
         self._standardised, self._values_only = False, 0
 
@@ -100,20 +105,24 @@ class Learner:
 
         Returns:
           Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
+
+        Raises:
+          DivergedError: the learning rate is too high, or rewards too great.
         """
-        holding = self._values_only > 0
-        # What is known of a good policy should not be lost to values that are not.
-        self.agent.models["policy"].requires_grad_(not holding)
+        # What is known of a good policy should not be lost to values that are not. The learning rate follows the
+        # change of the policy, so it rests, too.
+        changing = self._values_only == 0
+        self.agent.models["policy"].requires_grad_(changing)
+        self.agent.scheduler = self._scheduler if changing else None
+        self._values_only = max(0, self._values_only - 1)
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):
             for name, values in self._step().items():
                 seen[name].append(values)
         self.steps += self._choices.batch
-        if holding:
-            self._values_only -= 1
-            # A policy that stands still lets the learning rate grow from batch to batch.
-            for group in self.agent.optimizer.param_groups:
-                group["lr"] = self._choices.learning_rate
+        for name, model in self.agent.models.items():
+            if not all(parameter.isfinite().all() for parameter in model.parameters()):
+                raise DivergedError(f"after {self.steps} steps the {name} network is no longer finite: learn slower")
         return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
 
     def _act(self) -> NDArray[np.float32]:

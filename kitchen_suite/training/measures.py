@@ -10,8 +10,13 @@ _COMPLETIONS = "episode_task_completions_mask"
 
 
 def step_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Numbers `(n,)` of a step: the terms of the reward, where it has any."""
-    return {f"step/{name}": values for name, values in infos.items() if name.startswith("reward/")}
+    """Numbers `(n,)` of a step: the terms of the reward, where it has any.
+
+    Where the step ended an episode and the next has begun, they are those of the end.
+    """
+    ended, last = infos.get("_final_info", False), infos.get("final_info", infos)
+    terms = [name for name in infos if name.startswith("reward/")]
+    return {f"step/{name}": np.where(ended, last[name], infos[name]) for name in terms}
 
 
 def episode_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:

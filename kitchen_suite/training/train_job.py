@@ -12,13 +12,13 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 import torch
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import checks, gymnasium_env, recording, suite
-from kitchen_suite.rollout_job import default_task
-from kitchen_suite.training.attempt import HEADING, POLICY_FILE, Attempt, Ending, Schedule
+from kitchen_suite import checks, gymnasium_env, recording, rollout_job, suite
+from kitchen_suite.training.attempt import EVALUATION_SEEDS, HEADING, POLICY_FILE, Attempt, Ending, Schedule
 from kitchen_suite.training.cloning import load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
@@ -45,6 +45,7 @@ class Settings:
     demonstrations: Path | None
     output: Path
     resume: bool
+    video: Path | None = None
 
 
 class TrainJob:
@@ -54,6 +55,7 @@ class TrainJob:
         """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
 
         Raises:
+          ImportError: there is no ffmpeg, but a video is asked for.
           OSError: the folder cannot be written to or holds another run, there is none to be resumed, or there are no
             demonstrations where there should be.
           TypeError: an argument or a hyperparameter has the wrong type, or there is no such argument.
@@ -61,8 +63,8 @@ class TrainJob:
         """
         domain = checks.choice(settings.domain_name, gymnasium_env.IDS.keys(), "env")
         self._settings = settings
-        self._task_name = settings.task_name or default_task(domain)
-        suite.refuse_fixed(domain, self._task_name, settings.task_kwargs)
+        self._task_name = settings.task_name or rollout_job.default_task(domain)
+        self._check_playable()
         self._choices = Hyperparameters.of(domain, settings.hyperparameters)
         self._metadata = {
             "domain_name": domain,
@@ -70,9 +72,11 @@ class TrainJob:
             "task_kwargs": dict(settings.task_kwargs),
             "hyperparameters": dataclasses.asdict(self._choices),
         }
-        self._demonstrations = self._load_demonstrations()
         self._environments = self._build(self._choices.num_envs, AutoresetMode.SAME_STEP)
         self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
+        # It refuses what does not fit the environments.
+        Learner(self._environments, self._choices, settings.seed)
+        self._demonstrations = self._load_demonstrations()
         self._best = (-1.0, 0.0)
         claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
 
@@ -81,6 +85,8 @@ class TrainJob:
 
         Raises:
           CheckpointError: a run is to be resumed, but none of its checkpoints can be read.
+          DivergedError: a network is no longer finite.
+          OSError: a file cannot be written.
         """
         # The matrices are small: a second thread costs more than it gives.
         torch.set_num_threads(1)
@@ -92,6 +98,8 @@ class TrainJob:
                 if self._attempt(seed) is not Ending.HOPELESS:
                     break
         _print(f"best policy: {settings.output / POLICY_FILE}")
+        if settings.video:
+            self._film(settings.video)
 
     def _attempt(self, seed: int) -> Ending:
         """Trains with one seed; its policy becomes the run's if it is the best so far."""
@@ -114,7 +122,26 @@ class TrainJob:
         folder = self._settings.demonstrations
         if folder is None:
             return None
-        return load_demonstrations(folder, self._settings.domain_name, self._task_name)
+        observations, actions = load_demonstrations(folder, self._settings.domain_name, self._task_name)
+        space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
+        found, wanted = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
+        if found != wanted:
+            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {wanted}")
+        return observations, actions
+
+    def _film(self, video: Path) -> None:
+        """Plays the best policy on a seed that it was not trained with."""
+        file = self._settings.output / POLICY_FILE
+        settings = rollout_job.settings_of_policy(file, num_episodes=1, seed=EVALUATION_SEEDS, video=video)
+        rollout_job.RolloutJob(settings).run()
+        _print(f"video {video}")
+
+    def _check_playable(self) -> None:
+        """Refuses arguments that `kitchen-play` could not play a policy with; raises what `suite.load` does."""
+        arguments = {**self._settings.task_kwargs, "visuals": False}
+        suite.load(self._settings.domain_name, self._task_name, arguments).close()
+        if self._settings.video:
+            recording.check_ffmpeg()
 
     def _build(self, count: int, mode: AutoresetMode) -> SuiteVectorEnv:
         settings, domain = self._settings, self._settings.domain_name
@@ -151,11 +178,21 @@ def claim(folder: Path, run: Mapping[str, Any], *, resume: bool) -> None:
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no training run to be resumed")
     recording.check_writable(folder)
-    recording.sweep(folder)
-    present = json.loads(path.read_text(encoding="utf-8"))
-    for name, value in json.loads(json.dumps(run)).items():
-        if present.get(name) != value:
-            raise ValueError(f"{folder} holds a run with {name} {present.get(name)!r}, not {value!r}")
+    for part in (folder, *folder.glob("seed_*")):
+        recording.sweep(part)
+    present, wanted = _parts(json.loads(path.read_text(encoding="utf-8"))), _parts(json.loads(json.dumps(run)))
+    for name in {**wanted, **present}:
+        one, other = present.get(name), wanted.get(name)
+        if one != other:
+            raise ValueError(f"{folder} holds a run with {name} {json.dumps(one)}, not {json.dumps(other)}")
+
+
+def _parts(run: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run is of, with the arguments of the task and the hyperparameters one by one."""
+    parts: dict[str, Any] = {}
+    for name, value in run.items():
+        parts |= value if isinstance(value, dict) else {name: value}
+    return parts
 
 
 @contextlib.contextmanager

@@ -1,0 +1,30 @@
+"""Small learners for the tests of training: seconds, not minutes."""
+
+import gymnasium
+from gymnasium.vector import AutoresetMode
+
+from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+
+SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}
+BATCH = 64
+METADATA = {"domain_name": "open_cabinet", "task_name": "top_drawer", "task_kwargs": {}}
+KITCHEN = {"tasks_to_complete": ["kettle"], "goal_format": "flat", "info_format": "arrays"}
+
+
+def environments(count, mode=AutoresetMode.SAME_STEP, domain="open_cabinet", **settings):
+    """Vectorised environments as a training run makes them."""
+    name, own = {"open_cabinet": (CABINET_ID, {}), "kitchen": (KITCHEN_ID, KITCHEN)}[domain]
+    arguments = {"num_threads": 1, "autoreset_mode": mode, **own, **settings}
+    return gymnasium.make_vec(name, count, vectorization_mode="vector_entry_point", **arguments)
+
+
+def learner(envs, seed=0, domain="open_cabinet", **changes):
+    """A new learner of the environments."""
+    import torch
+
+    from kitchen_suite.training.hyperparameters import Hyperparameters
+    from kitchen_suite.training.learner import Learner
+
+    # As a training run does.
+    torch.set_num_threads(1)
+    return Learner(envs, Hyperparameters.of(domain, {**SMALL, **changes}), seed)
