@@ -12,6 +12,10 @@ from kitchen_suite.episode_arrays import nested
 from kitchen_suite.staging import Staging
 from kitchen_suite.trained_policy import flat
 
+# Bound of what is imitated, in units of the action's scale: beyond it servos and gripper do nothing else, and the
+# squares of a few great numbers would drown all others.
+_LIMIT = 5.0
+
 # Observations that a scaler must have seen for no later ones to move it.
 _SETTLED = 1e15
 
@@ -71,7 +75,7 @@ def clone(
     scaler(torch.as_tensor(observations), train=True)
     # skrl would go on to follow what is seen, and so change the policy behind the optimiser's back.
     scaler.current_count.fill_(_SETTLED)
-    seen, done = scaler(torch.as_tensor(observations)), torch.as_tensor(actions) / policy.scale
+    seen, done = scaler(torch.as_tensor(observations)), (torch.as_tensor(actions) / policy.scale).clamp(-_LIMIT, _LIMIT)
     optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
     batches = -(-len(done) // _BATCH)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * batches)

@@ -116,7 +116,8 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,
-            action_scale=(0.1,) * 9,
+            exploration=0.1,
+            action_scale=(0.5,) * 9,
         ),
     }
 )
