@@ -52,7 +52,7 @@ class Hyperparameters:
     clone_epochs: int = 60
     value_batches: int = 10
     exploration: float = 1.0
-    action_scale: tuple[float, ...] = (0.02, 0.02, 0.025, 0.025, 0.006, 0.006, 0.006, 2.0)
+    action_scale: tuple[float, ...] = (*(0.02,) * 7, 2.0)
 
     @property
     def batch(self) -> int:
