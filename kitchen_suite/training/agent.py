@@ -124,9 +124,28 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
             "experiment": {"write_interval": 0, "checkpoint_interval": 0},
         },
     )
+    _separate_rates(agent, choices)
     agent.init()
     agent.enable_training_mode(True)
     return agent
+
+
+def value_group(agent: PPO) -> dict[str, Any]:
+    """The optimiser's settings for the value network, its learning rate `lr` among them."""
+    return agent.optimizer.param_groups[1]
+
+
+def _separate_rates(agent: PPO, choices: Hyperparameters) -> None:
+    """Gives policy and value learning rates of their own: a good policy changes slowly, its values are found soon."""
+    agent.optimizer = torch.optim.Adam(
+        [
+            {"params": agent.policy.parameters(), "lr": choices.learning_rate},
+            {"params": agent.value.parameters(), "lr": choices.value_learning_rate},
+        ]
+    )
+    agent.checkpoint_modules["optimizer"] = agent.optimizer
+    if choices.kl_target:
+        agent.scheduler = KLAdaptiveLR(agent.optimizer, kl_threshold=choices.kl_target)
 
 
 def _action_scale(action_space: spaces.Box, choices: Hyperparameters) -> torch.Tensor:

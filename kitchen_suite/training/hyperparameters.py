@@ -18,7 +18,8 @@ class Hyperparameters:
       learning_epochs: passes over them in an update.
       mini_batches: parts that each pass is cut into.
       hidden: units of the hidden layers.
-      learning_rate: of Adam, at the start.
+      learning_rate: of Adam for the policy, at the start.
+      value_learning_rate: of Adam for the values, throughout.
       kl_target: Kullback-Leibler divergence of an update that the learning rate is adapted to; 0 keeps it.
       discount: of later rewards.
       gae_lambda: of generalised advantage estimation.
@@ -40,6 +41,7 @@ class Hyperparameters:
     mini_batches: int = 8
     hidden: tuple[int, ...] = (256, 128, 64)
     learning_rate: float = 3e-4
+    value_learning_rate: float = 3e-4
     kl_target: float = 0.008
     discount: float = 0.99
     gae_lambda: float = 0.95
@@ -112,6 +114,7 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             hidden=(512, 512),
             mini_batches=10,
             learning_rate=1e-4,
+            value_learning_rate=1e-3,
             kl_target=0.0,
             discount=0.995,
             entropy_scale=0.0,

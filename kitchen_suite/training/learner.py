@@ -17,9 +17,6 @@ from kitchen_suite.training.measures import episode_measures, step_measures
 from kitchen_suite.vector_base import SuiteVectorEnv
 from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
 
-# Learning rate of the values while the policy stands still; one that suits a good policy would take them too long.
-_VALUES_RATE = 1e-3
-
 
 class DivergedError(Exception):
     """A network's parameters are no longer finite."""
@@ -117,24 +114,18 @@ class Learner:
         changing = self._values_only == 0
         self.agent.models["policy"].requires_grad_(changing)
         self.agent.scheduler = self._scheduler if changing else None
-        if not changing:
-            self._values_only -= 1
-            self._set_learning_rate(_VALUES_RATE)
+        self._values_only = max(0, self._values_only - 1)
+        # It follows the policy's divergence otherwise.
+        agents.value_group(self.agent)["lr"] = self._choices.value_learning_rate
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):
             for name, values in self._step().items():
                 seen[name].append(values)
         self.steps += self._choices.batch
-        if not changing:
-            self._set_learning_rate(self._choices.learning_rate)
         for name, model in self.agent.models.items():
             if not all(parameter.isfinite().all() for parameter in model.parameters()):
                 raise DivergedError(f"after {self.steps} steps the {name} network is no longer finite: learn slower")
         return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
-
-    def _set_learning_rate(self, rate: float) -> None:
-        for group in self.agent.optimizer.param_groups:
-            group["lr"] = rate
 
     def _act(self) -> NDArray[np.float32]:
         with torch.no_grad():
