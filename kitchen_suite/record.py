@@ -97,15 +97,7 @@ _DATA_PATH = flags.DEFINE_string(
 _HELP = flags.DEFINE_boolean("help", False, "Show this help, and exit.", short_name="h", flag_values=_FLAGS)
 
 
-@flags.validator("task_kwargs", flag_values=_FLAGS)
-def _check_task_kwargs(text: str) -> bool:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise flags.ValidationError(f"not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise flags.ValidationError("must be a JSON object")
-    return True
+flags.register_validator("task_kwargs", commands.check_json_object, flag_values=_FLAGS)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

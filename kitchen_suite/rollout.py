@@ -93,13 +93,8 @@ _HELP = flags.DEFINE_boolean("help", False, "Show this help, and exit.", short_n
 
 @flags.validator("task_kwargs", flag_values=_FLAGS)
 def _check_task_kwargs(text: str) -> bool:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise flags.ValidationError(f"not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise flags.ValidationError("must be a JSON object")
-    if taken := sorted(value.keys() & {"random", "time_limit", "visuals"}):
+    commands.check_json_object(text)
+    if taken := sorted(json.loads(text).keys() & {"random", "time_limit", "visuals"}):
         raise flags.ValidationError(f"{', '.join(taken)} cannot be given here: see --seed, --time_limit and --video")
     return True
 
