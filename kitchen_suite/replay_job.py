@@ -10,10 +10,10 @@ import numpy as np
 from tqdm import tqdm
 
 from kitchen_suite import recording, recordings
+from kitchen_suite.cameras import check_size, find_camera
 from kitchen_suite.comparison import Comparison, compare
 from kitchen_suite.recipe import installed_versions, suite_env
 from kitchen_suite.replaying import play_again
-from kitchen_suite.rollout_job import check_size, find_camera
 
 # Widths of the table's columns; `difference` is the greatest one of any number of an observation.
 _COLUMNS = {

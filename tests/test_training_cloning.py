@@ -172,3 +172,25 @@ def test_kitchen_demonstrations_are_laid_out_as_a_policy_takes_them(tmp_path):
     from kitchen_suite.tasks import GOALS
 
     np.testing.assert_allclose(observations[:, -7:], np.tile(GOALS["kettle"].value, (3, 1)), atol=1e-6)
+
+
+def test_great_actions_are_imitated_as_what_does_the_same(pupil):
+    pupil = pupil()
+    observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
+    actions = np.tile(50 * pupil.agent.models["policy"].scale.numpy(), (600, 1))
+    losses = []
+    pupil.imitate(observations, actions, losses.append)
+    # It begins at zero, five units away.
+    assert losses[0] <= 5.0**2 + 0.1
+    assert losses[-1] < 2.0
+
+
+def test_what_a_clone_sees_later_does_not_change_how_it_sees(pupil):
+    pupil = pupil()
+    observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
+    pupil.imitate(observations, np.zeros((600, 8), np.float32), lambda loss: None)
+    scaler = pupil.agent.checkpoint_modules["observation_preprocessor"]
+    before = scaler.running_mean.clone()
+    pupil.start(0)
+    pupil.learn()
+    np.testing.assert_allclose(scaler.running_mean.numpy(), before.numpy(), atol=1e-6)

@@ -172,3 +172,26 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
         # Of sums of float32 in another order, which the physics carries on.
         assert measures["episode/return"][i] == pytest.approx(total, rel=1e-3)
         assert measures["episode/progress"][i] == pytest.approx(float(info["drawer_opening"]), abs=1e-4)
+
+
+def test_values_learn_at_a_rate_of_their_own(monkeypatch):
+    from kitchen_suite.training import agent as agents
+
+    envs = environments(SMALL["num_envs"])
+    known = learner(envs, learning_rate=1e-4, value_learning_rate=7e-3)
+    rates, update = [], known.agent.update
+
+    def watched(**times):
+        rates.append([group["lr"] for group in known.agent.optimizer.param_groups])
+        update(**times)
+
+    monkeypatch.setattr(known.agent, "update", watched)
+    known.start(0)
+    for _ in range(3):
+        known.learn()
+    envs.close()
+    assert [values for _, values in rates] == [7e-3] * 3
+    # The policy's follows the divergence, so it has moved by then.
+    assert rates[0][0] == 1e-4 != rates[-1][0]
+    own = {id(parameter) for parameter in known.agent.models["value"].parameters()}
+    assert {id(parameter) for parameter in agents.value_group(known.agent)["params"]} == own
