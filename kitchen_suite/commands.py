@@ -49,6 +49,36 @@ def fail(name: str, problem: object, status: int) -> int:
     return status
 
 
+def perform(
+    name: str,
+    work: Callable[[], object],
+    *,
+    interrupted: Callable[[], str],
+    failures: tuple[type[Exception], ...],
+    misuses: tuple[type[Exception], ...] = (),
+) -> int:
+    """Does what a command was asked for; returns the exit status.
+
+    Args:
+      name: of the command.
+      work: what it does.
+      interrupted: tells after an interrupt how far it came.
+      failures: exceptions that end it in one line and with `FAILURE`; but a broken pipe is not this command's to tell.
+      misuses: exceptions that end it in one line and with `USAGE`.
+    """
+    try:
+        work()
+    except KeyboardInterrupt:
+        return fail(name, interrupted(), INTERRUPTED)
+    except BrokenPipeError:
+        raise
+    except misuses as error:
+        return fail(name, error, USAGE)
+    except failures as error:
+        return fail(name, error, FAILURE)
+    return 0
+
+
 def run_as_process(main: Callable[[], int]) -> int:
     """Runs a command as a process of its own; returns the exit status."""
     # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.

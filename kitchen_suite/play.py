@@ -1,6 +1,7 @@
 """Plays a trained policy, and films it.
 
   kitchen-play                                               the drawer is opened; the video is kitchen-play.mp4
+  kitchen-play --policy=top_drawer_grasp                     by a policy that was paid for holding the handle
   kitchen-play --policy_file=runs/drawer/seed_0/policy.npz   what kitchen-train has written
   kitchen-play --num_episodes=100 --novideo                counts successes alone; needs no GL library
 
@@ -27,9 +28,10 @@ _NAME = "kitchen-play"
 # Flags of their own, not the global ones: the command can be called from other programs, any number of times.
 _FLAGS = flags.FlagValues()
 
-_POLICY_FILE = flags.DEFINE_string(
-    "policy_file", None, "Policy to play. Default: the one for the top drawer that comes with it.", flag_values=_FLAGS
+_POLICY = flags.DEFINE_string(
+    "policy", "top_drawer", "Policy to play, one of those that come with the package.", flag_values=_FLAGS
 )
+_POLICY_FILE = flags.DEFINE_string("policy_file", None, "File of a policy to play instead.", flag_values=_FLAGS)
 _NUM_EPISODES = flags.DEFINE_integer("num_episodes", 10, "Number of episodes.", lower_bound=1, flag_values=_FLAGS)
 _SEED = flags.DEFINE_integer(
     "seed", 0, "Seed of the first episode; each further one has the next.", lower_bound=0, flag_values=_FLAGS
@@ -77,10 +79,10 @@ def console_main() -> int:
 
 def _prepare() -> "rollout_job.RolloutJob":
     from kitchen_suite import rollout_job
-    from kitchen_suite.trained_policy import SHIPPED
+    from kitchen_suite.trained_policy import shipped_as
 
     settings = rollout_job.settings_of_policy(
-        Path(_POLICY_FILE.value) if _POLICY_FILE.value else SHIPPED / "top_drawer.npz",
+        Path(_POLICY_FILE.value) if _POLICY_FILE.value else shipped_as(_POLICY.value),
         num_episodes=_NUM_EPISODES.value,
         seed=_SEED.value,
         video=Path(_VIDEO_FILE.value) if _VIDEO.value else None,
@@ -95,20 +97,18 @@ def _run(job: "rollout_job.RolloutJob") -> int:
 
     from kitchen_suite.policies import PolicyError
 
-    try:
-        job.run()
-    except KeyboardInterrupt:
-        return commands.fail(_NAME, f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes", INTERRUPTED)
-    except PolicyError as error:
-        return commands.fail(_NAME, error, USAGE)
-    except BrokenPipeError:
-        raise
-    except (PhysicsError, OSError) as error:
-        return commands.fail(_NAME, error, FAILURE)
-    if _VIDEO.value:
-        print(f"video {_VIDEO_FILE.value}")
-    print(f"success {job.successes}/{job.finished}")
-    return 0
+    status = commands.perform(
+        _NAME,
+        job.run,
+        interrupted=lambda: f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes",
+        failures=(PhysicsError, OSError),
+        misuses=(PolicyError,),
+    )
+    if not status:
+        if _VIDEO.value:
+            print(f"video {_VIDEO_FILE.value}")
+        print(f"success {job.successes}/{job.finished}")
+    return status
 
 
 if __name__ == "__main__":

@@ -158,18 +158,14 @@ def _run(job: "record_job.RecordJob") -> int:
     from kitchen_suite.policies import PolicyError
     from kitchen_suite.record_job import DivergedError
 
-    try:
-        job.run()
-    except KeyboardInterrupt:
-        problem = f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes; run the same again to go on"
-        return commands.fail(_NAME, problem, INTERRUPTED)
-    except PolicyError as error:
-        return commands.fail(_NAME, error, USAGE)
-    except BrokenPipeError:
-        raise
-    except (ClusterError, DivergedError, OSError) as error:
-        return commands.fail(_NAME, error, FAILURE)
-    return 0
+    of = f"of {_NUM_EPISODES.value} episodes; run the same again to go on"
+    return commands.perform(
+        _NAME,
+        job.run,
+        interrupted=lambda: f"interrupted after {job.finished} {of}",
+        failures=(ClusterError, DivergedError, OSError),
+        misuses=(PolicyError,),
+    )
 
 
 if __name__ == "__main__":

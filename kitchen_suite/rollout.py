@@ -193,17 +193,13 @@ def _run(job: "rollout_job.RolloutJob") -> int:
 
     from kitchen_suite.policies import PolicyError
 
-    try:
-        job.run()
-    except KeyboardInterrupt:
-        return commands.fail(_NAME, f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes", INTERRUPTED)
-    except PolicyError as error:
-        return commands.fail(_NAME, error, USAGE)
-    except BrokenPipeError:
-        raise
-    except (ClusterError, PhysicsError, OSError) as error:
-        return commands.fail(_NAME, error, FAILURE)
-    return 0
+    return commands.perform(
+        _NAME,
+        job.run,
+        interrupted=lambda: f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes",
+        failures=(ClusterError, PhysicsError, OSError),
+        misuses=(PolicyError,),
+    )
 
 
 if __name__ == "__main__":

@@ -181,15 +181,12 @@ def _run(job: "train_job.TrainJob") -> int:
     from kitchen_suite.training.checkpoints import CheckpointError
     from kitchen_suite.training.learner import DivergedError
 
-    try:
-        job.run()
-    except KeyboardInterrupt:
-        return commands.fail(_NAME, "interrupted; the same with --resume goes on from the last checkpoint", INTERRUPTED)
-    except BrokenPipeError:
-        raise
-    except (CheckpointError, DivergedError, OSError, PhysicsError) as error:
-        return commands.fail(_NAME, error, FAILURE)
-    return 0
+    return commands.perform(
+        _NAME,
+        job.run,
+        interrupted=lambda: "interrupted; the same with --resume goes on from the last checkpoint",
+        failures=(CheckpointError, DivergedError, OSError, PhysicsError),
+    )
 
 
 if __name__ == "__main__":

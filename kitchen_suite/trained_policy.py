@@ -183,9 +183,19 @@ def shipped(task: composer.Task) -> Path:
     Raises:
       ValueError: there is none.
     """
-    name = f"{task.drawer}_drawer" if isinstance(task, OpenCabinetTask) else "_".join(task.goals)
-    path = SHIPPED / f"{name.replace(' ', '_')}.npz"
-    if not path.exists():
+    if not isinstance(task, OpenCabinetTask):
+        return shipped_as("_".join(task.goals).replace(" ", "_"))
+    return shipped_as(f"{task.drawer}_drawer" + (f"_{task.reward_name}" if task.reward_name != "original" else ""))
+
+
+def shipped_as(name: str) -> Path:
+    """The policy of a name that comes with the package: the task's, with that of its reward if not the original.
+
+    Raises:
+      ValueError: there is none.
+    """
+    path = SHIPPED / f"{name}.npz"
+    if not path.is_file():
         there = ", ".join(sorted(path.stem for path in SHIPPED.glob("*.npz")))
         raise ValueError(f"no trained policy comes with the package for {name}; there are {there}")
     return path

@@ -96,6 +96,7 @@ class OpenCabinetTask(SuiteTask):
             noise_scale=self._observation.noise_scale,
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.design),
         )
+        self._reward_name = reward
         self._scene = scene
         self._sensors = DrawerSensors(scene, drawer)
         self._life_steps = 0
@@ -114,6 +115,11 @@ class OpenCabinetTask(SuiteTask):
     def drawer(self) -> str:
         """Which drawer is to be opened."""
         return self._drawer
+
+    @property
+    def reward_name(self) -> str:
+        """Which reward it pays, by its key in `REWARDS`."""
+        return self._reward_name
 
     @property
     def rules(self) -> DrawerRules:

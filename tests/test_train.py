@@ -292,6 +292,7 @@ BAD = {
     '--hyperparameters={"hidden": 64}': "hidden must be a list",
     '--hyperparameters={"hidden": [64, 0]}': "hidden",
     '--hyperparameters={"num_envs": 5, "rollouts": 5, "mini_batches": 2}': "mini_batches 2 must divide the 25",
+    '--hyperparameters={"noise_correlation": 1.0}': "noise_correlation must be below 1, got 1.0",
     '--hyperparameters={"action_scale": [1, 2]}': "action_scale must have 8 numbers",
     "--env=kitchn": "did you mean 'kitchen'?",
     "--task_name=top_draw": "did you mean 'top_drawer'?",

@@ -329,5 +329,7 @@ def test_where_no_policy_comes_with_the_package_those_that_do_are_listed(monkeyp
         policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
     make().save(tmp_path / "top_drawer.npz")
     policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
+    with pytest.raises(policies.PolicyError, match=r"for top_drawer_grasp; there are bottom_drawer, top_drawer"):
+        policies.find("trained")(load("open_cabinet", reward="grasp"), np.random.default_rng(0))
     make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
     policies.find("trained")(load("kitchen"), np.random.default_rng(0))

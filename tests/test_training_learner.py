@@ -62,6 +62,29 @@ def test_exploration_begins_with_the_scales_of_the_actions():
         assert (outputs["mean_actions"][0].abs() < 0.05 * torch.tensor(scale)).all()
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_exploration_is_correlated_between_steps_and_as_large_as_ever(correlation):
+    import torch
+
+    envs = environments(SMALL["num_envs"])
+    fresh = learner(envs, noise_correlation=correlation, exploration=0.5)
+    envs.close()
+    torch.manual_seed(0)
+    policy, observations = fresh.agent.models["policy"], torch.zeros(1000, 25)
+    with torch.no_grad():
+        played = [policy.act({"observations": observations}) for _ in range(50)]
+        noise = torch.stack([(actions - out["mean_actions"]) / policy.scale for actions, out in played]).numpy()
+        _, again = policy.act({"observations": observations, "taken_actions": played[-1][0]})
+    np.testing.assert_allclose(noise.std(axis=(1, 2)), 0.5, atol=0.03)
+    for lag in (1, 5):
+        products = noise[lag:] * noise[:-lag]
+        np.testing.assert_allclose(products.mean() / 0.25, correlation**lag, atol=0.02)
+    # Environments and joints are independent of each other.
+    assert abs(np.corrcoef(noise[-1], rowvar=False) - np.eye(8)).max() < 0.15
+    # What an update compares densities with is the density of what was played.
+    np.testing.assert_allclose(played[-1][1]["log_prob"].numpy(), again["log_prob"].numpy(), rtol=1e-5)
+
+
 def test_a_batch_changes_policy_and_values_and_counts_its_steps(taught):
     known, _ = taught
     before, steps = [parameters(known.agent.models[name]) for name in ("policy", "value")], known.steps

@@ -1,8 +1,6 @@
 """Builds skrl's PPO agent, and takes the trained policy out of it."""
 
-import itertools
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,70 +8,15 @@ import torch
 from gymnasium import spaces
 from skrl.agents.torch.ppo import PPO
 from skrl.memories.torch import RandomMemory
-from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 from skrl.resources.preprocessors.torch import RunningStandardScaler
 from skrl.resources.schedulers.torch import KLAdaptiveLR
 
 from kitchen_suite.trained_policy import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.networks import Policy, Value
 
-# The last layer starts this small, so that the first actions are exploration alone.
-_LAST_LAYER = 0.01
-
-
-class Policy(GaussianMixin, Model):
-    """Actions are normally distributed around a network's outputs; their deviations do not depend on what is seen.
-
-    Outputs and deviations are in units of `scale`, so that a step of the optimiser means the same for every action,
-    be it an angle or the log odds of closing the gripper.
-    """
-
-    def __init__(
-        self,
-        observation_space: spaces.Box,
-        action_space: spaces.Box,
-        hidden: Sequence[int],
-        scale: torch.Tensor,
-        exploration: float,
-    ) -> None:
-        """Builds the network; `scale` is `(k,)`, `exploration` the first deviation in its units."""
-        Model.__init__(self, observation_space=observation_space, action_space=action_space)
-        GaussianMixin.__init__(self, clip_actions=False)
-        self.network = network([self.num_observations, *hidden, self.num_actions])
-        self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(exploration)))
-        self.register_buffer("scale", scale)
-        with torch.no_grad():
-            self.network[-1].weight *= _LAST_LAYER
-            self.network[-1].bias.zero_()
-
-    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Means `(n, k)` and logarithms of the deviations."""
-        del role
-        means = self.network(inputs["observations"]) * self.scale
-        return means, {"log_std": self.log_deviation + self.scale.log()}
-
-
-class Value(DeterministicMixin, Model):
-    """What return a network expects."""
-
-    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int]) -> None:
-        """Builds the network."""
-        Model.__init__(self, observation_space=observation_space, action_space=action_space)
-        DeterministicMixin.__init__(self)
-        self.network = network([self.num_observations, *hidden, 1])
-
-    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Values `(n, 1)`."""
-        del role
-        return self.network(inputs["observations"]), {}
-
-
-def network(sizes: Sequence[int]) -> torch.nn.Sequential:
-    """A perceptron with ELU units between its layers."""
-    layers: list[torch.nn.Module] = []
-    for inputs, outputs in itertools.pairwise(sizes):
-        layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]
-    return torch.nn.Sequential(*layers[:-1])
+# Bound of standardised observations.
+_CLIP = 10.0
 
 
 def build(observation_size: int, action_space: spaces.Box, choices: Hyperparameters) -> PPO:
@@ -89,9 +32,7 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
     """
     observation_space = spaces.Box(-np.inf, np.inf, (observation_size,), np.float32)
     models = {
-        "policy": Policy(
-            observation_space, action_space, choices.hidden, _action_scale(action_space, choices), choices.exploration
-        ),
+        "policy": Policy(observation_space, action_space, _action_scale(action_space, choices), choices),
         "value": Value(observation_space, action_space, choices.hidden),
     }
     adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}
@@ -110,7 +51,11 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
             **adaptive,
             "learning_rate_scheduler_kwargs": {"kl_threshold": choices.kl_target} if adaptive else {},
             "observation_preprocessor": RunningStandardScaler,
-            "observation_preprocessor_kwargs": {"size": observation_space},
+            "observation_preprocessor_kwargs": {
+                "size": observation_space,
+                "epsilon": choices.standardisation_epsilon,
+                "clip_threshold": _CLIP,
+            },
             "value_preprocessor": RunningStandardScaler,
             "value_preprocessor_kwargs": {"size": 1},
             "grad_norm_clip": choices.gradient_norm,

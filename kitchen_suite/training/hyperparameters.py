@@ -31,8 +31,11 @@ class Hyperparameters:
       reward_scale: factor of rewards before anything else.
       clone_epochs: passes over demonstrations, where there are any.
       value_batches: batches after them that teach the value alone.
-      action_scale: action for network outputs of one.
       exploration: standard deviation of the first actions, in units of `action_scale`.
+      noise_correlation: of exploration from one control step to the next, below 1.
+      standardisation_epsilon: added to the standard deviations that observations are divided by, so that what hardly
+        moves at first, such as the drawer, is neither magnified nor clipped once it does.
+      action_scale: action for network outputs of one.
     """
 
     num_envs: int = 1024
@@ -41,7 +44,7 @@ class Hyperparameters:
     mini_batches: int = 8
     hidden: tuple[int, ...] = (256, 128, 64)
     learning_rate: float = 3e-4
-    value_learning_rate: float = 3e-4
+    value_learning_rate: float = 1e-3
     kl_target: float = 0.008
     discount: float = 0.99
     gae_lambda: float = 0.95
@@ -54,7 +57,9 @@ class Hyperparameters:
     clone_epochs: int = 60
     value_batches: int = 10
     exploration: float = 1.0
-    action_scale: tuple[float, ...] = (*(0.02,) * 7, 2.0)
+    noise_correlation: float = 0.9
+    standardisation_epsilon: float = 0.05
+    action_scale: tuple[float, ...] = (*(0.01,) * 7, 2.0)
 
     @property
     def batch(self) -> int:
@@ -80,6 +85,8 @@ class Hyperparameters:
                 f"mini_batches {chosen.mini_batches} must divide the {chosen.batch} steps of a batch "
                 "(num_envs * rollouts)"
             )
+        if chosen.noise_correlation >= 1:
+            raise ValueError(f"noise_correlation must be below 1, got {chosen.noise_correlation}")
         return chosen
 
 
@@ -114,12 +121,12 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             hidden=(512, 512),
             mini_batches=10,
             learning_rate=1e-4,
-            value_learning_rate=1e-3,
             kl_target=0.0,
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,
             exploration=0.1,
+            noise_correlation=0.0,
             action_scale=(0.5,) * 9,
         ),
     }
