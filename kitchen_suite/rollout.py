@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from absl import flags
 
 from kitchen_suite import commands, gl
-from kitchen_suite.commands import FAILURE, INTERRUPTED, USAGE
+from kitchen_suite.commands import INTERRUPTED, USAGE
 from kitchen_suite.ray_cluster import ClusterError
 from kitchen_suite.ray_flags import RayFlags
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from absl import flags
 
 from kitchen_suite import commands, gl
-from kitchen_suite.commands import FAILURE, INTERRUPTED, USAGE
+from kitchen_suite.commands import INTERRUPTED, USAGE
 
 # All else is imported late: dm_control must not be before it is settled that no GL library is needed.
 if TYPE_CHECKING:
