@@ -62,3 +62,20 @@ def pads_on_bar(env):
     touching = {frozenset(pair) for pair in physics.data.contact.geom}
     pads = [task.scene.robot.finger_geoms(side)[0] for side in ("left", "right")]
     return all(frozenset((bar, physics.bind(pad).element_id)) in touching for pad in pads)
+
+
+def pulling_episode(env, build):
+    """One episode: opening at its end, share of the pulling steps with both pads on the bar, actions.
+
+    Steps that the drawer opens in faster than 1 cm/s are pulling; `build` makes what acts when the episode begins.
+    """
+    timestep = env.reset()
+    act = build(env)
+    holding, actions = [], []
+    while not timestep.last():
+        actions.append(act(timestep))
+        timestep = env.step(actions[-1])
+        if timestep.observation["drawer_velocity"][0] > 0.01:
+            holding.append(pads_on_bar(env))
+    assert timestep.discount == 1.0
+    return env.task.drawer_opening, np.mean(holding) if holding else 0.0, actions

@@ -8,17 +8,7 @@ from kitchen_suite import suite
 
 
 def expert_episode(env):
-    """One episode of the expert: opening at its end, share of the moving steps with both pads on the bar, actions."""
-    timestep = env.reset()
-    act = cabinet_expert.opening_policy(env)
-    holding, actions = [], []
-    while not timestep.last():
-        actions.append(act(timestep))
-        timestep = env.step(actions[-1])
-        if timestep.observation["drawer_velocity"][0] > 0.01:
-            holding.append(cabinet_expert.pads_on_bar(env))
-    assert timestep.discount == 1.0
-    return env.task.drawer_opening, np.mean(holding) if holding else 0.0, actions
+    return cabinet_expert.pulling_episode(env, cabinet_expert.opening_policy)
 
 
 def opened_and_held(env, episodes):

@@ -1,5 +1,6 @@
-"""The policy that comes with the package opens the drawer, whichever way it is played."""
+"""The policies that come with the package open the drawer, whichever way they are played; one of them by a grasp."""
 
+import cabinet_expert
 import gymnasium
 import numpy as np
 import pytest
@@ -7,25 +8,32 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.episodes import play
 from kitchen_suite.policies import find
-from kitchen_suite.trained_policy import SHIPPED, TrainedPolicy
+from kitchen_suite.trained_policy import TrainedPolicy, shipped_as
 
 CABINET = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1"
+
+# By the reward they were trained for.
+POLICIES = {"original": "top_drawer", "grasp": "top_drawer_grasp"}
 
 # Those of its training and of its demonstrations are others.
 UNSEEN = 30_000
 
 
-def through_suite(count):
-    with suite.load("open_cabinet", "top_drawer", task_kwargs={"visuals": False}) as environment:
+def load(reward):
+    return suite.load("open_cabinet", "top_drawer", task_kwargs={"visuals": False, "reward": reward})
+
+
+def through_suite(reward, count):
+    with load(reward) as environment:
         build = find("trained")
         outcomes = [play(environment, build, seed).outcome for seed in range(UNSEEN, UNSEEN + count)]
     return [outcome.results["success"] for outcome in outcomes]
 
 
-def through_gymnasium(count):
-    policy = TrainedPolicy.load(SHIPPED / "top_drawer.npz")
+def through_gymnasium(reward, count):
+    policy = TrainedPolicy.load(shipped_as(POLICIES[reward]))
     successes = []
-    with gymnasium.make(CABINET) as environment:
+    with gymnasium.make(CABINET, reward=reward) as environment:
         for seed in range(UNSEEN, UNSEEN + count):
             observation, info = environment.reset(seed=seed)
             ended = False
@@ -36,34 +44,61 @@ def through_gymnasium(count):
     return successes
 
 
-def through_vector(count):
-    policy = TrainedPolicy.load(SHIPPED / "top_drawer.npz")
-    environments = gymnasium.make_vec(CABINET, num_envs=count, vectorization_mode="vector_entry_point")
+def through_vector(reward, count):
+    policy = TrainedPolicy.load(shipped_as(POLICIES[reward]))
+    kind = gymnasium.VectorizeMode.VECTOR_ENTRY_POINT
+    environments = gymnasium.make_vec(CABINET, num_envs=count, vectorization_mode=kind, reward=reward)
     observations, infos = environments.reset(seed=UNSEEN)
-    # None may end early: what is shown at the last step is then that of the first episodes.
-    for _ in range(environments.spec.max_episode_steps):
-        observations, _, terminations, _, infos = environments.step(policy(observations))
-        assert not terminations.any()
+    ended, successes = np.zeros(count, bool), np.zeros(count, bool)
+    while not ended.all():
+        observations, _, terminations, truncations, infos = environments.step(policy(observations))
+        ending = (terminations | truncations) & ~ended
+        successes[ending] = infos["is_success"][ending]
+        ended |= ending
     environments.close()
-    return infos["is_success"].tolist()
+    return successes.tolist()
 
 
+REWARDS = pytest.mark.parametrize("reward", POLICIES)
 WAYS = pytest.mark.parametrize("way", [through_suite, through_gymnasium, through_vector])
 
 
+@REWARDS
 @WAYS
-def test_it_opens_the_drawer(way):
-    assert sum(way(5)) >= 4
+def test_it_opens_the_drawer(way, reward):
+    assert sum(way(reward, 5)) >= 4
 
 
 @pytest.mark.slow
+@REWARDS
 @WAYS
-def test_it_opens_the_drawer_nearly_always(way):
-    assert sum(way(100)) >= 98
+def test_it_opens_the_drawer_nearly_always(way, reward):
+    assert sum(way(reward, 100)) >= 98
 
 
-def test_it_acts_without_chance():
-    policy = TrainedPolicy.load(SHIPPED / "top_drawer.npz")
+def share_held(reward, seeds):
+    """Mean share of the pulling steps with both pads on the bar."""
+    build, shares = find("trained"), []
+    with load(reward) as environment:
+        for seed in seeds:
+            environment.random_state = seed
+            _, share, _ = cabinet_expert.pulling_episode(environment, lambda env: build(env, np.random.default_rng(0)))
+            shares.append(share)
+    return np.mean(shares)
+
+
+def test_the_one_paid_for_grasping_pulls_with_both_pads():
+    assert share_held("grasp", range(UNSEEN, UNSEEN + 3)) >= 0.8
+
+
+@pytest.mark.slow
+def test_the_one_paid_for_grasping_pulls_with_both_pads_in_twenty_episodes():
+    assert share_held("grasp", range(UNSEEN, UNSEEN + 20)) >= 0.8
+
+
+@pytest.mark.parametrize("name", POLICIES.values())
+def test_it_acts_without_chance(name):
+    policy = TrainedPolicy.load(shipped_as(name))
     observations = np.random.default_rng(0).uniform(-1, 1, (4, policy.observation_size)).astype(np.float32)
     assert np.array_equal(policy(observations), policy(observations))
     assert policy(observations).std(axis=0).min() > 0

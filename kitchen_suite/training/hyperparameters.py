@@ -125,6 +125,7 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,
+            clone_epochs=600,
             exploration=0.1,
             noise_correlation=0.0,
             action_scale=(0.5,) * 9,
