@@ -51,7 +51,7 @@ def fail(name: str, problem: object, status: int) -> int:
 
 def perform(
     name: str,
-    work: Callable[[], object],
+    work: Callable[[], int | None],
     *,
     interrupted: Callable[[], str],
     failures: tuple[type[Exception], ...],
@@ -61,13 +61,13 @@ def perform(
 
     Args:
       name: of the command.
-      work: what it does.
+      work: what it does; may give an exit status.
       interrupted: tells after an interrupt how far it came.
       failures: exceptions that end it in one line and with `FAILURE`; but a broken pipe is not this command's to tell.
       misuses: exceptions that end it in one line and with `USAGE`.
     """
     try:
-        work()
+        return work() or 0
     except KeyboardInterrupt:
         return fail(name, interrupted(), INTERRUPTED)
     except BrokenPipeError:
@@ -76,7 +76,6 @@ def perform(
         return fail(name, error, USAGE)
     except failures as error:
         return fail(name, error, FAILURE)
-    return 0
 
 
 def run_as_process(main: Callable[[], int]) -> int:

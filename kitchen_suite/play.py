@@ -1,7 +1,7 @@
 """Plays a trained policy, and films it.
 
   kitchen-play                                               the drawer is opened; the video is kitchen-play.mp4
-  kitchen-play --policy=top_drawer_grasp                     by a policy that was paid for holding the handle
+  kitchen-play --shipped=top_drawer_grasp                    by a policy that was paid for holding the handle
   kitchen-play --policy_file=runs/drawer/seed_0/policy.npz   what kitchen-train has written
   kitchen-play --num_episodes=100 --novideo                counts successes alone; needs no GL library
 
@@ -28,8 +28,8 @@ _NAME = "kitchen-play"
 # Flags of their own, not the global ones: the command can be called from other programs, any number of times.
 _FLAGS = flags.FlagValues()
 
-_POLICY = flags.DEFINE_string(
-    "policy", "top_drawer", "Policy to play, one of those that come with the package.", flag_values=_FLAGS
+_SHIPPED = flags.DEFINE_string(
+    "shipped", None, "Policy to play, one of those that come with the package. Default: top_drawer.", flag_values=_FLAGS
 )
 _POLICY_FILE = flags.DEFINE_string("policy_file", None, "File of a policy to play instead.", flag_values=_FLAGS)
 _NUM_EPISODES = flags.DEFINE_integer("num_episodes", 10, "Number of episodes.", lower_bound=1, flag_values=_FLAGS)
@@ -81,8 +81,10 @@ def _prepare() -> "rollout_job.RolloutJob":
     from kitchen_suite import rollout_job
     from kitchen_suite.trained_policy import shipped_as
 
+    if _SHIPPED.value and _POLICY_FILE.value:
+        raise ValueError("--shipped and --policy_file both name a policy: give one of them")
     settings = rollout_job.settings_of_policy(
-        Path(_POLICY_FILE.value) if _POLICY_FILE.value else shipped_as(_POLICY.value),
+        Path(_POLICY_FILE.value) if _POLICY_FILE.value else shipped_as(_SHIPPED.value or "top_drawer"),
         num_episodes=_NUM_EPISODES.value,
         seed=_SEED.value,
         video=Path(_VIDEO_FILE.value) if _VIDEO.value else None,

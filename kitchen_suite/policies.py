@@ -76,7 +76,8 @@ def trained(environment: dm_env.Environment, generator: np.random.Generator, *, 
     Args:
       environment: of the suite.
       generator: not used.
-      file: what `kitchen-train` has written; by default what comes with the package for the environment's task.
+      file: what `kitchen-train` has written; by default what comes with the package for the environment's task and
+        reward.
 
     Raises:
       OSError: there is no such file, or it holds nothing of the kind.

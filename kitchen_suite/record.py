@@ -158,11 +158,12 @@ def _run(job: "record_job.RecordJob") -> int:
     from kitchen_suite.policies import PolicyError
     from kitchen_suite.record_job import DivergedError
 
-    of = f"of {_NUM_EPISODES.value} episodes; run the same again to go on"
     return commands.perform(
         _NAME,
         job.run,
-        interrupted=lambda: f"interrupted after {job.finished} {of}",
+        interrupted=lambda: (
+            f"interrupted after {job.finished} of {_NUM_EPISODES.value} episodes; run the same again to go on"
+        ),
         failures=(ClusterError, DivergedError, OSError),
         misuses=(PolicyError,),
     )

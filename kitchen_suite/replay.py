@@ -107,14 +107,12 @@ def _prepare(names: Sequence[str]) -> "replay_job.ReplayJob":
 def _run(job: "replay_job.ReplayJob") -> int:
     from dm_control.rl.control import PhysicsError
 
-    try:
-        return 0 if job.run() else FAILURE
-    except KeyboardInterrupt:
-        return commands.fail(_NAME, f"interrupted after {job.finished} of {job.count} episodes", INTERRUPTED)
-    except BrokenPipeError:
-        raise
-    except (PhysicsError, OSError, ValueError) as error:
-        return commands.fail(_NAME, error, FAILURE)
+    return commands.perform(
+        _NAME,
+        lambda: 0 if job.run() else FAILURE,
+        interrupted=lambda: f"interrupted after {job.finished} of {job.count} episodes",
+        failures=(PhysicsError, OSError, ValueError),
+    )
 
 
 if __name__ == "__main__":

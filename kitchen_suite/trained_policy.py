@@ -11,7 +11,7 @@ from dm_control import composer
 from numpy.typing import NDArray
 
 import kitchen_suite
-from kitchen_suite import recording
+from kitchen_suite import checks, recording
 from kitchen_suite.tasks import OpenCabinetTask
 
 # Version of the file's layout; it grows when old readers would misread new files.
@@ -30,7 +30,7 @@ class TrainedPolicy:
 
     Attributes:
       mean: `(m,)`, of the observations.
-      deviation: `(m,)`, their standard deviation; positive.
+      deviation: `(m,)`, what they are divided by; positive.
       clip: bound of the standardised observations.
       weights: of each layer, `(outputs, inputs)`.
       biases: of each layer, `(outputs,)`.
@@ -178,7 +178,7 @@ def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
 
 
 def shipped(task: composer.Task) -> Path:
-    """The policy that comes with the package for a task.
+    """Path of the policy that comes with the package for a task and its reward.
 
     Raises:
       ValueError: there is none.
@@ -189,16 +189,16 @@ def shipped(task: composer.Task) -> Path:
 
 
 def shipped_as(name: str) -> Path:
-    """The policy of a name that comes with the package: the task's, with that of its reward if not the original.
+    """Path of a policy that comes with the package.
+
+    Args:
+      name: of the task, such as `top_drawer`; with `_grasp` for one that was trained for the reward of that name.
 
     Raises:
       ValueError: there is none.
     """
-    path = SHIPPED / f"{name}.npz"
-    if not path.is_file():
-        there = ", ".join(sorted(path.stem for path in SHIPPED.glob("*.npz")))
-        raise ValueError(f"no trained policy comes with the package for {name}; there are {there}")
-    return path
+    there = sorted(path.stem for path in SHIPPED.glob("*.npz"))
+    return SHIPPED / f"{checks.choice(name, there, 'trained policy that comes with the package')}.npz"
 
 
 def _elu(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -107,20 +107,21 @@ def test_without_a_file_it_plays_what_comes_with_the_package(run, tmp_path, monk
 def test_another_policy_that_comes_with_the_package_is_played_by_name(run, tmp_path, monkeypatch):
     write_policy(tmp_path / "top_drawer_grasp.npz", reward="grasp", time_limit=0.03)
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
-    status, out, _ = run("--novideo", "--num_episodes=1", "--policy=top_drawer_grasp", file="")
+    status, out, _ = run("--novideo", "--num_episodes=1", "--shipped=top_drawer_grasp", file="")
     assert status == 0
     assert "top_drawer_grasp.npz" in out.splitlines()[0]
     assert rows(out)[0].split()[3] == "3"
 
 
 def test_a_policy_that_does_not_come_with_the_package_is_told_with_those_that_do(run):
-    status, _, err = run("--novideo", "--policy=top_draw", file="")
+    status, _, err = run("--novideo", "--shipped=top_draw", file="")
     assert status == 2
-    assert "no trained policy comes with the package for top_draw; there are top_drawer" in err
+    assert "did you mean 'top_drawer'?); choose from ['top_drawer', 'top_drawer_grasp']" in err
 
 
 BAD = {
     "--policy_file=nothing.npz": "nothing.npz",
+    "--shipped=top_drawer": "--shipped and --policy_file both name a policy",
     "--policy_file=text.npz": "text.npz does not hold a trained policy",
     "--policy_file=.": "directory",
     "--policy_file=strange.npz": "unexpected keyword argument 'griper'",

@@ -325,11 +325,14 @@ def test_options_that_are_none_are_the_policys_fault(options):
 def test_where_no_policy_comes_with_the_package_those_that_do_are_listed(monkeypatch, tmp_path):
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")
-    with pytest.raises(policies.PolicyError, match=r"for top_drawer; there are bottom_drawer"):
+    with pytest.raises(policies.PolicyError, match=r"'top_drawer' does not exist.*; choose from \['bottom_drawer'\]"):
         policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
     make().save(tmp_path / "top_drawer.npz")
     policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
-    with pytest.raises(policies.PolicyError, match=r"for top_drawer_grasp; there are bottom_drawer, top_drawer"):
+    with pytest.raises(
+        policies.PolicyError,
+        match=r"'top_drawer_grasp' does not exist.*; choose from \['bottom_drawer', 'top_drawer'\]",
+    ):
         policies.find("trained")(load("open_cabinet", reward="grasp"), np.random.default_rng(0))
     make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
     policies.find("trained")(load("kitchen"), np.random.default_rng(0))

@@ -81,6 +81,15 @@ def test_exploration_is_correlated_between_steps_and_as_large_as_ever(correlatio
         np.testing.assert_allclose(products.mean() / 0.25, correlation**lag, atol=0.02)
     # Environments and joints are independent of each other.
     assert abs(np.corrcoef(noise[-1], rowvar=False) - np.eye(8)).max() < 0.15
+    # Being asked for the density of what was played is no step, but other environments begin anew.
+    last = policy._noise._last.clone()
+    with torch.no_grad():
+        policy.act({"observations": observations, "taken_actions": played[-1][0]})
+    assert torch.equal(policy._noise._last, last)
+    with torch.no_grad():
+        other, out = policy.act({"observations": observations[:7]})
+    assert other.shape == (7, 8)
+    assert not torch.allclose((other - out["mean_actions"]) / policy.scale / 0.5, correlation * last[:7], atol=0.5)
     # What an update compares densities with is the density of what was played.
     np.testing.assert_allclose(played[-1][1]["log_prob"].numpy(), again["log_prob"].numpy(), rtol=1e-5)
 

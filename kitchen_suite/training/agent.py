@@ -13,7 +13,7 @@ from skrl.resources.schedulers.torch import KLAdaptiveLR
 
 from kitchen_suite.trained_policy import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.networks import Policy, Value
+from kitchen_suite.training.networks import DEVICE, Policy, Value
 
 # Bound of standardised observations.
 _CLIP = 10.0
@@ -38,9 +38,10 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
     adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}
     agent = PPO(
         models=models,
-        memory=RandomMemory(memory_size=choices.rollouts, num_envs=choices.num_envs),
+        memory=RandomMemory(memory_size=choices.rollouts, num_envs=choices.num_envs, device=DEVICE),
         observation_space=observation_space,
         action_space=action_space,
+        device=DEVICE,
         cfg={
             "rollouts": choices.rollouts,
             "learning_epochs": choices.learning_epochs,
@@ -55,9 +56,10 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
                 "size": observation_space,
                 "epsilon": choices.standardisation_epsilon,
                 "clip_threshold": _CLIP,
+                "device": DEVICE,
             },
             "value_preprocessor": RunningStandardScaler,
-            "value_preprocessor_kwargs": {"size": 1},
+            "value_preprocessor_kwargs": {"size": 1, "device": DEVICE},
             "grad_norm_clip": choices.gradient_norm,
             "ratio_clip": choices.ratio_clip,
             "value_clip": choices.value_clip,

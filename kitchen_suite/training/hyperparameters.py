@@ -7,6 +7,9 @@ from typing import Any, get_args, get_type_hints
 
 from kitchen_suite import checks
 
+# Those that are divided by, or taken the logarithm of.
+_POSITIVE = ("exploration", "standardisation_epsilon")
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Hyperparameters:
@@ -32,9 +35,9 @@ class Hyperparameters:
       clone_epochs: passes over demonstrations, where there are any.
       value_batches: batches after them that teach the value alone.
       exploration: standard deviation of the first actions, in units of `action_scale`.
-      noise_correlation: of exploration from one control step to the next, below 1.
-      standardisation_epsilon: added to the standard deviations that observations are divided by, so that what hardly
-        moves at first, such as the drawer, is neither magnified nor clipped once it does.
+      noise_correlation: of exploration from one control step to the next, in [0, 1).
+      standardisation_epsilon: added to the standard deviations that observations are divided by, in their units; above
+        0.
       action_scale: action for network outputs of one.
     """
 
@@ -100,8 +103,7 @@ def _check(name: str, value: object, kind: Any) -> None:
     if kind is int:
         checks.whole_number(value, name, least=1)
     elif kind is float:
-        if checks.number(value, name) < 0:
-            raise ValueError(f"{name} must not be negative, got {value}")
+        checks.number(value, name, positive=name in _POSITIVE)
     elif not isinstance(value, list) or not value:
         raise TypeError(f"{name} must be a list of numbers, got {value!r}")
     else:

@@ -11,6 +11,9 @@ from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
+# Networks this small are faster there than on a GPU, where skrl would put them by itself.
+DEVICE = "cpu"
+
 # The last layer starts this small, so that the first actions are exploration alone.
 _LAST_LAYER = 0.01
 
@@ -20,8 +23,8 @@ class Policy(GaussianMixin, Model):
 
     Outputs and deviations are in units of `scale`, so that a step of the optimiser means the same for every action,
     be it an angle or the log odds of closing the gripper. What is played keeps part of its deviation from one control
-    step to the next, so that exploration gets somewhere; PPO takes it as if it did not (Hollenstein et al., Colored
-    Noise in PPO, AAAI 2024).
+    step to the next, so that exploration gets somewhere; PPO takes it as if it did not, as with the coloured noise of
+    Hollenstein et al., Colored Noise in PPO, AAAI 2024.
     """
 
     def __init__(
@@ -31,8 +34,15 @@ class Policy(GaussianMixin, Model):
         scale: torch.Tensor,
         choices: Hyperparameters,
     ) -> None:
-        """Builds the network; `scale` is `(k,)`."""
-        Model.__init__(self, observation_space=observation_space, action_space=action_space)
+        """Builds the network.
+
+        Args:
+          observation_space: `(n,)`.
+          action_space: `(k,)`.
+          scale: `(k,)`.
+          choices: of hidden layers and of exploration.
+        """
+        Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
         GaussianMixin.__init__(self, clip_actions=False)
         self.network = network([self.num_observations, *choices.hidden, self.num_actions])
         self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(choices.exploration)))
@@ -69,11 +79,11 @@ class CorrelatedNoise:
 
     def __call__(self, shape: torch.Size) -> torch.Tensor:
         """The next numbers; they begin anew where the shape is another."""
-        fresh = torch.randn(shape)
+        noise = torch.randn(shape)
         if self._last.shape == shape:
-            fresh = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * fresh
-        self._last = fresh
-        return fresh
+            noise = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * noise
+        self._last = noise
+        return noise
 
 
 class Value(DeterministicMixin, Model):
@@ -81,7 +91,7 @@ class Value(DeterministicMixin, Model):
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int]) -> None:
         """Builds the network."""
-        Model.__init__(self, observation_space=observation_space, action_space=action_space)
+        Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
         DeterministicMixin.__init__(self)
         self.network = network([self.num_observations, *hidden, 1])
 
