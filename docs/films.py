@@ -1,20 +1,22 @@
-"""Pictures of the scripted experts at work.
+"""Pictures of the scripted experts at work, and of the trained policies.
 
 python docs/films.py strips    a film strip of each task into docs/pictures/
+python docs/films.py trained   one of each policy that comes with the package
 python docs/films.py video     all tasks side by side, docs/pictures/experts.mp4 (needs the extra `video`)
 
-Both need the extra `experts` and a GL library.
+All need a GL library, and all but the second the extra `experts`.
 """
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from tqdm import tqdm
 
-from kitchen_suite import experts, recording, suite
+from kitchen_suite import policies, recording, suite
 
 PICTURES = Path(__file__).parent / "pictures"
 # Pictures in a strip, and tiles in a row of the video.
@@ -26,12 +28,12 @@ SINGLE = [(domain, task) for domain, task in suite.ALL_TASKS if task not in ("co
 
 
 class Film:
-    """An episode of an expert until its task is done; pictures of it are made when they are asked for."""
+    """An episode until its task is done; pictures of it are made when they are asked for."""
 
-    def __init__(self, domain: str, task: str) -> None:
+    def __init__(self, domain: str, task: str, policy_name: str = "expert", **task_kwargs: Any) -> None:
         """Plays the episode, and notes the state of the physics at each frame of the video."""
-        self._environment = suite.load(domain, task, {"random": 0})
-        policy = experts.make_policy(self._environment, np.random.default_rng(0))
+        self._environment = suite.load(domain, task, {"random": 0, **task_kwargs})
+        policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
         timestep, step = self._environment.reset(), 0
         self._states = [self._environment.physics.get_state()]
         while not timestep.last() and not self._environment.task.episode_results["success"]:
@@ -53,11 +55,20 @@ class Film:
 def write_strips() -> None:
     """Writes pictures from the beginning to the end of an episode, side by side, for each task."""
     for domain, task in [*SINGLE, ("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]:
-        film = Film(domain, task)
-        chosen = np.linspace(0, len(film) - 1, FRAMES).round().astype(int)
-        strip = np.hstack([film[i] for i in chosen])
-        Image.fromarray(strip).save(PICTURES / f"expert_{task}.png", optimize=True)
-        print(f"{domain} {task}: {len(film)} frames")
+        write_strip(f"expert_{task}", Film(domain, task))
+
+
+def write_trained_strips() -> None:
+    """The same for the policies that come with the package."""
+    for name, reward in (("top_drawer", "original"), ("top_drawer_grasp", "grasp")):
+        write_strip(f"trained_{name}", Film("open_cabinet", "top_drawer", "trained", reward=reward))
+
+
+def write_strip(name: str, film: Film) -> None:
+    """Writes a strip of pictures, evenly spread over a film."""
+    chosen = np.linspace(0, len(film) - 1, FRAMES).round().astype(int)
+    Image.fromarray(np.hstack([film[i] for i in chosen])).save(PICTURES / f"{name}.png", optimize=True)
+    print(f"{name}: {len(film)} frames")
 
 
 def write_video() -> None:
@@ -72,7 +83,7 @@ def write_video() -> None:
 
 
 if __name__ == "__main__":
-    commands = {"strips": write_strips, "video": write_video}
+    commands = {"strips": write_strips, "trained": write_trained_strips, "video": write_video}
     if len(sys.argv) != 2 or sys.argv[1] not in commands:
         sys.exit(__doc__)
     commands[sys.argv[1]]()
