@@ -94,6 +94,21 @@ def test_exploration_is_correlated_between_steps_and_as_large_as_ever(correlatio
     np.testing.assert_allclose(played[-1][1]["log_prob"].numpy(), again["log_prob"].numpy(), rtol=1e-5)
 
 
+def test_training_stays_on_the_cpu_where_there_is_a_gpu(monkeypatch):
+    import torch
+
+    # What is left to choose a device by itself now takes one that is not there.
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    envs = environments(SMALL["num_envs"])
+    known = learner(envs)
+    known.start(0)
+    known.learn()
+    envs.close()
+    for module in known.agent.checkpoint_modules.values():
+        if isinstance(module, torch.nn.Module):
+            assert {tensor.device.type for tensor in module.state_dict().values()} == {"cpu"}
+
+
 def test_a_batch_changes_policy_and_values_and_counts_its_steps(taught):
     known, _ = taught
     before, steps = [parameters(known.agent.models[name]) for name in ("policy", "value")], known.steps
