@@ -35,7 +35,6 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
         "policy": Policy(observation_space, action_space, _action_scale(action_space, choices), choices),
         "value": Value(observation_space, action_space, choices.hidden),
     }
-    adaptive = {"learning_rate_scheduler": KLAdaptiveLR} if choices.kl_target else {}
     agent = PPO(
         models=models,
         memory=RandomMemory(memory_size=choices.rollouts, num_envs=choices.num_envs, device=DEVICE),
@@ -48,9 +47,6 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
             "mini_batches": choices.mini_batches,
             "discount_factor": choices.discount,
             "gae_lambda": choices.gae_lambda,
-            "learning_rate": choices.learning_rate,
-            **adaptive,
-            "learning_rate_scheduler_kwargs": {"kl_threshold": choices.kl_target} if adaptive else {},
             "observation_preprocessor": RunningStandardScaler,
             "observation_preprocessor_kwargs": {
                 "size": observation_space,
@@ -71,7 +67,7 @@ def build(observation_size: int, action_space: spaces.Box, choices: Hyperparamet
             "experiment": {"write_interval": 0, "checkpoint_interval": 0},
         },
     )
-    _separate_rates(agent, choices)
+    _set_up_optimizer(agent, choices)
     agent.init()
     agent.enable_training_mode(True)
     return agent
@@ -82,8 +78,8 @@ def value_group(agent: PPO) -> dict[str, Any]:
     return agent.optimizer.param_groups[1]
 
 
-def _separate_rates(agent: PPO, choices: Hyperparameters) -> None:
-    """Gives policy and value learning rates of their own: a good policy changes slowly, its values are found soon."""
+def _set_up_optimizer(agent: PPO, choices: Hyperparameters) -> None:
+    """Replaces skrl's optimiser, which has one learning rate for both networks, and its scheduler."""
     agent.optimizer = torch.optim.Adam(
         [
             {"params": agent.policy.parameters(), "lr": choices.learning_rate},

@@ -22,7 +22,7 @@ class Hyperparameters:
       mini_batches: parts that each pass is cut into.
       hidden: units of the hidden layers.
       learning_rate: of Adam for the policy, at the start.
-      value_learning_rate: of Adam for the values, throughout.
+      value_learning_rate: of Adam for the values, at the start of each update.
       kl_target: Kullback-Leibler divergence of an update that the learning rate is adapted to; 0 keeps it.
       discount: of later rewards.
       gae_lambda: of generalised advantage estimation.
@@ -127,7 +127,6 @@ DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
             discount=0.995,
             entropy_scale=0.0,
             reward_scale=1.0,
-            clone_epochs=600,
             exploration=0.1,
             noise_correlation=0.0,
             action_scale=(0.5,) * 9,

@@ -115,7 +115,7 @@ class Learner:
         self.agent.models["policy"].requires_grad_(changing)
         self.agent.scheduler = self._scheduler if changing else None
         self._values_only = max(0, self._values_only - 1)
-        # It follows the policy's divergence otherwise.
+        # Within an update it follows the policy's divergence as the policy's does; the next starts from its own.
         agents.value_group(self.agent)["lr"] = self._choices.value_learning_rate
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._choices.rollouts):

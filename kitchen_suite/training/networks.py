@@ -11,7 +11,7 @@ from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
-# Networks this small are faster there than on a GPU, where skrl would put them by itself.
+# Where the simulation is, too. By itself skrl takes a GPU where it finds one.
 DEVICE = "cpu"
 
 # The last layer starts this small, so that the first actions are exploration alone.
