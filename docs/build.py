@@ -16,10 +16,15 @@ from pathlib import Path
 import numpy as np
 from dm_control import mjcf
 
-from kitchen_suite import benchmark_report, suite
+from kitchen_suite import suite
+from kitchen_suite.benchmarks import report as benchmark_report
 from kitchen_suite.entities import CabinetDesign
-from kitchen_suite.tasks import GOALS, Randomization, drawer_grasp_reward, drawer_observation, drawer_reward, noise
-from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
+from kitchen_suite.tasks import GOALS, Randomization
+from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.open_cabinet import grasp_reward as drawer_grasp_reward
+from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
+from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.training.hyperparameters import DEFAULTS, Hyperparameters
 
 DOCS = Path(__file__).parent

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from tqdm import tqdm
 
-from kitchen_suite import policies, recording, suite
+from kitchen_suite import policies, suite
+from kitchen_suite.rendering import video
 
 PICTURES = Path(__file__).parent / "pictures"
 # Pictures in a strip, and tiles in a row of the video.
@@ -75,7 +76,7 @@ def write_video() -> None:
     """Films all tasks side by side; each waits at its end for the longest."""
     films = [Film(domain, task) for domain, task in SINGLE]
     size = {"height": HEIGHT * (len(films) // COLUMNS), "width": WIDTH * COLUMNS}
-    with recording.open_video(PICTURES / "experts.mp4", **size, frames_per_second=RATE) as add:
+    with video.open_video(PICTURES / "experts.mp4", **size, frames_per_second=RATE) as add:
         for i in tqdm(range(max(map(len, films)))):
             tiles = [film[min(i, len(film) - 1)] for film in films]
             rows = [np.hstack(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]

@@ -10,12 +10,12 @@ import numpy as np
 
 from kitchen_suite import checks
 from kitchen_suite.entities import CabinetDesign, build_cabinet_scene, build_kitchen
-from kitchen_suite.entities.cabinet import DRAWERS
+from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask
-from kitchen_suite.tasks import open_cabinet as cabinet_task
-from kitchen_suite.tasks.kitchen import TIME_LIMIT
-from kitchen_suite.tasks.suite_task import SuiteTask
+from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.tasks.kitchen.task import TIME_LIMIT
+from kitchen_suite.tasks.open_cabinet import task as cabinet_task
 
 
 def kitchen(
@@ -187,3 +187,13 @@ def load(
     environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
+
+
+def default_task(domain_name: str) -> str:
+    """The domain's first benchmark task, or else its first task.
+
+    Raises:
+      ValueError: there is no such domain.
+    """
+    checks.choice(domain_name, TASKS_BY_DOMAIN.keys(), "domain")
+    return next(task for domain, task in (*BENCHMARKING, *ALL_TASKS) if domain == domain_name)

@@ -5,11 +5,11 @@ import numpy as np
 
 from kitchen_suite import experts
 from kitchen_suite.entities import PANDA
-from kitchen_suite.experts.arm import Arm
-from kitchen_suite.experts.planning import Pace, Path, plan
-from kitchen_suite.experts.skills import Hand, Move, Skill
-from kitchen_suite.tasks.drawer_rules import CONTROL_TIMESTEP
-from kitchen_suite.tasks.open_cabinet import DEFAULT_POSE
+from kitchen_suite.policies.experts.kinematics import Arm
+from kitchen_suite.policies.experts.skills import Hand, Move, Skill
+from kitchen_suite.policies.experts.trajectories import Pace, Path, plan
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
+from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 # The last element of an action that certainly opens the gripper.
 OPEN = -50.0

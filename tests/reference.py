@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
-from kitchen_suite.benchmark_peers import original_environment as original_environment
-from kitchen_suite.benchmark_peers import original_model as reference_model  # noqa: F401
+from kitchen_suite.benchmarks.baselines import original_environment as original_environment
+from kitchen_suite.benchmarks.baselines import original_model as reference_model  # noqa: F401
 
 # What the reference calls the bodies that move, by what we call them.
 BODIES = {

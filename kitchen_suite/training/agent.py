@@ -11,7 +11,7 @@ from skrl.memories.torch import RandomMemory
 from skrl.resources.preprocessors.torch import RunningStandardScaler
 from skrl.resources.schedulers.torch import KLAdaptiveLR
 
-from kitchen_suite.trained_policy import TrainedPolicy
+from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.networks import DEVICE, Policy, Value
 

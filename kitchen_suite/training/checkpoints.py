@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from kitchen_suite import recording
+from kitchen_suite import files
 
 _PATTERN = "checkpoint_*.pt"
 _KEPT = 3
@@ -31,7 +31,7 @@ def save(folder: Path, steps: int, state: Mapping[str, Any]) -> Path:
       The file.
     """
     path = folder / _PATTERN.replace("*", f"{steps:012d}")
-    with recording.whole_file(path) as partial:
+    with files.whole_file(path) as partial:
         torch.save(dict(state), partial)
     for old in _present(folder)[:-_KEPT]:
         old.unlink()

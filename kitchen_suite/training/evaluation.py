@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.trained_policy import TrainedPolicy, flat
-from kitchen_suite.training.measures import episode_measures
-from kitchen_suite.vector_base import SuiteVectorEnv
-from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
+from kitchen_suite.policies.trained import TrainedPolicy, flat
+from kitchen_suite.training.metrics import episode_measures
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
 
 def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:

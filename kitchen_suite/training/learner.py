@@ -9,13 +9,13 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from kitchen_suite.trained_policy import flat
+from kitchen_suite.policies.trained import flat
 from kitchen_suite.training import agent as agents
-from kitchen_suite.training import cloning
+from kitchen_suite.training import behaviour_cloning as cloning
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.measures import episode_measures, step_measures
-from kitchen_suite.vector_base import SuiteVectorEnv
-from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv
+from kitchen_suite.training.metrics import episode_measures, step_measures
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
 
 class DivergedError(Exception):

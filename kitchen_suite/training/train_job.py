@@ -17,12 +17,14 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import checks, gymnasium_env, recording, rollout_job, suite
-from kitchen_suite.training.attempt import EVALUATION_SEEDS, HEADING, POLICY_FILE, Attempt, Ending, Schedule
-from kitchen_suite.training.cloning import load_demonstrations
+from kitchen_suite import checks, files, gymnasium_env, suite
+from kitchen_suite.rendering import video
+from kitchen_suite.rollouts import rollout_job
+from kitchen_suite.training.behaviour_cloning import load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
-from kitchen_suite.vector_base import SuiteVectorEnv
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, Attempt, Ending, Schedule
+from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 RUN_FILE = "training.json"
 
@@ -63,7 +65,7 @@ class TrainJob:
         """
         domain = checks.choice(settings.domain_name, gymnasium_env.IDS.keys(), "env")
         self._settings = settings
-        self._task_name = settings.task_name or rollout_job.default_task(domain)
+        self._task_name = settings.task_name or suite.default_task(domain)
         self._check_playable()
         self._choices = Hyperparameters.of(domain, settings.hyperparameters)
         self._metadata = {
@@ -114,7 +116,7 @@ class TrainJob:
         _print(f"seed {seed}: {ending.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
         if attempt.best > self._best:
             self._best = attempt.best
-            with recording.whole_file(settings.output / POLICY_FILE) as partial:
+            with files.whole_file(settings.output / POLICY_FILE) as partial:
                 shutil.copyfile(folder / POLICY_FILE, partial)
         return ending
 
@@ -141,7 +143,7 @@ class TrainJob:
         arguments = {**self._settings.task_kwargs, "visuals": False}
         suite.load(self._settings.domain_name, self._task_name, arguments).close()
         if self._settings.video:
-            recording.check_ffmpeg()
+            video.check_ffmpeg()
 
     def _build(self, count: int, mode: AutoresetMode) -> SuiteVectorEnv:
         settings, domain = self._settings, self._settings.domain_name
@@ -169,17 +171,17 @@ def claim(folder: Path, run: Mapping[str, Any], *, resume: bool) -> None:
     path = folder / RUN_FILE
     if not resume:
         folder.mkdir(parents=True, exist_ok=True)
-        recording.check_writable(folder)
+        files.check_writable(folder)
         if path.exists():
             raise FileExistsError(f"{folder} holds a training run already: name another folder, or give --resume")
-        with recording.whole_file(path) as partial:
+        with files.whole_file(path) as partial:
             partial.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
         return
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no training run to be resumed")
-    recording.check_writable(folder)
+    files.check_writable(folder)
     for part in (folder, *folder.glob("seed_*")):
-        recording.sweep(part)
+        files.sweep(part)
     present, wanted = _parts(json.loads(path.read_text(encoding="utf-8"))), _parts(json.loads(json.dumps(run)))
     for name in {**wanted, **present}:
         one, other = present.get(name), wanted.get(name)

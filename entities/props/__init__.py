@@ -1,0 +1,1 @@
+"""Objects that a scene is furnished with."""

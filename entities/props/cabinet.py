@@ -1,0 +1,205 @@
+"""A cabinet with two drawers above two doors, each with a bar handle; every size and force is a parameter."""
+
+import math
+
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from kitchen_suite.entities import assets
+from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetDesign, Vector
+
+DRAWERS = ("top", "bottom")
+DOORS = ("left", "right")
+
+# MuJoCo's dry friction gives way a little below its limit: by 1 mm in a second under 2 N with the usual 0.9.
+_STIFF_FRICTION = (0.99, 0.999, 0.001)
+
+
+class Cabinet(composer.Entity):
+    """The cabinet; its frame sits in its middle, x pointing out of its front."""
+
+    def _build(self, design: CabinetDesign | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
+        """Builds the cabinet.
+
+        Args:
+          design: sizes and resistances; the default design when omitted.
+          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          name: prefix of the cabinet's elements in a scene.
+        """
+        self._design = design or CabinetDesign()
+        self._mjcf_root = assets.new_model(name)
+        self._add_defaults()
+        self._add_materials()
+        self._add_carcass()
+        for drawer, height in zip(DRAWERS, self._design.drawer_heights, strict=True):
+            self._add_drawer(drawer, height)
+        for door, side in zip(DOORS, (-1, 1), strict=True):
+            self._add_door(door, side)
+        self._mjcf_root.resolve_references()
+        if not visuals:
+            assets.remove_visuals(self._mjcf_root)
+
+    def _build_observables(self) -> "CabinetObservables":
+        return CabinetObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
+
+    @property
+    def design(self) -> CabinetDesign:
+        """Sizes and resistances."""
+        return self._design
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """Top and bottom drawer's slide, left and right door's hinge; 0 is closed, opening is positive."""
+        return (*(self.drawer_joint(drawer) for drawer in DRAWERS), *(self._find("joint", door) for door in DOORS))
+
+    def drawer_joint(self, drawer: str) -> mjcf.Element:
+        """The slide of the `top` or `bottom` drawer."""
+        return self._find("joint", drawer)
+
+    def handle_site(self, drawer: str) -> mjcf.Element:
+        """The middle of a drawer's bar: z points into the cabinet, y up, as a gripper's frame does that holds it."""
+        return self._find("site", drawer)
+
+    def handle_geoms(self, drawer: str) -> tuple[mjcf.Element, ...]:
+        """The geoms of a drawer's handle, first the bar that is touched; then its posts and what is only seen."""
+        bar = self._find("geom", drawer)
+        others = (geom for geom in bar.parent.geom if f"drawer_{drawer}_handle_" in geom.name and geom != bar)
+        return (bar, *others)
+
+    def _find(self, kind: str, part: str) -> mjcf.Element:
+        stem = f"drawer_{part}" if part in DRAWERS else f"door_{part}"
+        return self._mjcf_root.find(kind, stem + {"joint": "_joint", "site": "_handle", "geom": "_handle_bar"}[kind])
+
+    def _add_defaults(self) -> None:
+        top = self._mjcf_root.default
+        visual = top.add("default", dclass="visual")
+        visual.geom.set_attributes(group=1, contype=0, conaffinity=0, mass=0)
+        # Contype 0: parts of the cabinet do not touch each other, nor the floor; the robot touches them all the same.
+        collision = top.add("default", dclass="collision")
+        collision.geom.set_attributes(group=4, contype=0, conaffinity=1, mass=0)
+
+    def _add_materials(self) -> None:
+        asset = self._mjcf_root.asset
+        asset.add("texture", name="wood", type="cube", file="kitchen_assets/textures/wood1.png")
+        asset.add("material", name="worktop", texture="wood", specular=0.2, shininess=0.3)
+        asset.add("material", name="carcass", rgba=(0.80, 0.79, 0.76, 1), specular=0.1, shininess=0.1)
+        asset.add("material", name="front", rgba=(0.36, 0.47, 0.53, 1), specular=0.3, shininess=0.4)
+        asset.add("material", name="tray", rgba=(0.72, 0.58, 0.42, 1), specular=0.1, shininess=0.1)
+        asset.add("material", name="metal", rgba=(0.80, 0.80, 0.82, 1), specular=0.9, shininess=0.9, reflectance=0.1)
+
+    def _add_carcass(self) -> None:
+        (depth, width, height), panel, worktop = self._design.size, self._design.panel, self._design.worktop
+        body = self._mjcf_root.worldbody.add("body", name="carcass")
+        # What stands behind the fronts, and the worktop that covers them too.
+        middle, half_depth = -panel / 2, (depth - panel) / 2
+        half_width, top = width / 2, height / 2 - worktop
+        side_z, side_half = (top - height / 2) / 2, (top + height / 2) / 2
+        for name, sign in (("left", -1), ("right", 1)):
+            place = (middle, sign * (half_width - panel / 2), side_z)
+            self._add_box(body, f"{name}_side", place, (half_depth, panel / 2, side_half), "carcass")
+        inner = half_width - panel
+        self._add_box(body, "back", (-(depth - panel) / 2, 0, side_z), (panel / 2, inner, side_half), "carcass")
+        self._add_box(body, "plinth", (middle, 0, 0.03 - height / 2), (half_depth - panel, inner, 0.03), "carcass")
+        low, high = self._design.door_span
+        for name, z in (("floor", low), ("shelf", high)):
+            self._add_box(body, name, (middle, 0, z), (half_depth, inner, panel / 2), "carcass")
+        place = (0.005, 0, height / 2 - worktop / 2)
+        self._add_box(body, "worktop", place, (depth / 2 + 0.005, half_width + 0.01, worktop / 2), "worktop")
+
+    def _add_drawer(self, drawer: str, height: float) -> None:
+        design = self._design
+        body = self._mjcf_root.worldbody.add("body", name=f"drawer_{drawer}", pos=(0, 0, height))
+        body.add(
+            "joint",
+            name=f"drawer_{drawer}_joint",
+            type="slide",
+            axis=(1, 0, 0),
+            range=(0, design.drawer_travel),
+            frictionloss=design.drawer_friction,
+            solimpfriction=_STIFF_FRICTION,
+            damping=design.drawer_damping,
+        )
+        for name, (place, half_size, mass) in self._drawer_panels().items():
+            material = "front" if name == "front" else "tray"
+            self._add_box(body, f"drawer_{drawer}_{name}", place, half_size, material, mass)
+        self._add_handle(body, f"drawer_{drawer}", design.handle_position, upright=False)
+
+    def _drawer_panels(self) -> dict[str, tuple[Vector, Vector, float]]:
+        """Places and half sizes in the drawer's frame [m], masses [kg]; the mass follows the volume."""
+        design = self._design
+        thin, inner = design.panel / 2, design.size[1] / 2 - 2 * design.panel
+        back, front = -design.front + 3 * design.panel, design.front - design.panel
+        middle, half_depth, rim = (front + back) / 2, (front - back) / 2, 0.3 * design.drawer_front_height
+        panels = {
+            "front": ((front + thin, 0, 0), (thin, design.size[1] / 2 - DOOR_GAP, design.drawer_front_height / 2)),
+            "bottom": ((middle, 0, -rim), (half_depth, inner, thin / 2)),
+            "left": ((middle, -inner, 0), (half_depth, thin / 2, rim)),
+            "right": ((middle, inner, 0), (half_depth, thin / 2, rim)),
+            "back": ((back, 0, 0), (thin / 2, inner, rim)),
+        }
+        volume = sum(math.prod(half_size) for _, half_size in panels.values())
+        share = design.drawer_mass / volume
+        return {name: (place, half, share * math.prod(half)) for name, (place, half) in panels.items()}
+
+    def _add_door(self, door: str, side: int) -> None:
+        """Adds the door on the -y (`side` -1) or the +y (1) half, hinged at its outer edge."""
+        design = self._design
+        (low, high), half_width = design.door_span, design.size[1] / 4 - DOOR_GAP
+        hinge = (design.front - design.panel / 2, side * (design.size[1] / 2 - DOOR_GAP), (low + high) / 2)
+        body = self._mjcf_root.worldbody.add("body", name=f"door_{door}", pos=hinge)
+        body.add(
+            "joint",
+            name=f"door_{door}_joint",
+            type="hinge",
+            axis=(0, 0, side),
+            range=(0, math.pi / 2),
+            frictionloss=design.door_friction,
+            solimpfriction=_STIFF_FRICTION,
+            damping=design.door_damping,
+        )
+        half_size = (design.panel / 2, half_width, (high - low) / 2 - DOOR_GAP)
+        self._add_box(body, f"door_{door}_panel", (0, -side * half_width, 0), half_size, "front", design.door_mass)
+        reach = design.panel / 2 + design.handle_clearance + design.handle_radius
+        self._add_handle(body, f"door_{door}", (reach, -side * (2 * half_width - 0.05), 0), upright=True)
+
+    def _add_box(
+        self, body: mjcf.Element, name: str, pos: Vector, half_size: Vector, material: str, mass: float = 0.0
+    ) -> None:
+        """Adds a panel: one geom to touch, which carries the mass [kg], and one to see."""
+        body.add("geom", name=name, dclass="collision", type="box", pos=pos, size=half_size, mass=mass)
+        body.add("geom", name=f"{name}_visual", dclass="visual", type="box", pos=pos, size=half_size, material=material)
+
+    def _add_handle(self, body: mjcf.Element, stem: str, pos: Vector, *, upright: bool) -> None:
+        """Adds a bar on two posts, and the site in its middle."""
+        design, (x, y, z) = self._design, pos
+        along = (0, 0, design.handle_half_length) if upright else (0, design.handle_half_length, 0)
+        parts = {"bar": (x, y - along[1], z - along[2], x, y + along[1], z + along[2])}
+        for name, share in (("post_a", -0.87), ("post_b", 0.87)):
+            foot = (y + share * along[1], z + share * along[2])
+            parts[name] = (x, *foot, x - design.handle_clearance - design.handle_radius, *foot)
+        friction = (design.handle_friction, 0.005, 0.0001)
+        for name, ends in parts.items():
+            shape = {"type": "capsule", "size": (design.handle_radius,), "fromto": ends}
+            body.add("geom", name=f"{stem}_handle_{name}", dclass="collision", friction=friction, **shape)
+            body.add("geom", name=f"{stem}_handle_{name}_visual", dclass="visual", material="metal", **shape)
+        # Right angles about several axes: a quaternion of halves is exact, and its w is far from changing sign.
+        frame = {"xyaxes": (0, 0, 1, 0, 1, 0)} if upright else {"quat": (0.5, 0.5, -0.5, -0.5)}
+        body.add("site", name=f"{stem}_handle", pos=pos, size=(0.008,), group=3, **frame)
+
+
+class CabinetObservables(composer.Observables):
+    """What a cabinet shows of itself; disabled by default."""
+
+    @composer.observable
+    def joint_positions(self) -> observable.MJCFFeature:
+        """Openings: `(4,)` float64, drawers top and bottom [m], doors left and right [rad]; qpos; no noise."""
+        return observable.MJCFFeature("qpos", self._entity.joints)
+
+    @composer.observable
+    def joint_velocities(self) -> observable.MJCFFeature:
+        """Rates of opening: `(4,)` float64, drawers [m/s], doors [rad/s]; qvel; no noise."""
+        return observable.MJCFFeature("qvel", self._entity.joints)

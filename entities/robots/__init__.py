@@ -1,0 +1,1 @@
+"""The Franka Panda and its two specifications."""

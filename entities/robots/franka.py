@@ -1,0 +1,169 @@
+"""The Franka Emika Panda with its two-finger hand: nine joints, each with a position servo.
+
+A `Calibration` holds what tells one model of this robot from another; the entity builds any of them the same way.
+"""
+
+from typing import Any
+
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from kitchen_suite.entities import assets
+from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
+from kitchen_suite.entities.robots.kitchen_franka import KITCHEN
+from kitchen_suite.entities.robots.specification import Calibration, Finger, Inertia, Link, Servo
+
+
+class Franka(composer.Entity):
+    """The arm with its hand, on a base that stands at the entity's origin and faces +x."""
+
+    def _build(self, calibration: Calibration = KITCHEN, *, visuals: bool = True, name: str = "franka") -> None:
+        """Builds the robot.
+
+        Args:
+          calibration: which model of the Panda.
+          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          name: prefix of the robot's elements in a scene.
+        """
+        self._calibration = calibration
+        self._mjcf_root = assets.new_model(name)
+        self._add_defaults()
+        self._add_meshes()
+        self._add_arm()
+        for finger in calibration.fingers:
+            self._add_finger(finger)
+        self._mjcf_root.resolve_references()
+        if not visuals:
+            assets.remove_visuals(self._mjcf_root)
+
+    def _build_observables(self) -> "FrankaObservables":
+        return FrankaObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
+
+    @property
+    def calibration(self) -> Calibration:
+        """Which model of the Panda this is."""
+        return self._calibration
+
+    @property
+    def servos(self) -> tuple[Servo, ...]:
+        """The nine joints with their servos: the arm's from the base outwards, then the two fingers'."""
+        parts: tuple[Link | Finger, ...] = (*self._calibration.links, *self._calibration.fingers)
+        return tuple(part.servo for part in parts)
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """The nine joints in the order of `servos`."""
+        return tuple(self._mjcf_root.find("joint", servo.joint) for servo in self.servos)
+
+    @property
+    def actuators(self) -> tuple[mjcf.Element, ...]:
+        """The nine position actuators in the order of `servos`."""
+        return tuple(self._mjcf_root.find("actuator", servo.joint) for servo in self.servos)
+
+    @property
+    def end_effector(self) -> mjcf.Element:
+        """The site between the fingers."""
+        return self._mjcf_root.find("site", self._calibration.end_effector["name"])
+
+    def finger_geoms(self, side: str) -> tuple[mjcf.Element, ...]:
+        """The colliding geoms of the `left` or the `right` finger."""
+        body = self._mjcf_root.find("body", f"{side}_finger")
+        return tuple(geom for geom in body.geom if not assets.is_visual(geom))
+
+    def _add_defaults(self) -> None:
+        top = self._mjcf_root.default
+        visual = top.add("default", dclass="visual")
+        visual.geom.set_attributes(group=1, contype=0, conaffinity=0, type="mesh", rgba=(0.95, 0.99, 0.92, 1), mass=0)
+        link = top.add("default", dclass="link")
+        link.geom.set_attributes(group=3, contype=1, conaffinity=1, type="mesh", rgba=(0.5, 0.6, 0.7, 1))
+        # Conaffinity 0: fingers do not touch what is itself only touched (walls, counters touch them all the same).
+        finger = top.add("default", dclass="finger")
+        finger.geom.set_attributes(group=3, contype=1, conaffinity=0, rgba=(0.5, 0.6, 0.7, 0.4))
+        finger.geom.set_attributes(**self._calibration.finger_contact)
+
+    def _add_meshes(self) -> None:
+        for part in (*(f"link{i}" for i in range(8)), "hand"):
+            for kind in ("collision", "visual"):
+                path = f"franka_assets/meshes/{kind}/{part}.stl"
+                self._mjcf_root.asset.add("mesh", name=f"{part}_{kind}", file=path)
+        self._mjcf_root.asset.add(
+            "mesh",
+            name="finger_visual",
+            file="franka_assets/meshes/collision/finger.stl",
+            scale=self._calibration.finger_scale,
+        )
+
+    def _add_arm(self) -> None:
+        calibration = self._calibration
+        body = self._mjcf_root.worldbody.add("body", name="link0")
+        self._add_part(body, "link0", calibration.base_inertia)
+        for number, link in enumerate(calibration.links, start=1):
+            body = body.add("body", name=f"link{number}", pos=link.pos, **link.rotation)
+            self._add_joint(body, link.servo, type="hinge", axis=(0, 0, 1))
+            self._add_part(body, f"link{number}", link.inertia)
+        self._add_part(body, "hand", calibration.hand_inertia, pos=calibration.hand_pos, quat=calibration.hand_quat)
+        body.add("site", size=(0.01,), group=3, **calibration.end_effector)
+        body.add("camera", name="wrist", **calibration.wrist_camera)
+
+    def _add_finger(self, finger: Finger) -> None:
+        calibration = self._calibration
+        link7 = self._mjcf_root.find("body", "link7")
+        body = link7.add("body", name=f"{finger.side}_finger", pos=calibration.finger_pos, quat=calibration.hand_quat)
+        body.add("inertial", mass=finger.inertia.mass, **finger.inertia.spread)
+        self._add_joint(body, finger.servo, type="slide", axis=finger.axis)
+        # The mesh is a left finger's.
+        facing = {} if finger.side == "left" else {"quat": (0, 0, 0, 1)}
+        body.add("geom", name=f"{finger.side}_finger_visual", dclass="visual", mesh="finger_visual", **facing)
+        for geom in finger.geoms:
+            body.add("geom", dclass="finger", **geom)
+
+    def _add_part(self, body: mjcf.Element, part: str, inertia: Inertia, **pose: Any) -> None:
+        """Adds a part's meshes and mass; one with a pose and an `inertial` of its own gets a body of its own."""
+        if pose and inertia.spread:
+            body, pose = body.add("body", name=part, **pose), {}
+        if inertia.spread:
+            body.add("inertial", mass=inertia.mass, **inertia.spread)
+        body.add("geom", name=f"{part}_visual", dclass="visual", mesh=f"{part}_visual", **pose)
+        body.add("geom", name=part, dclass="link", mesh=f"{part}_collision", mass=inertia.mass, **pose)
+
+    def _add_joint(self, body: mjcf.Element, servo: Servo, **kind: Any) -> None:
+        joint = body.add(
+            "joint",
+            name=servo.joint,
+            range=servo.range,
+            damping=servo.damping,
+            armature=servo.armature,
+            **kind,
+        )
+        self._mjcf_root.actuator.add(
+            "position",
+            name=servo.joint,
+            joint=joint,
+            kp=servo.gain,
+            kv=servo.velocity_gain,
+            forcerange=(-servo.force, servo.force),
+            ctrlrange=servo.control_range,
+        )
+
+
+class FrankaObservables(composer.Observables):
+    """What the robot senses of itself; disabled by default."""
+
+    @composer.observable
+    def joint_positions(self) -> JointPositions:
+        """Positions of the joints: `(9,)` float64, 7 hinges [rad] and 2 fingers [m]; qpos; noise by task."""
+        return JointPositions(lambda: self._entity.joints)
+
+    @composer.observable
+    def joint_velocities(self) -> JointVelocities:
+        """Velocities of the joints: `(9,)` float64, 7 hinges [rad/s] and 2 fingers [m/s]; qvel; noise by task."""
+        return JointVelocities(lambda: self._entity.joints)
+
+    @composer.observable
+    def end_effector_position(self) -> observable.MJCFFeature:
+        """Position of `end_effector` in the world: `(3,)` float64 [m]; site_xpos; no noise."""
+        return observable.MJCFFeature("xpos", self._entity.end_effector)

@@ -1,0 +1,92 @@
+"""Files that are written atomically: whole or not at all."""
+
+import contextlib
+import json
+import os
+import shutil
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Gives a path to write to, in the same folder; what was written there becomes `path` if all went well."""
+    partial = partial_path(path)
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Removes files and folders, named as by `partial_path`, that killed processes have left unfinished in a folder."""
+    for path in folder.glob(".*"):
+        owner = path.name[1:].partition(".")[0]
+        if owner.isdecimal() and not _is_running(int(owner)):
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def partial_path(path: Path) -> Path:
+    """Where this process writes what shall become `path`: in the same folder, hidden."""
+    return path.with_name(f".{os.getpid()}.{path.name}")
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def check_writable(folder: Path) -> None:
+    """Raises a PermissionError if nothing can be written to a folder."""
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{folder} may not be written to")
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
+    """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
+    everything: dict[str, Any] = {**arrays, "metadata": np.array(json.dumps(metadata))}
+    with whole_file(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **everything)
+    return path
+
+
+def load_arrays(path: Path, what: str = "an episode") -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Reads what `save_arrays` wrote; gives arrays and metadata.
+
+    Args:
+      path: of the file.
+      what: it should hold; the error names it.
+
+    Raises:
+      OSError: there is nothing of the kind.
+    """
+    with _opened(path, what) as file:
+        arrays = dict(file)
+        return arrays, json.loads(str(arrays.pop("metadata")))
+
+
+def load_metadata(path: Path) -> dict[str, Any]:
+    """Reads only the metadata that `save_arrays` wrote; raises what `load_arrays` does."""
+    with _opened(path, "an episode") as file:
+        return json.loads(str(file["metadata"]))
+
+
+@contextlib.contextmanager
+def _opened(path: Path, what: str) -> Iterator[Mapping[str, NDArray]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            yield file
+    except (EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise OSError(f"{path} does not hold {what}") from error

@@ -1,0 +1,1 @@
+"""Many episodes recorded, as Minari datasets, replayed and compared."""

@@ -1,0 +1,1 @@
+"""Pictures and videos: the GL library, cameras, mp4 files."""

@@ -1,0 +1,1 @@
+"""Episodes: played, kept as files, reported."""

@@ -1,7 +1,0 @@
-"""The suite's vectorised environments: many episodes stepped together, each exactly the single environment.
-
-`gymnasium.make_vec("kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1", num_envs=32)` builds one.
-"""
-
-from kitchen_suite.vector_cabinet import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
-from kitchen_suite.vector_kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv

@@ -1,0 +1,7 @@
+"""The suite's vectorised environments: many episodes stepped together, each exactly the single environment.
+
+`gymnasium.make_vec("kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1", num_envs=32)` builds one.
+"""
+
+from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv
+from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv

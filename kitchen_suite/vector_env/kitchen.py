@@ -1,0 +1,90 @@
+"""Many kitchens at once, as one Gymnasium vector environment."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv, progress_arrays
+from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+
+# VectorEnv once more: some libraries tell by the direct bases what they have to do with.
+class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
+    """Many `FrankaKitchenEnv`s; takes its arguments beside those of `SuiteVectorEnv`."""
+
+    single = FrankaKitchenEnv
+    _starter: FrankaKitchenEnv
+    _state: KitchenState
+
+    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
+        """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for the arguments and errors."""
+        super().__init__(num_envs, **settings)
+        task = self._starter.environment.task
+        self._rules, self._layout = task.rules, task.layout
+        self._draws = np.zeros((self.num_envs, self._rules.noise_scale.size))
+
+    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+        del stepping
+        self._target = self._rules.command(self._state, actions)
+        self._batch.ctrl[:, self._layout.ctrl] = self._target
+
+    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        for i in np.flatnonzero(stepping):
+            self._draws[i] = self._streams[i].random_state.uniform(-1.0, 1.0, self._draws.shape[1])
+        self._state = self._rules.advance(
+            self._state,
+            target=self._target,
+            positions=self._read("qpos", self._layout.robot_qpos),
+            achieved=self._read("qpos", self._layout.goal_qpos),
+            draw=self._draws,
+        )
+        return self._state.progress.reward, self._rules.terminates(self._state)
+
+    def observe(self) -> dict[str, Any]:
+        goals = self._rules.goals
+        return {
+            "observation": self._layout.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
+            "achieved_goal": self._starter.shown_goal(self._state.achieved.copy()),
+            "desired_goal": self._starter.shown_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
+        }
+
+    def info(self) -> dict[str, NDArray]:
+        return {
+            **(self._names() if self._starter.info_format == "lists" else {}),
+            **progress_arrays(self._state),
+            "is_success": self._state.progress.all_completed,
+            "episode_step": self._episode_steps.copy(),
+        }
+
+    def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
+        """See `FrankaKitchenEnv.compute_reward`, as for the other two; takes infos of `step`, too."""
+        return self._starter.compute_reward(achieved_goal, desired_goal, self._one_by_one(info))
+
+    def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+        """Whether steps terminate."""
+        return self._starter.compute_terminated(achieved_goal, desired_goal, self._one_by_one(info))
+
+    def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
+        """Whether steps truncate, by the infos' `episode_step`."""
+        return self._starter.compute_truncated(achieved_goal, desired_goal, self._one_by_one(info))
+
+    def _one_by_one(self, info: Infos) -> Infos:
+        """Infos of `step` as a list of one for each environment; others as they are."""
+        if not isinstance(info, dict) or f"_{TO_COMPLETE}_mask" not in info:
+            return info
+        arrays = {key: array for key, array in info.items() if not key.startswith("_")}
+        return [{key: array[i] for key, array in arrays.items()} for i in range(self.num_envs)]
+
+    def _names(self) -> dict[str, NDArray[np.object_]]:
+        """The lists of names that the infos of the single environment have."""
+        goals, progress = self._rules.goals, self._state.progress
+        lists = {
+            TO_COMPLETE: [goals.names(row) for row in progress.remaining],
+            STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
+            EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
+        }
+        return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

@@ -1,0 +1,15 @@
+"""Versions of the packages that decide what an episode looks like."""
+
+import importlib.metadata
+
+import kitchen_suite
+
+PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
+
+
+def installed_versions() -> dict[str, str]:
+    """Returns the version of the suite and of each of `PACKAGES`, by name."""
+    return {
+        "kitchen-suite": kitchen_suite.__version__,
+        **{name: importlib.metadata.version(name) for name in PACKAGES},
+    }

@@ -1,0 +1,1 @@
+"""Worker processes on Ray: the only package with Ray."""

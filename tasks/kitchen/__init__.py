@@ -1,0 +1,1 @@
+"""The kitchen domain: complete a set of tasks."""

@@ -1,0 +1,106 @@
+"""The 25 numbers that the open_cabinet domain shows, as named parts whose concatenation is the flat vector."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.open_cabinet.features import Snapshot
+
+# Every number is clipped to this range, both ways.
+LIMIT = 5.0
+
+_MIDDLE = (JOINT_HIGH + JOINT_LOW) / 2.0
+_HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
+
+# From w, x, y, z to the order in which the system shows quaternions.
+_XYZW = np.array([1, 2, 3, 0])
+
+
+def scaled_joint_positions(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 8)`: arm and left finger, -1 at the joint's lower limit and 1 at its upper one."""
+    return (snapshot.joint_positions[..., :8] - _MIDDLE) / _HALF_RANGE
+
+
+def scaled_joint_velocities(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 8)`: arm [2 rad/s] and left finger [2 m/s]."""
+    return snapshot.joint_velocities[..., :8] / 2.0
+
+
+def handle_offset(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 3)`: from the gripper to the handle, along the world's axes [m]."""
+    return snapshot.handle_offset
+
+
+def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 4)`: handle quaternion minus gripper quaternion, element by element in the order x, y, z, w.
+
+    The handle's w is never negative, and the gripper's sign is the one nearer to the handle, so equal orientations
+    give zero.
+    """
+    handle, nearer = snapshot.handle_quaternion, _sign(snapshot.quaternion_product[..., np.newaxis])
+    offset = (handle - snapshot.tcp_quaternion * nearer) * _sign(handle[..., :1])
+    return offset.take(_XYZW, axis=-1)
+
+
+def drawer_position(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 1)`: how far the drawer is open [m]."""
+    return snapshot.drawer_position[..., np.newaxis]
+
+
+def drawer_velocity(snapshot: Snapshot) -> NDArray[np.float64]:
+    """`(..., 1)`: how fast it opens [m/s]."""
+    return snapshot.drawer_velocity[..., np.newaxis]
+
+
+def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.copysign(1.0, value)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Part:
+    """A named piece of the observation.
+
+    Attributes:
+      size: how many numbers.
+      compute: what they are, before clipping.
+    """
+
+    size: int
+    compute: Callable[[Snapshot], NDArray[np.float64]]
+
+
+# By public name, in the order of the flat vector.
+PARTS: Mapping[str, Part] = MappingProxyType(
+    {
+        "joint_positions": Part(size=8, compute=scaled_joint_positions),
+        "joint_velocities": Part(size=8, compute=scaled_joint_velocities),
+        "handle_offset": Part(size=3, compute=handle_offset),
+        "handle_orientation_offset": Part(size=4, compute=handle_orientation_offset),
+        "drawer_position": Part(size=1, compute=drawer_position),
+        "drawer_velocity": Part(size=1, compute=drawer_velocity),
+    }
+)
+
+# Where each part stands in the flat vector.
+SLICES: Mapping[str, slice] = MappingProxyType(
+    {
+        name: slice(int(stop) - part.size, int(stop))
+        for (name, part), stop in zip(PARTS.items(), np.cumsum([part.size for part in PARTS.values()]), strict=True)
+    }
+)
+
+SIZE = sum(part.size for part in PARTS.values())
+
+
+def shown(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Values as they are shown: clipped, in single precision."""
+    return np.minimum(np.maximum(values, -LIMIT), LIMIT).astype(np.float32)
+
+
+def observe(snapshot: Snapshot) -> NDArray[np.float64]:
+    """The flat vector `(..., 25)`, not yet clipped."""
+    return np.concatenate([part.compute(snapshot) for part in PARTS.values()], axis=-1)

@@ -1,0 +1,281 @@
+"""Open a drawer of the cabinet: reach for its handle, grasp it, pull."""
+
+import collections
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer.observation import observable
+from dm_env import specs
+from numpy.typing import ArrayLike
+
+from kitchen_suite import checks
+from kitchen_suite.entities import CabinetArena, CabinetDesign, CabinetScene
+from kitchen_suite.entities.props.cabinet import DRAWERS
+from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN, JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
+from kitchen_suite.tasks.open_cabinet.mdp import (
+    ACTION_SIZE,
+    CONTROL_TIMESTEP,
+    GRIPPER_MODES,
+    PHYSICS_TIMESTEP,
+    DrawerRules,
+    DrawerState,
+)
+from kitchen_suite.tasks.open_cabinet.observables import DrawerObservables
+from kitchen_suite.tasks.open_cabinet.randomization import Randomization, Randomizer, checked
+from kitchen_suite.tasks.open_cabinet.reward import RewardTerms, reward_terms
+from kitchen_suite.tasks.open_cabinet.sensors import DrawerSensors, refresh
+
+TIME_LIMIT = 7.0  # [s], 700 control steps
+
+# How the robot starts [rad; fingers: m], before noise of at most as much on each joint [rad, m].
+DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+RESET_NOISE = 0.125
+
+# By public name what makes a reward for a cabinet.
+REWARDS: Mapping[str, Callable[[CabinetDesign], RewardTerms]] = MappingProxyType(
+    {
+        "original": lambda design: reward_terms,
+        "grasp": lambda design: GraspReward(handle_radius=design.handle_radius),
+    }
+)
+
+_OPEN_RGBA = (0.25, 0.75, 0.3, 1.0)
+
+
+class OpenCabinetTask(SuiteTask):
+    """Pull a drawer of the cabinet open.
+
+    Start: the robot bent before the cabinet, each joint off by U(-0.125, 0.125) within its limits; everything closed.
+    Reward: of each step, the sum of seven terms, those of `drawer_reward.reward_terms` or of `GraspReward`.
+    End: discount 0 when the gripper reaches through the handle or a joint moves faster than 5 rad/s or m/s; at the
+      time limit discount 1. Success, an opening of 0.3 m or more, ends nothing.
+    Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
+    Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists where and why this task differs from it.
+    """
+
+    def __init__(
+        self,
+        scene: CabinetScene,
+        *,
+        drawer: str = "top",
+        gripper: str = "sampled",
+        reward: str = "original",
+        observation_noise: Mapping[str, float] | None = None,
+        randomization: Randomization | None = None,
+    ) -> None:
+        """Sets the task up in a scene.
+
+        Args:
+          scene: where it takes place; one scene serves one task.
+          drawer: `top` or `bottom`.
+          gripper: `sampled` closes with the probability that the action's last element stands for; `deterministic`
+            closes where that is above one half, and draws nothing.
+          reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
+          observation_noise: half width of the uniform noise on parts of the observation, by their names, in the units
+            of the part; none when omitted.
+          randomization: what else a reset draws; nothing when omitted.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown name, or a width that is negative or not finite.
+        """
+        self._drawer = checks.choice(drawer, DRAWERS, "drawer")
+        samples_gripper = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
+        self._observation = DrawerObservables(observation_noise)
+        if not isinstance(randomization, Randomization | None):
+            raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
+        self._randomization = randomization
+        self._rules = DrawerRules(
+            samples_gripper=samples_gripper,
+            noise_scale=self._observation.noise_scale,
+            reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.design),
+        )
+        self._reward_name = reward
+        self._scene = scene
+        self._sensors = DrawerSensors(scene, drawer)
+        self._life_steps = 0
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+
+    @property
+    def root_entity(self) -> CabinetArena:
+        return self._scene.arena
+
+    @property
+    def scene(self) -> CabinetScene:
+        """Where the task takes place."""
+        return self._scene
+
+    @property
+    def drawer(self) -> str:
+        """Which drawer is to be opened."""
+        return self._drawer
+
+    @property
+    def reward_name(self) -> str:
+        """Which reward it pays, by its key in `REWARDS`."""
+        return self._reward_name
+
+    @property
+    def rules(self) -> DrawerRules:
+        """The task's settings, and the mathematics of an episode under them."""
+        return self._rules
+
+    @property
+    def sensors(self) -> DrawerSensors:
+        """What the task's snapshots are read from."""
+        return self._sensors
+
+    @property
+    def is_randomized(self) -> bool:
+        """Whether a reset draws more than the robot's pose."""
+        return self._randomization is not None
+
+    @property
+    def state(self) -> DrawerState:
+        """What the episode remembers; arrays without leading axes, not to be written to."""
+        return self._state
+
+    @property
+    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        return self._observation.by_name.copy()
+
+    @property
+    def reward_terms(self) -> dict[str, float]:
+        """The seven terms of the last step's reward by name; zeros before the first step of an episode."""
+        return {name: float(term) for name, term in self._state.terms.items()}
+
+    @property
+    def drawer_opening(self) -> float:
+        """How far the drawer is open now [m]."""
+        return float(Snapshot(self._state.snapshot).drawer_position)
+
+    @property
+    def is_success(self) -> bool:
+        """Whether the drawer is open by 0.3 m or more now."""
+        return bool(self._state.is_success)
+
+    @property
+    def life_steps(self) -> int:
+        """Control steps made since the task was set up; resets do not restart the count."""
+        return self._life_steps
+
+    @life_steps.setter
+    def life_steps(self, value: int) -> None:
+        self._life_steps = checks.whole_number(value, "life_steps", least=0)
+
+    @property
+    def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
+        """What came of the episode so far, for reports: open now, open at any time, how far now [m]."""
+        return {
+            "success": self.is_success,
+            "success_at_any_time": bool(self._state.succeeded),
+            "drawer_opening": self.drawer_opening,
+        }
+
+    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
+        """Seven joint offsets [rad] and the wish to close the gripper (log odds); unbounded, but finite."""
+        del physics
+        # One number for both fingers: the last actuator follows the one before it.
+        names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:ACTION_SIZE])
+        infinite = np.full(ACTION_SIZE, np.inf)
+        return specs.BoundedArray(infinite.shape, infinite.dtype, minimum=-infinite, maximum=infinite, name=names)
+
+    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random = random_state
+        self._sensors.bind(physics)
+        self._randomizer = self._randomization and Randomizer(self._scene, self._drawer, self._randomization, physics)
+        self._handle = self._scene.cabinet.handle_geoms(self._drawer)
+        self._plain_rgba = np.array(physics.bind(self._handle).rgba)
+        refresh(physics)
+        self._show(self._rules.start(self._sensors.read(physics), np.zeros(self._rules.noise_scale.shape)), physics)
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        # The right finger has the left one's limits.
+        low, high = np.append(JOINT_LOW, JOINT_LOW[-1]), np.append(JOINT_HIGH, JOINT_HIGH[-1])
+        offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
+        pose = np.clip(DEFAULT_POSE + offsets, low, high)
+        drawn = self._randomizer.draw(random_state) if self._randomizer else {}
+        physics.data.qpos[:] = 0.0
+        physics.data.qpos[self._sensors.joint_qpos] = pose
+        physics.data.qvel[:] = 0.0
+        physics.data.ctrl[self._sensors.ctrl] = pose
+        if self._randomizer:
+            self._randomizer.set(drawn)
+        self._random = random_state
+        refresh(physics)
+        self._show(self._rules.start(self._sensors.read(physics), self._rules.draw_noise(random_state)), physics)
+
+    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
+        """Sets the servos' targets for the whole control step.
+
+        Raises:
+          TypeError: the action does not hold real numbers.
+          ValueError: the action has another shape than (8,), or holds NaN or inf.
+        """
+        self._action = checks.vector(action, ACTION_SIZE, "action").copy()
+        self._random = random_state
+        positions = physics.data.qpos[self._sensors.joint_qpos]
+        self._target = self._rules.command(positions, self._action, self._rules.draw_gripper(random_state))
+        physics.data.ctrl[self._sensors.ctrl] = self._target
+
+    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random = random_state
+        if not physics.legacy_step:
+            # MuJoCo's own step leaves positions in space where they were before it.
+            refresh(physics)
+        state = self._rules.advance(
+            self._state,
+            action=self._action,
+            target=self._target,
+            life_steps=self._life_steps,
+            snapshot=self._sensors.read(physics),
+            noise=self._rules.draw_noise(random_state),
+        )
+        self._life_steps += 1
+        self._show(state, physics)
+
+    def get_reward(self, physics: mjcf.Physics) -> float:
+        del physics
+        return float(self._state.reward)
+
+    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
+        del physics
+        return bool(self._state.terminates)
+
+    def get_state(self) -> dict[str, Any]:
+        state = self._state
+        return {
+            "drawer": self._drawer,
+            "life_steps": self._life_steps,
+            "previous_action": state.previous_action.copy(),
+            "terminates": bool(state.terminates),
+            "succeeded": bool(state.succeeded),
+            "terms": self.reward_terms,
+            "noise": state.noise.copy(),
+            "snapshot": Snapshot(state.snapshot).arrays(),
+            "randomization": dict(self._randomizer.values) if self._randomizer else {},
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        state = checks.like(state, self.get_state(), "task state")
+        life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
+        drawn = checked(state["randomization"])
+        self._life_steps = life_steps
+        if self._randomizer:
+            self._randomizer.set(drawn)
+        start = self._rules.start(Snapshot.of(**state["snapshot"]).values, state["noise"])
+        arrays = {name: state[name] for name in ("previous_action", "terms", "terminates", "succeeded")}
+        self._show(start._replace(**arrays))
+
+    def _show(self, state: DrawerState, physics: mjcf.Physics | None = None) -> None:
+        """Takes up a state; the observation shows it, and with a physics the handle's colour."""
+        self._state = state
+        self._observation.show(state.observation, state.noise)
+        if self._visualize_reward and physics is not None:
+            physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba

@@ -1,0 +1,150 @@
+"""Bad input gets an error that names the value, the place and what is allowed, and changes nothing."""
+
+import sys
+from importlib import util
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.entities import Kettle, KitchenArena, Microwave, assets
+from kitchen_suite.environment import Environment
+from kitchen_suite.environment.random_state import make_random_state
+
+NAN, INF = float("nan"), float("inf")
+
+
+def load(domain="kitchen", task="all", environment_kwargs=None, **task_kwargs):
+    return suite.load(domain, task, {"visuals": False, "random": 0, **task_kwargs}, environment_kwargs)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"domain": "kitchn"}, ValueError, ["domain 'kitchn'", "did you mean 'kitchen'", "choose from"]),
+        ({"domain": 3}, TypeError, ["domain", "3"]),
+        ({"task": "microwav"}, ValueError, ["'microwav'", "did you mean 'microwave'", "'kitchen'"]),
+        ({"task": "bottom burner"}, ValueError, ["'bottom burner'", "did you mean 'bottom_burner'"]),
+        ({"tasks_to_complete": ["bottom_burner"]}, ValueError, ["'bottom_burner'", "did you mean 'bottom burner'"]),
+        ({"tasks_to_complete": ["toaster"]}, ValueError, ["'toaster'", "choose from", "'kettle'"]),
+        ({"tasks_to_complete": []}, ValueError, ["tasks_to_complete", "empty"]),
+        ({"tasks_to_complete": ["kettle", "kettle"]}, ValueError, ["tasks_to_complete", "'kettle'", "more than once"]),
+        ({"tasks_to_complete": "kettle"}, TypeError, ["tasks_to_complete", "'kettle'"]),
+        ({"tasks_to_complete": 7}, TypeError, ["tasks_to_complete", "7"]),
+        ({"tasks_to_complete": [7]}, TypeError, ["task", "7"]),
+        ({"goals": {"microwave": [1.0, 2.0]}}, ValueError, ["goal of 'microwave'", "(1,)", "(2,)"]),
+        ({"goals": {"microwave": [NAN]}}, ValueError, ["goal of 'microwave'", "finite", "nan"]),
+        ({"goals": {"microwave": ["far"]}}, TypeError, ["goal of 'microwave'", "numbers"]),
+        ({"goals": {"micro": [1.0]}}, ValueError, ["'micro'", "did you mean 'microwave'"]),
+        ({"goals": [1.0]}, TypeError, ["goals", "[1.0]"]),
+        ({"task": "kettle", "goals": {"microwave": [0.1]}}, ValueError, ["'microwave'", "['kettle']"]),
+        ({"robot_noise_ratio": -0.1}, ValueError, ["robot_noise_ratio", "-0.1", "non-negative"]),
+        ({"object_noise_ratio": INF}, ValueError, ["object_noise_ratio", "inf", "finite"]),
+        ({"object_noise_ratio": "much"}, TypeError, ["object_noise_ratio", "'much'"]),
+        ({"velocity_scale": NAN}, ValueError, ["velocity_scale", "nan"]),
+        ({"velocity_scale": -1}, ValueError, ["velocity_scale", "-1"]),
+        ({"threshold": -1.0}, ValueError, ["threshold", "-1.0"]),
+        ({"threshold": True}, TypeError, ["threshold", "True"]),
+        ({"feedback": "observd"}, ValueError, ["feedback", "did you mean 'observed'", "target"]),
+        ({"terminate_on_tasks_completed": 1}, TypeError, ["terminate_on_tasks_completed", "1"]),
+        ({"remove_task_when_completed": "no"}, TypeError, ["remove_task_when_completed", "'no'"]),
+        ({"visuals": "no"}, TypeError, ["visuals", "'no'"]),
+        ({"time_limit": 0}, ValueError, ["time_limit", "positive", "0"]),
+        ({"time_limit": -1.0}, ValueError, ["time_limit", "-1.0"]),
+        ({"time_limit": INF}, ValueError, ["time_limit", "inf"]),
+        ({"time_limit": NAN}, ValueError, ["time_limit", "nan"]),
+        ({"random": -1}, ValueError, ["random", "-1"]),
+        ({"random": "lucky"}, TypeError, ["random", "'lucky'"]),
+        ({"random": 1.5}, TypeError, ["random", "1.5"]),
+        ({"tasks": ["kettle"]}, TypeError, ["tasks"]),
+        ({"environment_kwargs": {"flat": True}}, TypeError, ["flat"]),
+        ({"environment_kwargs": {"flat_observation": "no"}}, TypeError, ["flat_observation", "'no'"]),
+        ({"environment_kwargs": 3}, TypeError, ["environment_kwargs", "3"]),
+        ({"tasks_to_complete": {"kettle", "microwave"}}, TypeError, ["tasks_to_complete"]),
+        ({"goals": {"microwave": [[1.0], [2.0, 3.0]]}}, ValueError, ["goal of 'microwave'", "array"]),
+        ({"domain": "open_cabinet", "task": "top_drawer", "drawer": "bottom"}, ValueError, ["top_drawer", "drawer"]),
+    ],
+)
+def test_arguments(arguments, error, words):
+    with pytest.raises(error) as raised:
+        load(**arguments)
+    assert all(word in str(raised.value) for word in words), str(raised.value)
+
+
+def test_environment_kwargs_have_a_place_of_their_own():
+    with pytest.raises(TypeError, match="environment_kwargs"):
+        suite.load("kitchen", "all", {"environment_kwargs": {"flat_observation": True}})
+    with pytest.raises(TypeError, match="task_kwargs must be a dict"):
+        suite.load("kitchen", "all", 3)
+
+
+def test_visualize_reward_must_be_a_bool():
+    with pytest.raises(TypeError, match="visualize_reward"):
+        suite.load("kitchen", "all", {"visuals": False}, visualize_reward="yes")
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "words"),
+    [
+        (np.zeros(8), ValueError, ["action", "(9,)", "(8,)"]),
+        ([[1.0], [2.0, 3.0]], ValueError, ["action", "array"]),
+        (np.zeros((1, 9)), ValueError, ["action", "(9,)", "(1, 9)"]),
+        (0.0, ValueError, ["action", "(9,)", "()"]),
+        ([NAN] * 9, ValueError, ["action", "finite", "nan"]),
+        ([0.0] * 8 + [-INF], ValueError, ["action", "finite", "inf"]),
+        (["up"] * 9, TypeError, ["action", "numbers"]),
+        ([1j] * 9, TypeError, ["action", "numbers"]),
+        (None, TypeError, ["action", "None"]),
+    ],
+)
+def test_actions_change_nothing(action, error, words):
+    tried, spared = load(), load()
+    for environment in (tried, spared):
+        environment.reset()
+    with pytest.raises(error) as raised:
+        tried.step(action)
+    assert all(word in str(raised.value) for word in words), str(raised.value)
+    for _ in range(3):
+        one, other = tried.step(np.ones(9)), spared.step(np.ones(9))
+        for key, value in one.observation.items():
+            np.testing.assert_array_equal(value, other.observation[key])
+
+
+@pytest.mark.parametrize("action", [[0] * 9, (0.5,) * 9, np.ones(9, np.float32), np.ones(9, np.int8)])
+def test_actions_of_any_real_type_are_taken(action):
+    environment = load()
+    environment.reset()
+    assert environment.step(action).mid()
+
+
+def test_the_environment_refuses_a_time_limit_that_is_not_positive():
+    with pytest.raises(ValueError, match=r"time_limit must be positive, got 0"):
+        Environment(load().task, time_limit=0)
+
+
+def test_random_takes_numpys_integers():
+    assert make_random_state(np.int64(3)).uniform() == np.random.RandomState(3).uniform()
+
+
+def test_the_room_names_its_places():
+    toaster = Microwave(visuals=False, name="toaster")
+    with pytest.raises(ValueError, match=r"no place for 'toaster'.*'microwave'"):
+        KitchenArena(visuals=False).place(toaster)
+
+
+def test_without_gymnasium_robotics_the_error_says_what_to_install(monkeypatch):
+    find_spec = util.find_spec
+    monkeypatch.setattr(
+        util, "find_spec", lambda name, *args: None if name == "gymnasium_robotics" else find_spec(name, *args)
+    )
+    with pytest.raises(FileNotFoundError, match=r"not installed: pip install 'gymnasium-robotics==1\.4\.2'"):
+        Kettle()
+
+
+def test_a_gymnasium_robotics_without_the_assets_is_named_too(monkeypatch, tmp_path):
+    (tmp_path / "gymnasium_robotics").mkdir()
+    (tmp_path / "gymnasium_robotics" / "__init__.py").touch()
+    monkeypatch.delitem(sys.modules, "gymnasium_robotics", raising=False)
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    with pytest.raises(FileNotFoundError, match=r"carries no folder .*kitchen_franka.*gymnasium-robotics==1\.4\.2"):
+        assets.asset_dir()

@@ -1,0 +1,132 @@
+"""The cabinet through Gymnasium: spaces, infos, seeds, states, copies."""
+
+import copy
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import CABINET_ID, FrankaOpenCabinetEnv
+from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.tasks.open_cabinet.reward import TERMS
+
+
+def actions(steps, seed=0):
+    return np.random.default_rng(seed).normal(scale=0.03, size=(steps, 8))
+
+
+def assert_same(one, other):
+    assert data_equivalence(one, other, exact=True), (one, other)
+
+
+@pytest.mark.filterwarnings("ignore:.*Box action space.*")
+@pytest.mark.parametrize("drawer", ["top", "bottom"])
+def test_gymnasiums_checker_is_content(drawer):
+    check_env(gymnasium.make(CABINET_ID, drawer=drawer).unwrapped, skip_render_check=True)
+
+
+def test_spaces_are_those_of_the_system():
+    env = gymnasium.make(CABINET_ID)
+    assert env.observation_space == gymnasium.spaces.Box(-5.0, 5.0, (25,), np.float32)
+    assert env.action_space == gymnasium.spaces.Box(-np.inf, np.inf, (8,), np.float32)
+    assert env.spec.max_episode_steps == 700
+    assert env.metadata["render_fps"] == 100
+
+
+def test_it_is_the_suites_environment_for_the_same_random_stream():
+    env = FrankaOpenCabinetEnv()
+    observation, _ = env.reset(seed=5)
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(5)))
+    plain = suite.load("open_cabinet", "top_drawer", {"random": np.random.RandomState(generator.bit_generator)})
+    timestep = plain.reset()
+    for action in actions(50):
+        np.testing.assert_array_equal(observation, np.concatenate([*timestep.observation.values()]))
+        observation, reward, terminated, _, info = env.step(action)
+        timestep = plain.step(action)
+        assert (reward, terminated) == (timestep.reward, timestep.last())
+        assert {name: info[f"reward/{name}"] for name in TERMS} == plain.task.reward_terms
+        if terminated:
+            break
+
+
+def test_the_reward_is_the_sum_of_its_terms_and_infos_keep_their_shape():
+    env = FrankaOpenCabinetEnv()
+    infos = [env.reset(seed=0)[1]]
+    for action in actions(20):
+        _, reward, _, _, info = env.step(action)
+        assert reward == pytest.approx(sum(info[f"reward/{name}"] for name in TERMS), abs=1e-12)
+        infos.append(info)
+    assert all(info.keys() == infos[0].keys() for info in infos)
+    assert all(info[key].dtype == infos[0][key].dtype for info in infos for key in info)
+    assert {info[key].shape for info in infos for key in info} == {()}
+    assert [info["episode_step"] for info in infos] == list(range(21))
+
+
+def test_the_life_counter_survives_resets_and_travels_with_the_state():
+    env = FrankaOpenCabinetEnv()
+    env.reset(seed=0)
+    for action in actions(5):
+        env.step(action)
+    _, info = env.reset()
+    assert (env.environment.task.life_steps, info["episode_step"]) == (5, 0)
+    other = FrankaOpenCabinetEnv()
+    other.reset(options={"state": env.get_state()})
+    assert other.environment.task.life_steps == 5
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("arguments", [{}, {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}])
+def test_a_copy_goes_on_where_the_original_stands(duplicate, arguments):
+    env = gymnasium.make(CABINET_ID, **arguments)
+    env.reset(seed=2**40)
+    for action in actions(15):
+        env.step(action)
+    twin = duplicate(env)
+    for action in actions(20, seed=1):
+        assert_same(env.step(action), twin.step(action))
+    assert_same(env.reset(), twin.reset())
+
+
+def test_an_action_limit_bounds_the_space_and_clips():
+    limited, plain = FrankaOpenCabinetEnv(action_limit=0.02), FrankaOpenCabinetEnv()
+    assert limited.action_space == gymnasium.spaces.Box(-0.02, 0.02, (8,), np.float32)
+    assert_same(limited.reset(seed=0), plain.reset(seed=0))
+    assert_same(limited.step(np.full(8, 3.0)), plain.step(np.full(8, 0.02)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"drawer": "botom"}, ValueError, "drawer 'botom'.*did you mean 'bottom'"),
+        ({"gripper": "lucky"}, ValueError, "gripper 'lucky'"),
+        ({"action_limit": 0}, ValueError, "action_limit must be finite and positive"),
+        ({"action_limit": "much"}, TypeError, "action_limit"),
+        ({"randomization": 3}, TypeError, "randomization"),
+        ({"tasks_to_complete": ["kettle"]}, TypeError, "tasks_to_complete"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, error, words):
+    with pytest.raises(error, match=words):
+        FrankaOpenCabinetEnv(**arguments)
+
+
+@pytest.mark.parametrize("action", [np.zeros(9), np.full(8, np.inf), ["up"] * 8])
+def test_bad_actions_change_nothing(action):
+    env = FrankaOpenCabinetEnv()
+    env.reset(seed=0)
+    state = env.get_state()
+    with pytest.raises((ValueError, TypeError), match="action"):
+        env.step(action)
+    assert_same(env.get_state(), state)
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize("camera", [{}, {"camera_name": "overview"}, {"camera_name": "handle"}])
+def test_pictures_show_something(camera):
+    env = FrankaOpenCabinetEnv(render_mode="rgb_array", width=160, height=120, **camera)
+    env.reset(seed=0)
+    assert env.render().std() > 15
+    env.close()

@@ -1,0 +1,294 @@
+"""The kitchen's experts: they do their tasks on observations alone, at any style, and say what they cannot do."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from kitchen_suite import experts, policies, suite
+from kitchen_suite.cli import rollout
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv
+from kitchen_suite.policies.experts import kitchen as kitchen_expert
+from kitchen_suite.rollouts.episode import play
+from kitchen_suite.tasks import GOALS
+
+KITCHEN_TASKS = suite.TASKS_BY_DOMAIN["kitchen"]
+SEEDS = (101, 102, 103)
+
+
+def observe(timestep):
+    return np.concatenate([np.ravel(part) for part in timestep.observation.values()])[:59]
+
+
+def episode(env, expert, seed):
+    """Control step by which each task was completed, and all actions."""
+    env.random_state.seed(seed)
+    timestep = env.reset()
+    expert.reset(np.random.default_rng(seed))
+    actions = []
+    while not timestep.last():
+        actions.append(expert.act(observe(timestep)))
+        timestep = env.step(actions[-1])
+    return env.task.completion_steps, np.array(actions)
+
+
+@pytest.fixture(scope="module")
+def load():
+    environments = {}
+
+    def cached(task_name, **task_kwargs):
+        key = task_name, repr(task_kwargs)
+        if key not in environments:
+            environments[key] = suite.load("kitchen", task_name, {"visuals": False, **task_kwargs})
+        return environments[key]
+
+    return cached
+
+
+@pytest.mark.parametrize("task_name", KITCHEN_TASKS)
+def test_every_task_of_the_kitchen_is_completed_under_its_noise(load, task_name):
+    env = load(task_name)
+    for seed in SEEDS:
+        outcome = play(env, policies.find("expert"), seed, lambda timestep: None).outcome
+        assert outcome.results["success"], outcome
+
+
+def test_the_order_given_is_kept_if_asked_for(load):
+    tasks = ("light switch", "kettle", "microwave", "slide cabinet")
+    env = load("all", tasks_to_complete=tasks)
+    completed, _ = episode(env, experts.KitchenExpert(tasks, in_order=True), 1)
+    assert tuple(completed) == tasks
+    shortest, _ = episode(env, experts.KitchenExpert(tasks), 1)
+    assert len(shortest) == len(tasks)
+    assert max(shortest.values()) < max(completed.values())
+
+
+def test_observations_alone_are_enough():
+    env = FrankaKitchenEnv(tasks_to_complete=["microwave", "light switch"], max_episode_steps=280)
+    expert = experts.KitchenExpert(["microwave", "light switch"])
+    for seed in SEEDS:
+        observation, _ = env.reset(seed=seed)
+        expert.reset(np.random.default_rng(seed))
+        terminated = truncated = False
+        while not terminated and not truncated:
+            action = expert.act(observation["observation"])
+            assert env.action_space.contains(action)
+            observation, _, terminated, truncated, info = env.step(action)
+        assert terminated
+        assert info["is_success"]
+
+
+def test_instances_do_not_disturb_each_other(load):
+    env = load("kettle")
+    _, alone = episode(env, experts.make(env.task), 5)
+    other = experts.KitchenExpert(["microwave"], style=experts.Style(jitter=0.02))
+
+    class Disturbed:
+        def __init__(self):
+            self._expert = experts.make(env.task)
+            self.reset = self._expert.reset
+
+        def act(self, observation):
+            other.act(observation)
+            return self._expert.act(observation)
+
+    _, disturbed = episode(env, Disturbed(), 5)
+    np.testing.assert_array_equal(alone, disturbed)
+
+
+def test_a_seed_fixes_all_actions_and_an_instance_serves_many_episodes(load):
+    env, style = load("kettle"), experts.Style(jitter=0.02, action_noise=0.05)
+    expert = experts.make(env.task, style=style)
+    first, second, again = (episode(env, expert, seed)[1] for seed in (7, 8, 7))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first[:5], second[:5])
+    np.testing.assert_array_equal(first, episode(env, experts.make(env.task, style=style), 7)[1])
+
+
+def test_actions_are_single_precision_and_within_bounds(load):
+    _, actions = episode(
+        load("microwave"), experts.KitchenExpert(["microwave"], style=experts.Style(action_noise=1)), 0
+    )
+    assert actions.dtype == np.float32
+    assert np.abs(actions).max() == 1.0
+    env = load("microwave")
+    recorded = play(env, policies.find("expert"), 0, lambda timestep: None).actions
+    np.testing.assert_array_equal(recorded, recorded.astype(np.float32))
+
+
+STYLES = {
+    "slow": experts.Style(speed=0.6),
+    "noisy": experts.Style(action_noise=0.1),
+    "jittered": experts.Style(jitter=0.02),
+    "all": experts.Style(speed=0.8, action_noise=0.1, jitter=0.02),
+}
+
+
+@pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
+def test_a_style_changes_the_way_and_keeps_the_success(load, style):
+    env = load("complete")
+    plain, _ = episode(env, experts.make(env.task), 3)
+    styled, actions = episode(env, experts.make(env.task, style=style), 3)
+    assert len(styled) == 4
+    assert not np.array_equal(actions[: max(plain.values())], episode(env, experts.make(env.task), 3)[1])
+    if style.speed < 1.0 and not style.jitter:
+        assert max(styled.values()) > max(plain.values()) / style.speed * 0.9
+
+
+def test_a_tighter_threshold_goes_on_for_longer(load):
+    env = load("all", terminate_on_tasks_completed=False, time_limit=24.0)
+    completed, _ = episode(env, experts.KitchenExpert(tuple(GOALS), threshold=0.15), 2)
+    assert len(completed) == 7
+    assert env.task.task_distances.max() < 0.25
+
+
+def test_a_task_that_came_undone_is_done_again(load):
+    env = load("slide_cabinet", terminate_on_tasks_completed=False, time_limit=12.0)
+    env.random_state.seed(0)
+    timestep, expert = env.reset(), experts.make(env.task)
+    slide = env.physics.bind(env.task.kitchen.props["slide_cabinet"].joints)
+    for step in range(110):
+        if step == 60:
+            assert slide.qpos > 0.07
+            slide.qpos = 0.0
+        timestep = env.step(expert.act(observe(timestep)))
+    assert slide.qpos > 0.07
+
+
+def test_a_missed_grasp_is_tried_again(load):
+    env = load("microwave", time_limit=20.0)
+    env.random_state.seed(0)
+    timestep, expert, steps = env.reset(), experts.make(env.task), 0
+    while not timestep.last():
+        action = expert.act(observe(timestep))
+        steps += 1
+        # Its fingers do not close the first time.
+        action[7:] = 1.0 if steps < 70 else action[7:]
+        action[:7] = 0.0 if 28 < steps < 40 else action[:7]
+        timestep = env.step(action)
+    assert env.task.completion_steps
+
+
+CONFIGURATIONS = {
+    "what was commanded": {"feedback": "target"},
+    "true positions": {"feedback": "true"},
+    "slower": {"velocity_scale": 1.0},
+    "ten times the noise": {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.005},
+    "without noise": {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0},
+    "another goal": {"goals": {"microwave": [-1.0]}},
+}
+
+
+@pytest.mark.parametrize("options", CONFIGURATIONS.values(), ids=CONFIGURATIONS)
+def test_the_expert_knows_how_its_task_is_configured(load, options):
+    env = load("microwave", **options)
+    assert episode(env, experts.make(env.task), 4)[0]
+
+
+@pytest.mark.parametrize("environment_kwargs", [{"flat_observation": True}, {"strip_singleton_obs_buffer_dim": False}])
+def test_observations_of_other_shapes_are_understood(environment_kwargs):
+    env = suite.load("kitchen", "kettle", {"visuals": False}, environment_kwargs)
+    assert play(env, policies.find("expert"), 0, lambda timestep: None).outcome.results["success"]
+
+
+def test_all_planned_poses_can_be_reached():
+    for task, skill in kitchen_expert.SKILLS.items():
+        arm = kitchen_expert.Arm("kitchen")
+        joints = np.array(skill.posture)
+        for step in skill.steps:
+            if isinstance(step, kitchen_expert.Move):
+                joints = arm.reach(step.pose, start=joints)
+                missed = (arm.pose(joints).inverse() @ step.pose).log()
+                # A millimetre, and an angle by which the finger tips miss as much.
+                assert np.linalg.norm(missed[:3]) < 1e-3, (task, step)
+                assert np.linalg.norm(missed[3:]) < 2e-2, (task, step)
+
+
+REFUSED = {
+    "speed must be at most 1": lambda: experts.Style(speed=1.5),
+    "speed must be finite and positive": lambda: experts.Style(speed=0),
+    "action_noise must be finite and non-negative": lambda: experts.Style(action_noise=-1),
+    "jitter must be a number": lambda: experts.Style(jitter="much"),
+    "did you mean 'light switch'": lambda: experts.KitchenExpert(["light_switch"]),
+    "is empty": lambda: experts.KitchenExpert([]),
+    "threshold must be finite and positive": lambda: experts.KitchenExpert(["kettle"], threshold=0),
+    "in_order must be True or False": lambda: experts.KitchenExpert(["kettle"], in_order="yes"),
+    "style must be a Style": lambda: experts.KitchenExpert(["kettle"], style={"speed": 1}),
+    "drawer 'middle' does not exist": lambda: experts.DrawerExpert("middle"),
+    r"must have shape \(59,\)": lambda: experts.KitchenExpert(["kettle"]).act(np.zeros(25)),
+    "must be finite": lambda: experts.KitchenExpert(["kettle"]).act(np.full(59, np.nan)),
+    "there is no expert for": lambda: experts.make(object()),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_bad_options_are_refused(message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        REFUSED[message]()
+
+
+def test_the_command_line_knows_the_expert(capsys):
+    assert rollout.main(["--policy=expert", "--task_name=kettle", "--num_episodes=1"]) == 0
+    assert "success rate          100% (1 of 1)" in capsys.readouterr().out
+
+
+def test_without_the_extra_one_line_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setattr(policies, "_EXPERTS_NEED", ("daqp", "mink_that_is_not_there"))
+    assert rollout.main(["--policy=expert", "--num_episodes=1"]) == 2
+    assert capsys.readouterr().err == (
+        "kitchen-rollout: policy 'expert' needs mink_that_is_not_there: pip install 'kitchen-suite[experts]'\n"
+    )
+
+
+def test_the_suite_and_its_other_policies_do_not_import_mink():
+    code = (
+        "import sys, kitchen_suite.suite; from kitchen_suite import policies; "
+        "policies.find('random'); assert 'mink' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# Episodes of 100 that must succeed: (task, time limit [s], least).
+BARS = [
+    *((task, 22.4, 99) for task in KITCHEN_TASKS if task not in {"complete", "partial", "mixed", "all"}),
+    *((task, 22.4, 95) for task in ("complete", "partial", "mixed")),
+    ("all", 22.4, 90),
+    ("all", 36.0, 95),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("task_name", "time_limit", "least"), BARS)
+def test_a_hundred_unseen_seeds(load, task_name, time_limit, least):
+    env = load(task_name, time_limit=time_limit)
+    count = len(env.task.goals)
+    expert = experts.make(env.task)
+    assert sum(len(episode(env, expert, 10_000 + seed)[0]) == count for seed in range(100)) >= least
+
+
+# Styles, and how many of 20 episodes of all seven tasks must succeed within 450 steps.
+DEMANDING = {
+    "noisy": (experts.Style(action_noise=0.2), 18),
+    "jittered": (experts.Style(jitter=0.03), 19),
+    "mixed": (experts.Style(speed=0.75, action_noise=0.1, jitter=0.02), 19),
+    "slow": (experts.Style(speed=0.5), 20),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("style", "least"), DEMANDING.values(), ids=DEMANDING)
+def test_demanding_styles(load, style, least):
+    env = load("all", time_limit=36.0)
+    expert = experts.make(env.task, style=style)
+    assert sum(len(episode(env, expert, 10_000 + seed)[0]) == 7 for seed in range(20)) >= least
+
+
+@pytest.mark.slow
+def test_every_order_that_leaves_the_hinge_cabinet_to_the_end(load):
+    others = [task for task in GOALS if task != "hinge cabinet"]
+    generator, env = np.random.default_rng(0), load("all", time_limit=36.0)
+    for seed in range(50):
+        order = (*generator.permutation(others).tolist(), "hinge cabinet")
+        completed, _ = episode(env, experts.KitchenExpert(order, in_order=True), seed)
+        assert len(completed) == 7, order

@@ -1,0 +1,103 @@
+"""The cabinet's expert: it opens either drawer on observations alone, from any start."""
+
+import numpy as np
+import pytest
+
+from kitchen_suite import experts, policies, suite
+from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
+from kitchen_suite.rollouts.episode import play
+from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+
+DRAWERS = ("top", "bottom")
+STYLES = {
+    "slow": experts.Style(speed=0.6),
+    "noisy": experts.Style(action_noise=0.001),
+    "jittered": experts.Style(jitter=0.02),
+}
+
+
+def load(drawer="top", **task_kwargs):
+    return suite.load("open_cabinet", f"{drawer}_drawer", {"visuals": False, **task_kwargs})
+
+
+def opening(env, expert, seed):
+    """Opening of the drawer at the end of an episode [m], and all actions; no opening counts if it ended early."""
+    env.random_state.seed(seed)
+    timestep = env.reset()
+    expert.reset(np.random.default_rng(seed))
+    actions = []
+    while not timestep.last():
+        actions.append(expert.act(np.concatenate([*timestep.observation.values()])))
+        timestep = env.step(actions[-1])
+    return env.task.drawer_opening * timestep.discount, np.array(actions)
+
+
+@pytest.mark.parametrize("drawer", DRAWERS)
+def test_the_policy_opens_the_drawer(drawer):
+    env = load(drawer)
+    for seed in (201, 202, 203):
+        outcome = play(env, policies.find("expert"), seed, lambda timestep: None).outcome
+        assert outcome.results["success"], outcome
+        assert outcome.steps == 700
+
+
+@pytest.mark.parametrize("drawer", DRAWERS)
+def test_the_flat_observation_alone_is_enough_to_open_it(drawer):
+    env, expert = FrankaOpenCabinetEnv(drawer=drawer, max_episode_steps=700), experts.DrawerExpert(drawer)
+    observation, _ = env.reset(seed=204)
+    expert.reset(np.random.default_rng(0))
+    terminated = truncated = False
+    while not terminated and not truncated:
+        action = expert.act(observation)
+        assert env.action_space.contains(action)
+        observation, _, terminated, truncated, info = env.step(action)
+    assert not terminated
+    assert info["is_success"]
+
+
+@pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
+@pytest.mark.parametrize("drawer", DRAWERS)
+def test_a_style_changes_the_way_and_opens_the_drawer(drawer, style):
+    env = load(drawer)
+    styled, actions = opening(env, experts.make(env.task, style=style), 205)
+    _, plain = opening(env, experts.make(env.task), 205)
+    assert styled >= 0.3
+    assert not np.array_equal(actions, plain)
+
+
+def test_a_seed_fixes_all_actions_at_the_cabinet():
+    env = load()
+    expert = experts.make(env.task, style=experts.Style(jitter=0.02, action_noise=0.001))
+    first, other, again = (opening(env, expert, seed)[1] for seed in (206, 207, 206))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_a_handle_elsewhere_that_is_seen_badly_is_found():
+    env = load(
+        observation_noise={"handle_offset": 0.01, "handle_orientation_offset": 0.02},
+        randomization=MODERATE,
+    )
+    assert all(opening(env, experts.make(env.task), seed)[0] >= 0.3 for seed in (208, 209, 210))
+
+
+def test_a_drawer_that_slipped_out_is_grasped_again():
+    env = load(gripper="deterministic")
+    env.random_state.seed(0)
+    timestep, expert = env.reset(), experts.make(env.task)
+    for step in range(700):
+        action = expert.act(np.concatenate([*timestep.observation.values()]))
+        # The fingers let go while they pull.
+        action[7] = -1.0 if 180 <= step < 240 else action[7]
+        timestep = env.step(action)
+        if step == 240:
+            assert env.task.drawer_opening < 0.2
+    assert env.task.drawer_opening >= 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drawer", DRAWERS)
+def test_a_hundred_unseen_starts(drawer):
+    env = load(drawer)
+    expert = experts.make(env.task)
+    assert sum(opening(env, expert, 20_000 + seed)[0] >= 0.3 for seed in range(100)) >= 98

@@ -1,0 +1,340 @@
+"""Trained policies: their file, their arithmetic, and that they act alike in every kind of environment."""
+
+import json
+import math
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+
+import kitchen_suite
+from kitchen_suite import policies, suite
+from kitchen_suite.cli import record
+from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.policies import trained as trained_policy
+from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.recordings.folder import Staging
+from kitchen_suite.rollouts.episode_arrays import nested
+
+TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
+MIXED = ["microwave", "kettle", "bottom burner", "light switch"]
+# Of observation and action; the kitchen's goals of these tasks have 1, 7, 2 and 2 elements.
+SIZES = {"kitchen": (59 + 2 * 12, 9), "open_cabinet": (25, 8)}
+IDS = {
+    "kitchen": (KITCHEN_ID, {"tasks_to_complete": MIXED, "goal_format": "flat", "info_format": "arrays"}),
+    "open_cabinet": (CABINET_ID, {}),
+}
+DOMAINS = list(SIZES)
+
+
+def make(domain="open_cabinet", hidden=(6, 4), seed=0, **changes):
+    """A small policy of random weights, with actions that keep a robot busy."""
+    generator = np.random.default_rng(seed)
+    observed, acted = SIZES[domain]
+    sizes = [observed, *hidden, acted]
+
+    def draw(*shape):
+        return generator.normal(scale=0.5, size=shape).astype(np.float32)
+
+    parts = {
+        "mean": draw(observed),
+        "deviation": np.exp(draw(observed)),
+        "clip": 2.0,
+        "weights": tuple(draw(sizes[i + 1], sizes[i]) for i in range(len(sizes) - 1)),
+        "biases": tuple(draw(size) for size in sizes[1:]),
+        "action_scale": np.linspace(0.02, 0.1, acted, dtype=np.float32),
+        "metadata": {"domain_name": domain, "task_name": TASKS[domain], "task_kwargs": {}},
+    }
+    return TrainedPolicy(**{**parts, **changes})
+
+
+def act_by_hand(policy, observation):
+    """The formula of the documentation, number by number."""
+    values = [
+        min(max((float(value) - float(mean)) / float(deviation), -policy.clip), policy.clip)
+        for value, mean, deviation in zip(observation, policy.mean, policy.deviation, strict=True)
+    ]
+    for layer, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        values = [
+            sum(float(factor) * value for factor, value in zip(row, values, strict=True)) + float(offset)
+            for row, offset in zip(weight, bias, strict=True)
+        ]
+        if layer < len(policy.weights) - 1:
+            values = [value if value > 0 else math.exp(value) - 1 for value in values]
+    return [value * float(scale) for value, scale in zip(values, policy.action_scale, strict=True)]
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A policy's file."""
+    path = tmp_path / "policy.npz"
+    make().save(path)
+    return path
+
+
+def rewrite(path, *, without=(), metadata=None, **arrays):
+    """Changes what is in a policy's file."""
+    with np.load(path, allow_pickle=False) as file:
+        present = dict(file)
+    known = {**json.loads(str(present["metadata"])), **(metadata or {})}
+    present |= {"metadata": np.array(json.dumps(known)), **arrays}
+    np.savez(path, **{name: array for name, array in present.items() if name not in without})
+
+
+@pytest.mark.parametrize("hidden", [(), (5,), (6, 4)])
+def test_the_actions_are_those_of_the_formula(hidden):
+    policy = make(hidden=hidden)
+    # Wide enough that some observations are clipped.
+    observations = np.random.default_rng(1).normal(scale=4, size=(20, 25))
+    standardised = (observations - policy.mean) / policy.deviation
+    assert 0.1 < (np.abs(standardised) > policy.clip).mean() < 0.9
+    expected = [act_by_hand(policy, observation) for observation in observations]
+    # Products of float32: some 1e-7 of numbers near one.
+    np.testing.assert_allclose(policy(observations), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_any_leading_axes_give_the_same_actions():
+    policy, observations = make(), np.random.default_rng(1).normal(size=(2, 3, 25))
+    actions = policy(observations)
+    assert (actions.shape, actions.dtype) == ((2, 3, 8), np.float32)
+    assert policy(observations[0]).shape == (3, 8)
+    assert policy(observations[0, 0]).shape == (8,)
+    # Other shapes are summed up in another order.
+    np.testing.assert_allclose(policy(observations[0]), actions[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(policy(observations[0, 0]), actions[0, 0], rtol=1e-5, atol=1e-7)
+
+
+def test_a_file_gives_the_same_policy_back(saved):
+    policy, loaded = make(), TrainedPolicy.load(saved)
+    for name in ("mean", "deviation", "clip", "action_scale"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(policy, name), name)
+    for one, other in zip((*loaded.weights, *loaded.biases), (*policy.weights, *policy.biases), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert loaded.metadata == {
+        **policy.metadata,
+        "format": trained_policy.FORMAT,
+        "kitchen_suite": kitchen_suite.__version__,
+    }
+    observations = np.random.default_rng(1).normal(size=(4, 25))
+    np.testing.assert_array_equal(loaded(observations), policy(observations))
+
+
+def test_acting_needs_neither_torch_nor_skrl(saved):
+    code = f"""
+import sys
+from pathlib import Path
+import numpy as np
+from kitchen_suite.trained_policy import TrainedPolicy
+assert TrainedPolicy.load(Path({str(saved)!r}))(np.zeros(25)).shape == (8,)
+assert not {{"torch", "skrl"}} & sys.modules.keys()
+"""
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (process.returncode, process.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("size", [0, 1, 100, 600])
+def test_a_truncated_file_is_an_os_error(saved, size):
+    saved.write_bytes(saved.read_bytes()[:size])
+    with pytest.raises(OSError, match=r"policy\.npz does not hold a trained policy"):
+        TrainedPolicy.load(saved)
+
+
+def test_a_damaged_file_is_refused_or_harmless(saved):
+    whole, observations, refused = saved.read_bytes(), np.random.default_rng(1).normal(size=(4, 25)), 0
+    for start in range(0, len(whole), 37):
+        saved.write_bytes(whole[:start] + b"damaged!" + whole[start + 8 :])
+        try:
+            loaded = TrainedPolicy.load(saved)
+        except (OSError, ValueError):
+            refused += 1
+        else:
+            # What was hit is of no consequence, such as the time of writing.
+            np.testing.assert_array_equal(loaded(observations), make()(observations))
+    assert refused > len(whole) / 37 / 2
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.npz"):
+        TrainedPolicy.load(tmp_path / "nothing.npz")
+
+
+@pytest.mark.parametrize("content", [b"text", b"PK\x03\x04", b"\x80\x04N."])
+def test_what_is_no_npz_is_an_os_error(tmp_path, content):
+    path = tmp_path / "policy.npz"
+    path.write_bytes(content)
+    with pytest.raises(OSError, match=r"policy\.npz does not hold a trained policy"):
+        TrainedPolicy.load(path)
+
+
+def test_an_npz_of_something_else_is_refused(tmp_path):
+    np.savez(tmp_path / "other.npz", metadata=np.array(json.dumps({"episode": 0})), action=np.zeros((3, 8)))
+    with pytest.raises(ValueError, match=r"other\.npz holds no trained policy: it has no format version"):
+        TrainedPolicy.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("name", ["mean", "deviation", "clip", "action_scale", "weight_0", "weight_1", "bias_2"])
+def test_a_missing_array_is_named(saved, name):
+    rewrite(saved, without=[name])
+    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: .*({name}|layers)"):
+        TrainedPolicy.load(saved)
+
+
+WRONG = {
+    "mean": np.zeros((25, 1), np.float32),
+    "deviation": np.ones(24, np.float32),
+    "weight_0": np.zeros((25, 6), np.float32),
+    "weight_2": np.zeros((8, 4)),
+    "bias_1": np.zeros((4, 1), np.float32),
+    "action_scale": np.ones(7, np.float32),
+    "clip": np.ones(2, np.float32),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_an_array_of_another_shape_or_kind_is_refused(saved, name):
+    rewrite(saved, **{name: WRONG[name]})
+    with pytest.raises(ValueError, match=r"policy\.npz holds no trained policy: "):
+        TrainedPolicy.load(saved)
+
+
+@pytest.mark.parametrize("name", ["mean", "deviation", "clip", "weight_1", "bias_0", "action_scale"])
+def test_numbers_that_are_not_finite_are_refused(saved, name):
+    with np.load(saved) as file:
+        array = np.full_like(file[name], np.nan)
+    rewrite(saved, **{name: array})
+    with pytest.raises(ValueError, match=r"must be (finite|positive)"):
+        TrainedPolicy.load(saved)
+
+
+def test_a_deviation_of_zero_is_refused():
+    with pytest.raises(ValueError, match="deviation and clip must be positive"):
+        make(deviation=np.zeros(25, np.float32))
+
+
+def test_another_format_version_is_refused(saved):
+    rewrite(saved, metadata={"format": 2})
+    with pytest.raises(ValueError, match=r"policy\.npz has format 2; this version reads 1"):
+        TrainedPolicy.load(saved)
+
+
+@pytest.mark.parametrize("name", ["domain_name", "task_name", "task_kwargs"])
+def test_a_file_that_does_not_name_its_task_is_refused(saved, name):
+    rewrite(saved, metadata={name: None})
+    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: its {name} is None"):
+        TrainedPolicy.load(saved)
+
+
+def load(domain, seed=0, **kwargs):
+    """The suite's environment, with the random stream that Gymnasium makes of the seed."""
+    stream = np.random.RandomState(gymnasium.utils.seeding.np_random(seed)[0].bit_generator)
+    return suite.load(domain, TASKS[domain], {"random": stream, "visuals": False, **kwargs})
+
+
+def acting(path, environment):
+    return policies.find(f"trained(file={str(path)!r})")(environment, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_policy_sees_what_its_gymnasium_environment_shows(domain):
+    name, settings = IDS[domain]
+    environment, gym = load(domain, seed=3), gymnasium.make(name, **settings)
+    timestep, (observation, _) = environment.reset(), gym.reset(seed=3)
+    for action in 0.05 * np.random.default_rng(0).normal(size=(5, SIZES[domain][1])):
+        flat = trained_policy.flat_timestep(timestep)
+        assert flat.shape == SIZES[domain][:1]
+        np.testing.assert_array_equal(flat, trained_policy.flat(observation))
+        timestep, (observation, *_) = environment.step(action), gym.step(action)
+    assert not np.array_equal(flat, trained_policy.flat(observation))
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
+    policy, steps, count = make(domain), 40, 3
+    policy.save(tmp_path / "policy.npz")
+    name, settings = IDS[domain]
+    environments, gyms = [load(domain, seed) for seed in range(count)], [gymnasium.make(name, **settings)] * count
+    vector = gymnasium.make_vec(name, count, vectorization_mode="vector_entry_point", **settings)
+
+    def of_the_suite(seed):
+        act, timestep = acting(tmp_path / "policy.npz", environments[seed]), environments[seed].reset()
+        for _ in range(steps):
+            action = act(timestep)
+            timestep = environments[seed].step(action)
+            yield action, timestep.reward
+
+    def of_gymnasium(seed):
+        observation, _ = gyms[seed].reset(seed=seed)
+        for _ in range(steps):
+            action = policy(trained_policy.flat(observation))
+            observation, reward, *_ = gyms[seed].step(action)
+            yield action, reward
+
+    def of_the_vector():
+        observations, _ = vector.reset(seed=0)
+        for _ in range(steps):
+            actions = policy(trained_policy.flat(observations))
+            observations, rewards, *_ = vector.step(actions)
+            yield actions, rewards
+
+    together = list(of_the_vector())
+    for seed in range(count):
+        alone, by_gymnasium = list(of_the_suite(seed)), list(of_gymnasium(seed))
+        for (one, reward), (other, same), (many, rewards) in zip(alone, by_gymnasium, together, strict=True):
+            np.testing.assert_array_equal(one, other)
+            assert reward == same
+            # A batch is summed up in another order than one observation: 1e-7, which the physics carries on.
+            np.testing.assert_allclose(many[seed], one, rtol=1e-3, atol=1e-5)
+            np.testing.assert_allclose(rewards[seed], reward, rtol=1e-3, atol=1e-4)
+    vector.close()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_a_policy_can_be_recorded(domain, tmp_path):
+    policy, path = make(domain), tmp_path / "policy.npz"
+    policy.save(path)
+    arguments = [f"--domain_name={domain}", f"--task_name={TASKS[domain]}", f"--policy=trained(file={str(path)!r})"]
+    if domain == "kitchen":
+        arguments.append('--task_kwargs={"goal_format": "flat"}')
+    arguments += ["--num_episodes=2", "--max_episode_steps=5", f"--output={tmp_path / 'episodes'}"]
+    assert record.main(arguments) == 0
+    for index in range(2):
+        arrays = Staging.open(tmp_path / "episodes").load(index).arrays
+        seen = trained_policy.flat(nested(arrays, "observation"))[:-1]
+        # Several observations are summed up in another order than one.
+        np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(("own", "other"), [DOMAINS, DOMAINS[::-1]])
+def test_a_policy_of_another_task_is_the_policys_fault(own, other, tmp_path):
+    make(own).save(tmp_path / "policy.npz")
+    with pytest.raises(policies.PolicyError, match=f"it was trained for {own} {TASKS[own]}"):
+        acting(tmp_path / "policy.npz", load(other))
+
+
+def test_a_file_that_cannot_be_read_is_the_policys_fault(tmp_path):
+    with pytest.raises(policies.PolicyError, match=r"cannot be built: .*nothing\.npz"):
+        acting(tmp_path / "nothing.npz", load("open_cabinet"))
+
+
+@pytest.mark.parametrize("options", ["file=3", "speed=1", "file='policy.npz', speed=1"])
+def test_options_that_are_none_are_the_policys_fault(options):
+    with pytest.raises(policies.PolicyError, match="cannot be built"):
+        policies.find(f"trained({options})")(load("open_cabinet"), np.random.default_rng(0))
+
+
+def test_where_no_policy_comes_with_the_package_those_that_do_are_listed(monkeypatch, tmp_path):
+    monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
+    make().save(tmp_path / "bottom_drawer.npz")
+    with pytest.raises(policies.PolicyError, match=r"'top_drawer' does not exist.*; choose from \['bottom_drawer'\]"):
+        policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
+    make().save(tmp_path / "top_drawer.npz")
+    policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
+    with pytest.raises(
+        policies.PolicyError,
+        match=r"'top_drawer_grasp' does not exist.*; choose from \['bottom_drawer', 'top_drawer'\]",
+    ):
+        policies.find("trained")(load("open_cabinet", reward="grasp"), np.random.default_rng(0))
+    make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
+    policies.find("trained")(load("kitchen"), np.random.default_rng(0))

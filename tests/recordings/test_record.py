@@ -1,0 +1,422 @@
+"""`kitchen-record` as its user meets it: what is in the files, what an interrupt leaves, and what a second run does."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import dm_env
+import gymnasium
+import numpy as np
+import pytest
+import tqdm
+
+from kitchen_suite import policies
+from kitchen_suite.cli import record, rollout
+from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.rollouts import progress
+from kitchen_suite.rollouts.episode_arrays import flatten
+from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.vector_env import base as vector_base
+
+COMMAND = [sys.executable, "-m", "kitchen_suite.cli.record"]
+SHORT = ["--max_episode_steps=5"]
+# The microwave's goal lies within its threshold from the start, the kettle's does not.
+EASY = '--task_kwargs={"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.2]}}'
+
+POLICIES = """
+import os
+
+import numpy as np
+
+def brake(timestep):
+    # As a feedback loop does, it hangs on every number of the observation, reward and start of the episode.
+    shown = sum(value.sum() for value in timestep.observation.values())
+    for value in timestep.observation.values():
+        value[...] = np.nan
+    return np.sin(np.arange(9) * shown) + (0.1 if timestep.first() else timestep.reward)
+
+def far(timestep):
+    return np.full(9, 3.0)
+
+def stop(timestep):
+    if os.path.exists("stop") and not timestep.first():
+        raise KeyboardInterrupt
+    return np.zeros(9)
+
+def too_great(timestep):
+    return np.full(8, 1e300)
+
+def broken(timestep):
+    raise KeyError("lost")
+"""
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs the command in a folder that holds `my_policies.py`; gives status, stdout and stderr."""
+    tmp_path.joinpath("my_policies.py").write_text(POLICIES)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+
+    def run(*arguments):
+        status = record.main(["--num_threads=1", *arguments])
+        return status, *capsys.readouterr()
+
+    yield run
+    sys.modules.pop("my_policies", None)
+
+
+def load(path):
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    return json.loads(str(arrays.pop("metadata"))), arrays
+
+
+def load_all(folder):
+    return {name: load(f"{folder}/{name}") for name in sorted(os.listdir(folder)) if name != "recording.json"}
+
+
+def names(*indices):
+    return [f"episode_{index:06d}.npz" for index in indices]
+
+
+def assert_same_arrays(one, other):
+    assert one.keys() == other.keys()
+    for name, array in one.items():
+        assert array.dtype == other[name].dtype, name
+        np.testing.assert_array_equal(array, other[name], name)
+
+
+def played_alone(environment, policy_name, seed):
+    """The episode as a loop over the single environment gives it."""
+    inner = environment.unwrapped.environment
+    policy = policies.find(policy_name)(inner, np.random.default_rng((seed, 1)))
+    observation, info = environment.reset(seed=seed)
+    rows, steps = [{**flatten(observation, "observation"), **flatten(info, "info")}], []
+    ended = False
+    while not ended:
+        view = dict(zip(inner.task.task_observables, split(environment, observation), strict=True))
+        timestep = dm_env.transition(steps[-1][1], view) if steps else dm_env.restart(view)
+        action = policy(timestep).clip(environment.action_space.low, environment.action_space.high).astype(np.float32)
+        observation, reward, terminated, truncated, info = environment.step(action)
+        ended = terminated or truncated
+        rows.append({**flatten(observation, "observation"), **flatten(info, "info")})
+        steps.append((action, reward, terminated, truncated))
+    columns = zip(("action", "reward", "termination", "truncation"), zip(*steps, strict=True), strict=True)
+    arrays = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return {**arrays, **{name: np.array(column) for name, column in columns}}
+
+
+def split(environment, observation):
+    """The parts of an observation that the suite's own environment shows one by one; copies."""
+    if isinstance(observation, dict):
+        parts = np.split(observation["observation"].copy(), [9, 18, 39])
+        tasks = environment.unwrapped.environment.task.goals
+        return parts + [observation[kind][task].copy() for kind in ("achieved_goal", "desired_goal") for task in tasks]
+    return np.split(observation.copy(), [8, 16, 19, 23, 24])
+
+
+@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (3, 2)])
+@pytest.mark.parametrize("policy", ["random", "my_policies:brake"])
+def test_an_episode_is_that_of_the_single_environment(run, policy, num_envs, num_threads):
+    how = [f"--policy={policy}", f"--num_envs={num_envs}", f"--num_threads={num_threads}"]
+    status, _, err = run("--output=runs", "--num_episodes=4", "--seed=3", EASY, *how, *SHORT)
+    assert (status, err) == (0, "")
+    environment = gymnasium.make(
+        KITCHEN_ID,
+        tasks_to_complete=["microwave", "kettle"],
+        goals={"microwave": [-0.2]},
+        info_format="arrays",
+        max_episode_steps=5,
+    )
+    assert list(load_all("runs")) == names(*range(4))
+    for index, (about, arrays) in enumerate(load_all("runs").values()):
+        assert (about["episode"], about["seed"], about["steps"]) == (index, 3 + index, 5)
+        assert about["results"] == {"success": False, "tasks_completed": {"microwave": 1}}
+        assert about["total_reward"] == 1.0
+        assert_same_arrays(arrays, played_alone(environment, policy, 3 + index))
+
+
+@pytest.mark.parametrize("num_envs", [1, 3])
+def test_rewards_of_the_cabinet_do_not_depend_on_what_was_played_before(run, monkeypatch, num_envs):
+    # The second episode of an environment would begin with the greater penalties.
+    monkeypatch.setattr(drawer_reward, "LATE_STAGE", 6)
+    status, _, err = run("--domain_name=open_cabinet", "--output=runs", "--num_episodes=5", f"--num_envs={num_envs}")
+    assert (status, err) == (0, "")
+    lengths = set()
+    for index, (_, arrays) in enumerate(load_all("runs").values()):
+        assert_same_arrays(arrays, played_alone(gymnasium.make(CABINET_ID), "random", index))
+        assert arrays["action"].dtype == np.float32
+        lengths.add(len(arrays["reward"]))
+    # They end at different times, so that environments are reset one by one.
+    assert len(lengths) > 1
+
+
+def test_actions_are_recorded_as_they_were_applied(run):
+    assert run("--output=runs", "--num_episodes=1", "--policy=my_policies:far", *SHORT)[0] == 0
+    _, arrays = load("runs/episode_000000.npz")
+    np.testing.assert_array_equal(arrays["action"], np.ones((5, 9), np.float32))
+
+
+def test_the_policy_acts_as_in_a_rollout(run):
+    run("--output=runs", "--num_episodes=2", *SHORT)
+    rollout.main(["--output=rolled", "--num_episodes=2", "--time_limit=0.4"])
+    for name in names(0, 1):
+        rolled = load(f"rolled/{name}")[1]["action"]
+        np.testing.assert_array_equal(load(f"runs/{name}")[1]["action"], rolled.astype(np.float32))
+
+
+def test_goals_may_be_flat(run):
+    assert run("--output=runs", "--num_episodes=1", '--task_kwargs={"goal_format": "flat"}', *SHORT)[0] == 0
+    assert run("--output=dict", "--num_episodes=1", *SHORT)[0] == 0
+    _, arrays = load("runs/episode_000000.npz")
+    _, others = load("dict/episode_000000.npz")
+    assert arrays["observation/achieved_goal"].shape == (6, 11)
+    np.testing.assert_array_equal(
+        arrays["observation/achieved_goal"][:, 1:8], others["observation/achieved_goal/kettle"]
+    )
+    np.testing.assert_array_equal(arrays["action"], others["action"])
+
+
+def test_seeds_may_be_of_any_size(run):
+    assert run("--output=runs", "--num_episodes=2", f"--seed={10**30}", *SHORT)[0] == 0
+    assert [about["seed"] for about, _ in load_all("runs").values()] == [10**30, 10**30 + 1]
+
+
+def test_a_recording_tells_what_it_is_made_of(run, tmp_path):
+    status, out, _ = run("--output=runs", "--num_episodes=2", "--task_name=kettle", "--policy=zero", *SHORT)
+    assert status == 0
+    assert out.startswith("kitchen kettle, policy zero, seeds from 0\n2 episodes in runs, 0 of them there already\n")
+    assert "\nepisodes              2\n" in out
+    assert "\nsuccess rate          0% (0 of 2)\n" in out
+    about = json.loads(tmp_path.joinpath("runs/recording.json").read_text(encoding="utf-8"))
+    assert {"mujoco", "dm-control", "kitchen-suite", "numpy"} < about.pop("versions").keys()
+    assert about == {
+        "domain_name": "kitchen",
+        "task_name": "kettle",
+        "task_kwargs": {},
+        "policy": "zero",
+        "seed": 0,
+        "max_episode_steps": 5,
+    }
+
+
+def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes_them(run, tmp_path):
+    command = ["--output=runs", "--num_episodes=5", "--num_envs=2", "--policy=my_policies:stop", *SHORT]
+    tmp_path.joinpath("stop").touch()
+    assert run("--num_episodes=1", *command)[::2] == (
+        130,
+        "kitchen-record: interrupted after 0 of 5 episodes; run the same again to go on\n",
+    )
+    assert list(load_all("runs")) == []
+    tmp_path.joinpath("stop").unlink()
+    assert run(*command, "--num_episodes=3")[0] == 0
+    kept = load_all("runs")
+    # What a killed process leaves of a file.
+    tmp_path.joinpath("runs/.999999999.episode_000004.npz").touch()
+    status, out, _ = run(*command)
+    assert status == 0
+    assert "5 episodes in runs, 3 of them there already\n" in out
+    assert "\nepisodes              5\n" in out
+    assert sorted(os.listdir("runs")) == [*names(*range(5)), "recording.json"]
+    assert {name: load(f"runs/{name}")[0]["seconds"] for name in kept} == {
+        name: about["seconds"] for name, (about, _) in kept.items()
+    }
+
+
+def test_the_bar_counts_episodes_and_successes(run, monkeypatch):
+    shown = []
+
+    class Bar(tqdm.tqdm):
+        def display(self, *args, **kwargs):
+            shown.append((self.n, self.total, self.postfix))
+
+    monkeypatch.setattr(progress, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
+    # So great that every task is complete after one step.
+    easy = '--task_kwargs={"threshold": 9}'
+    assert run("--output=runs", "--num_episodes=2", "--num_envs=1", easy)[0] == 0
+    assert run("--output=runs", "--num_episodes=3", "--num_envs=1", easy)[0] == 0
+    assert {(n, total) for n, total, _ in shown} == {(0, 2), (1, 2), (2, 2), (2, 3), (3, 3)}
+    assert shown[-1] == (3, 3, "success 100%")
+
+
+def test_a_complete_recording_is_left_alone(run):
+    command = ["--output=runs", "--num_episodes=2", *SHORT]
+    assert run(*command)[0] == 0
+    before = load_all("runs")
+    status, out, _ = run(*command)
+    assert status == 0
+    assert "2 episodes in runs, 2 of them there already\n" in out
+    assert {name: about for name, (about, _) in load_all("runs").items()} == {
+        name: about for name, (about, _) in before.items()
+    }
+
+
+def started(folder, *arguments):
+    """The command as a process that records for long, after it has written three episodes."""
+    process = subprocess.Popen(
+        [*COMMAND, f"--output={folder}", "--num_episodes=100000", "--num_envs=3", "--num_threads=1", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    while len(list(folder.glob("episode_*.npz"))) < 3:
+        assert process.poll() is None
+        time.sleep(0.01)
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_finished_episodes(tmp_path, monkeypatch, number):
+    monkeypatch.chdir(tmp_path)
+    with started(tmp_path / "runs", *SHORT) as process:
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    count = len(load_all("runs"))
+    assert count >= 3
+    assert process.returncode == 130
+    assert err == f"kitchen-record: interrupted after {count} of 100000 episodes; run the same again to go on\n"
+    assert f"\nepisodes              {count}\n" in out
+
+
+def test_kill_9_costs_no_more_than_the_episodes_being_played(run, tmp_path):
+    with started(tmp_path / "runs", *SHORT) as process:
+        process.kill()
+        assert process.communicate(timeout=60)[1] == ""
+    # Every file is whole, and the rest can be had.
+    count = len(list(tmp_path.glob("runs/episode_*.npz"))) + 4
+    assert run("--output=runs", f"--num_episodes={count}", "--num_envs=2", *SHORT)[0] == 0
+    assert sorted(os.listdir("runs")) == [*names(*range(count)), "recording.json"]
+    assert run("--output=again", f"--num_episodes={count}", "--num_envs=4", *SHORT)[0] == 0
+    for (_, one), (_, other) in zip(load_all("runs").values(), load_all("again").values(), strict=True):
+        assert_same_arrays(one, other)
+
+
+OTHER = {
+    "--seed=1": "runs holds a recording with seed 0, not 1: name another folder",
+    "--policy=zero": 'with policy "random", not "zero"',
+    "--task_name=mixed": 'with task_name "complete", not "mixed"',
+    "--max_episode_steps=6": "with max_episode_steps 5, not 6",
+    '--task_kwargs={"threshold": 1}': 'with task_kwargs {}, not {"threshold": 1}',
+}
+
+
+def test_a_folder_with_another_recording_is_refused(run):
+    assert run("--output=runs", "--num_episodes=1", *SHORT)[0] == 0
+    for argument, message in OTHER.items():
+        status, out, err = run("--output=runs", "--num_episodes=2", *SHORT, argument)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert message in err
+    assert list(load_all("runs")) == names(0)
+
+
+def test_a_recording_made_with_another_mujoco_is_not_continued(run, tmp_path):
+    run("--output=runs", "--num_episodes=1", *SHORT)
+    path = tmp_path / "runs" / "recording.json"
+    path.write_text(re.sub(r'"mujoco": "[^"]*"', '"mujoco": "3.0.0"', path.read_text()))
+    status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
+    assert status == 2
+    assert '"mujoco": "3.0.0"' in err
+
+
+def test_a_folder_of_rollouts_is_refused(run):
+    rollout.main(["--output=runs", "--num_episodes=1", "--time_limit=0.4"])
+    status, _, err = run("--output=runs", *SHORT)
+    assert status == 2
+    assert "holds episodes already" in err
+
+
+def test_an_episode_whose_physics_diverges_is_left_out_and_named(run, monkeypatch):
+    step = vector_base.SuiteVectorEnv.step
+    count = 0
+
+    def diverge(self, actions):
+        nonlocal count
+        count += 1
+        observations, rewards, terminations, truncations, infos = step(self, actions)
+        diverged = np.array([False, count == 2, False])
+        return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
+
+    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step", diverge)
+    status, out, err = run("--output=runs", "--num_episodes=4", "--num_envs=3", *SHORT)
+    assert (status, err) == (1, "kitchen-record: the physics diverged in 1 episodes, left out: seeds [1]\n")
+    assert "\nepisodes              3\n" in out
+    assert list(load_all("runs")) == names(0, 2, 3)
+    assert [len(arrays["reward"]) for _, arrays in load_all("runs").values()] == [5, 5, 5]
+
+
+def test_a_full_disk_is_told_in_one_line(run, monkeypatch):
+    def fail(file, **arrays):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    status, out, err = run("--output=runs", "--num_episodes=1", *SHORT)
+    assert (status, err) == (1, "kitchen-record: [Errno 28] No space left on device\n")
+    assert out.endswith("\nno episode was finished\n")
+    assert os.listdir("runs") == ["recording.json"]
+
+
+BAD = {
+    "--colour=red": "Unknown command line flag 'colour'",
+    "--num_episodes=0": "positive",
+    "--num_envs=0": "positive",
+    "--num_threads=0": "positive",
+    "--max_episode_steps=0": "positive",
+    "--seed=-1": "non-negative",
+    "--domain_name=kitchn": "did you mean 'kitchen'?",
+    "--task_name=kettel": "did you mean 'kettle'?",
+    "--policy=rndom": "did you mean 'random'?",
+    "--policy=my_policies:lost": "has no attribute 'lost'",
+    "--policy=my_policies:broken": "'my_policies:broken' raised KeyError: 'lost'",
+    "--policy=my_policies:too_great": "returned a bad action",
+    "--output=my_policies.py": "my_policies.py",
+    "--output=": "--output is missing",
+    "--task_kwargs=[1]": "JSON object",
+    "--task_kwargs={": "not JSON",
+    '--task_kwargs={"colour": 1}': "colour",
+    '--task_kwargs={"threshold": -1}': "threshold must be",
+    '--task_kwargs={"info_format": "lists"}': "info_format cannot be among the task_kwargs",
+    "--dataset=kitchen": "'kitchen' is no name of a dataset",
+    "--dataset=a b-v0": "'a b-v0' is no name of a dataset",
+    "all": "unexpected argument 'all'",
+}
+
+
+@pytest.mark.parametrize("argument", BAD)
+def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
+    status, _, err = run("--output=runs", *SHORT, argument)
+    assert status == 2
+    assert re.fullmatch(r"kitchen-record: [^\n]+\n", err)
+    assert BAD[argument] in err
+
+
+def test_an_action_beyond_float32_is_refused(run):
+    status, _, err = run("--output=runs", "--domain_name=open_cabinet", "--policy=my_policies:too_great")
+    assert status == 2
+    assert "does not fit into float32" in err
+
+
+def test_what_the_task_fixes_cannot_be_changed(run):
+    status, _, err = run("--output=runs", "--domain_name=open_cabinet", '--task_kwargs={"drawer": "bottom"}')
+    assert status == 2
+    assert "task 'top_drawer' fixes ['drawer']" in err
+
+
+@pytest.mark.parametrize("argument", ["--policy=nowhere:act", "--task_name=nothing", "--dataset=nothing"])
+def test_nothing_is_made_before_all_arguments_are_known_to_be_good(run, argument):
+    assert run("--output=runs", argument)[:2] == (2, "")
+    assert not os.path.exists("runs")
+
+
+def test_help_tells_of_every_flag(run):
+    status, out, err = run("--help")
+    assert (status, err) == (0, "")
+    for name in ("output", "dataset", "num_envs", "num_threads", "max_episode_steps", "data_path"):
+        assert f"--{name}: " in out

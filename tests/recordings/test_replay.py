@@ -1,0 +1,325 @@
+"""`kitchen-replay` as its user meets it: what is equal, what is found to differ, and datasets of the original."""
+
+import contextlib
+import json
+import os
+import re
+import sys
+
+import gymnasium
+import imageio.v2 as imageio
+import minari
+import numpy as np
+import pytest
+from reference import original_environment, random_actions
+
+from kitchen_suite.cli import record, replay
+from kitchen_suite.recordings.replay_job import choose
+from kitchen_suite.rollouts.episode_arrays import flatten, nested
+
+ID = "kitchen-suite/random-v0"
+KITCHEN = ["--num_threads=1", "--num_envs=4", "--max_episode_steps=6"]
+# The microwave's goal lies within its threshold from the start, the kettle's does not.
+EASY = '--task_kwargs={"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.2]}}'
+COLUMNS = ["episode", "seed", "steps", "return", "replayed", "difference", "rewards", "end", "completions"]
+EQUAL = {"difference": "0", "rewards": "equal", "end": "equal", "completions": "equal"}
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs the command, with datasets in `datasets`; gives status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+
+    def run(*arguments):
+        status = replay.main(arguments)
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def runs(run, capsys):
+    """A recording of four episodes, as a folder and as a dataset."""
+    assert record.main([*KITCHEN, "--output=runs", f"--dataset={ID}", "--num_episodes=4", EASY]) == 0
+    capsys.readouterr()
+
+
+def rows(out):
+    """Cells of the table, by column."""
+    names, *values = (re.split(r"\s{2,}", line.strip()) for line in out.split("\n\n")[1].splitlines())
+    assert names == COLUMNS
+    return [dict(zip(names, row, strict=True)) for row in values]
+
+
+def change(index, **changes):
+    """Rewrites an array of a recorded episode; a change is a function of the array."""
+    path = f"runs/episode_{index:06d}.npz"
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    for name, function in changes.items():
+        function(arrays[name.replace("__", "/")])
+    np.savez_compressed(path, **arrays)
+
+
+@pytest.mark.parametrize("name", ["runs", ID, f"datasets/{ID}"])
+def test_a_recording_replays_exactly(run, runs, name):
+    status, out, err = run(name)
+    assert (status, err) == (0, "")
+    assert out.startswith(f"{name}: 4 of 4 episodes\n\n")
+    assert max(map(len, out.splitlines())) <= 100
+    numbers = [{"episode": str(i), "seed": str(i), "steps": "6", "return": "1", "replayed": "1"} for i in range(4)]
+    assert rows(out) == [{**row, **EQUAL} for row in numbers]
+    assert out.endswith("\n4 of 4 episodes are equal\n")
+
+
+def test_cabinets_replay_exactly_however_long_the_environment_has_lived(run, capsys, monkeypatch):
+    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.reward.LATE_STAGE", 10)
+    command = [f"--dataset={ID}", "--output=runs", "--domain_name=open_cabinet", "--num_envs=2", "--num_episodes=5"]
+    assert record.main(["--num_threads=1", *command]) == 0
+    capsys.readouterr()
+    for name in ("runs", ID):
+        status, out, _ = run(name)
+        assert (status, len(rows(out))) == (0, 5)
+        assert all(row["difference"] == "0" for row in rows(out))
+
+
+def test_whatever_was_changed_is_found(run, runs):
+    def add(step):
+        def function(array):
+            array[step] += 1
+
+        return function
+
+    def let_go(array):
+        array[2] = -array[2]
+
+    change(0, reward=add(3))
+    change(1, action=let_go)
+    change(2, observation__observation=add((4, 50)))
+    change(3, termination=add(1))
+    status, out, _ = run("runs")
+    reward, action, observation, termination = rows(out)
+    assert status == 1
+    assert reward == {**reward, **EQUAL, "return": "2", "rewards": "differ at 4"}
+    assert action == {**action, **EQUAL, "difference": action["difference"]}
+    assert float(action["difference"]) > 1e-3
+    assert observation == {**observation, **EQUAL, "difference": "1"}
+    assert termination == {**termination, **EQUAL, "end": "differ at 2"}
+    assert out.endswith("\n0 of 4 episodes are equal\n")
+
+
+def test_a_completion_that_differs_is_named(run, runs):
+    def shut(array):
+        array[3:] = 0.2
+
+    change(2, observation__achieved_goal__microwave=shut)
+    status, out, _ = run("runs", "--episodes=1-2")
+    assert status == 1
+    assert [row["completions"] for row in rows(out)] == ["equal", "differ at 3: microwave"]
+    assert out.endswith("\n1 of 2 episodes are equal\n")
+
+
+def test_other_versions_are_told(run, runs, tmp_path):
+    path = tmp_path / "runs" / "recording.json"
+    path.write_text(re.sub(r'"mujoco": "[^"]*"', '"mujoco": "3.0.0"', path.read_text()))
+    status, out, _ = run("runs")
+    assert status == 0
+    assert re.match(r"runs: 4 of 4 episodes\nrecorded with mujoco 3.0.0, here [\d.]+\n\n", out)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "count", "chosen"),
+    [
+        (None, 10, [0, 1, 3, 5, 6]),
+        (None, 2, [0, 6]),
+        (None, 3, [0, 3, 6]),
+        (None, 1, [0]),
+        ("all", 1, [0, 1, 3, 5, 6]),
+        ("5", 10, [5]),
+        ("3,0-1", 10, [3, 0, 1]),
+    ],
+)
+def test_episodes_are_chosen_by_number_or_spread_from_first_to_last(wanted, count, chosen):
+    assert choose([0, 1, 3, 5, 6], wanted, count) == chosen
+
+
+@pytest.mark.rendering
+def test_a_video_shows_every_time_step_of_the_replay(run, runs):
+    status, out, _ = run("runs", "--num_episodes=2", "--video=film.mp4", "--width=96", "--height=70")
+    assert (status, len(rows(out))) == (0, 2)
+    with contextlib.closing(imageio.get_reader("film.mp4")) as reader:
+        frames = np.stack(list(reader.iter_data()))
+        assert reader.get_meta_data()["fps"] == 12.5
+    assert frames.shape == (2 * (6 + 1), 70, 96, 3)
+    assert (frames.std(axis=(1, 2, 3)) > 20).all()
+
+
+TASKS = ["microwave", "kettle", "light switch", "slide cabinet"]
+# As the datasets D4RL/kitchen/*-v2 have them.
+PUBLISHED = {
+    "tasks_to_complete": TASKS,
+    "remove_task_when_completed": False,
+    "terminate_on_tasks_completed": False,
+}
+
+
+def of_the_original(seed, actions, prepare=lambda environment: None):
+    """An episode of the original environment, as Minari's collector keeps it; without a seed where it was prepared."""
+    with original_environment(**PUBLISHED) as environment:
+        observation, _ = environment.reset(seed=seed)
+        if (prepared := prepare(environment)) is not None:
+            observation, seed = prepared, None
+        shown, rewards = [flatten(observation, "observation")], []
+        for action in actions:
+            observation, reward, terminated, _, _ = environment.step(action)
+            assert not terminated
+            shown.append(flatten(observation, "observation"))
+            rewards.append(reward)
+    stacked = {name: np.array([row[name] for row in shown]) for name in shown[0]}
+    return minari.data_collector.EpisodeBuffer(
+        seed=seed,
+        observations=nested(stacked, "observation"),
+        actions=np.array(actions, np.float64),
+        rewards=np.array(rewards),
+        terminations=np.zeros(len(rewards), bool),
+        # The collector truncates where it is reset.
+        truncations=np.arange(len(rewards)) == len(rewards) - 1,
+    )
+
+
+def publish(*episodes):
+    """Makes a dataset in the layout of those that Minari publishes."""
+    specification = gymnasium.envs.registration.EnvSpec(
+        "FrankaKitchen-v1",
+        entry_point="gymnasium_robotics.envs:KitchenEnv",
+        max_episode_steps=280,
+        kwargs=PUBLISHED,
+    )
+    task_spaces = {
+        name: gymnasium.spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float64)
+        for name, rows in episodes[0].observations["desired_goal"].items()
+    }
+    minari.create_dataset_from_buffers(
+        "D4RL/kitchen/complete-v2",
+        list(episodes),
+        env=None,
+        action_space=gymnasium.spaces.Box(-1.0, 1.0, (9,), np.float64),
+        observation_space=gymnasium.spaces.Dict(
+            achieved_goal=gymnasium.spaces.Dict(task_spaces),
+            desired_goal=gymnasium.spaces.Dict(task_spaces),
+            observation=gymnasium.spaces.Box(-np.inf, np.inf, (59,), np.float64),
+        ),
+        algorithm_name="random",
+        author="nobody",
+        author_email="nobody@example.org",
+        code_permalink="https://example.org",
+        description="a stand-in",
+    ).storage.update_metadata({"env_spec": specification.to_json()})
+
+
+@pytest.mark.filterwarnings("ignore:env_spec is None", "ignore:`eval_env` is set to None")
+def test_a_dataset_in_the_published_layout_replays(run):
+    # With this seed the actions push the kettle into its goal in the middle of the episode.
+    actions = random_actions(np.random.default_rng(3), 280)
+    publish(of_the_original(123, actions), of_the_original(123, actions[:7]))
+    status, out, err = run("D4RL/kitchen/complete-v2")
+    assert (status, err) == (0, "")
+    assert "not recorded by kitchen-record, so that observations and truncations are not judged" in out
+    long, short = rows(out)
+    assert float(long["return"]) > 1
+    assert long == {
+        **EQUAL,
+        "episode": "0",
+        "seed": "123",
+        "steps": "280",
+        "return": long["return"],
+        "replayed": long["return"],
+    }
+    assert short == {**EQUAL, "episode": "1", "seed": "123", "steps": "7", "return": "0", "replayed": "0"}
+
+
+def standing(environment):
+    """Shows how things stand, once more: with noise that no seed gives."""
+    return environment.unwrapped._get_obs(environment.unwrapped.robot_env._get_obs())
+
+
+def ajar(environment):
+    """Opens the microwave and shows that, as if the episode began so."""
+    environment.unwrapped.data.qpos[22] = -0.62
+    return standing(environment)
+
+
+@pytest.mark.filterwarnings("ignore:env_spec is None", "ignore:`eval_env` is set to None")
+def test_without_seeds_it_replays_from_what_the_recording_shows(run):
+    actions = random_actions(np.random.default_rng(5), 60)
+    publish(of_the_original(1, actions, ajar), of_the_original(2, actions, standing))
+    status, out, err = run("D4RL/kitchen/complete-v2")
+    assert (status, err) == (0, "")
+    moved, usual = rows(out)
+    assert (moved["seed"], moved["return"], moved["replayed"]) == ("none", "60", "60")
+    assert (usual["seed"], usual["return"], usual["replayed"]) == ("none", "0", "0")
+    # The robot's noise is 0.001 at most, in the recording and here.
+    assert 0 < float(usual["difference"]) < 0.0021
+    # It began where the noisy observation has it.
+    assert 0 < float(moved["difference"]) < 0.1
+
+
+@pytest.mark.filterwarnings("ignore:`\\w+` is set to None")
+def test_a_dataset_of_something_else_is_refused(run):
+    buffer = minari.data_collector.EpisodeBuffer(
+        observations=np.zeros((2, 4), np.float32), actions=[0], rewards=[1.0], terminations=[True], truncations=[False]
+    )
+    minari.create_dataset_from_buffers("pole-v0", [buffer], env="CartPole-v1")
+    status, out, err = run("pole-v0")
+    assert (status, out) == (2, "")
+    assert err == "kitchen-replay: dataset pole-v0 is not of a kitchen or cabinet, but of CartPole-v1\n"
+
+
+BAD = {
+    "": "name what to replay",
+    "nowhere": "'nowhere' is no name of a dataset",
+    "nowhere-v0": "there is neither a folder nowhere-v0",
+    "empty": "empty holds neither recording.json nor a Minari dataset",
+    "runs more": "unexpected argument 'more'",
+    "runs --episodes=some": "episodes must be 'all'",
+    "runs --episodes=4": "there is no episode 4: there are 4, from 0",
+    "runs --num_episodes=0": "positive",
+    "runs --video=film.avi": ".mp4",
+    "runs --width=33": "even",
+    "runs --camera=overvew": "did you mean 'overview'?",
+    "broken": "broken/recording.json does not describe a recording",
+}
+
+
+def test_a_bad_argument_gets_one_line_and_status_2(run, runs, tmp_path):
+    tmp_path.joinpath("empty").mkdir()
+    tmp_path.joinpath("broken").mkdir()
+    tmp_path.joinpath("broken", "recording.json").write_text(json.dumps({"seed": 3}))
+    for arguments, message in BAD.items():
+        status, out, err = run(*arguments.split())
+        assert (status, out) == (2, ""), arguments
+        assert re.fullmatch(r"kitchen-replay: [^\n]+\n", err)
+        assert message in err
+
+
+def test_a_file_that_is_no_episode_is_told_in_one_line(run, runs, tmp_path):
+    tmp_path.joinpath("runs", "episode_000001.npz").write_bytes(b"nothing")
+    status, _, err = run("runs")
+    assert (status, err) == (1, "kitchen-replay: runs/episode_000001.npz does not hold an episode\n")
+
+
+def test_without_minari_folders_can_be_replayed(run, runs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "minari", None)
+    assert run("runs", "--num_episodes=1")[0] == 0
+    status, _, err = run(ID)
+    assert status == 2
+    assert "pip install 'kitchen-suite[record]'" in err
+
+
+def test_help_tells_of_every_flag(run):
+    status, out, err = run("--help")
+    assert (status, err) == (0, "")
+    for name in ("episodes", "num_episodes", "video", "camera", "data_path"):
+        assert f"--{name}: " in out
+    assert not os.path.exists("datasets")

@@ -1,0 +1,121 @@
+"""The mathematics of the open_cabinet domain: leading axes, edges, signs."""
+
+import numpy as np
+import pytest
+
+from kitchen_suite.tasks.open_cabinet import action as drawer_control
+from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
+from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet.features import Snapshot
+
+
+def snapshots(shape, seed=0):
+    random = np.random.default_rng(seed)
+
+    def quaternions():
+        raw = random.normal(size=(*shape, 4))
+        return raw / np.linalg.norm(raw, axis=-1, keepdims=True)
+
+    return Snapshot.of(
+        joint_positions=random.uniform(-3, 3, (*shape, 9)),
+        joint_velocities=random.normal(size=(*shape, 9)) * 2,
+        tcp_position=random.uniform(-0.02, 0.02, (*shape, 3)),
+        tcp_quaternion=quaternions(),
+        handle_position=random.uniform(-0.02, 0.02, (*shape, 3)),
+        handle_quaternion=quaternions(),
+        left_pad_height=random.uniform(-0.1, 0.1, shape),
+        right_pad_height=random.uniform(-0.1, 0.1, shape),
+        drawer_position=random.uniform(-0.1, 0.4, shape),
+        drawer_velocity=random.normal(size=shape),
+    )
+
+
+def changed(snapshot, **parts):
+    return Snapshot.of(**{**snapshot.arrays(), **parts})
+
+
+def row(batch, i):
+    return Snapshot(batch.values[i])
+
+
+def test_a_batch_gives_what_its_rows_give():
+    batch = snapshots((50,))
+    random = np.random.default_rng(1)
+    gripper, change, life = random.choice([0.0, 0.04], 50), random.normal(size=(50, 8)), random.integers(0, 16_000, 50)
+    terms = drawer_reward.reward_terms(batch, gripper=gripper, action_change=change, life_steps=life)
+    for i in range(50):
+        alone = row(batch, i)
+        np.testing.assert_array_equal(drawer_observation.observe(alone), drawer_observation.observe(batch)[i])
+        assert drawer_reward.terminates(alone) == drawer_reward.terminates(batch)[i]
+        single = drawer_reward.reward_terms(alone, gripper=gripper[i], action_change=change[i], life_steps=int(life[i]))
+        for name, term in single.items():
+            assert term.shape == ()
+            assert terms[name].shape == (50,)
+            np.testing.assert_allclose(term, terms[name][i], rtol=1e-13, atol=1e-15)
+
+
+def test_parts_laid_end_to_end_are_the_flat_vector():
+    batch = snapshots((3, 2))
+    flat = drawer_observation.observe(batch)
+    assert flat.shape == (3, 2, 25)
+    assert drawer_observation.SIZE == 25
+    stops = [place.stop for place in drawer_observation.SLICES.values()]
+    assert [place.start for place in drawer_observation.SLICES.values()] == [0, *stops[:-1]]
+    shown = drawer_observation.shown(flat * 100)
+    assert shown.dtype == np.float32
+    assert abs(shown).max() == 5
+
+
+def test_equal_orientations_show_no_offset_whatever_their_signs():
+    batch = changed(snapshots((20,)), drawer_position=np.zeros(20))
+    for sign in (-1, 1):
+        same = changed(batch, tcp_quaternion=sign * batch.handle_quaternion)
+        np.testing.assert_allclose(drawer_observation.handle_orientation_offset(same), 0, atol=1e-15)
+        np.testing.assert_allclose(drawer_reward.orientation(same), 1)
+
+
+def test_the_sign_of_no_quaternion_matters():
+    batch = snapshots((20,))
+    for name in ("tcp_quaternion", "handle_quaternion"):
+        turned = changed(batch, **{name: -getattr(batch, name)})
+        np.testing.assert_array_equal(
+            drawer_observation.handle_orientation_offset(turned), drawer_observation.handle_orientation_offset(batch)
+        )
+        np.testing.assert_allclose(drawer_reward.orientation(turned), drawer_reward.orientation(batch), atol=1e-12)
+
+
+def test_orientation_is_the_cosine_of_the_angle_between_the_frames():
+    angle = 0.7
+    turned = np.array([np.cos(angle / 2), np.sin(angle / 2), 0, 0])
+    closed = changed(
+        row(snapshots((1,)), 0),
+        tcp_quaternion=turned,
+        handle_quaternion=np.array([1.0, 0, 0, 0]),
+        drawer_position=np.array(0.0),
+    )
+    np.testing.assert_allclose(drawer_reward.orientation(closed), np.cos(angle), rtol=1e-12)
+
+
+def test_closing_is_the_logistic_function_without_overflow():
+    actions = np.array([-30.0, -1.5, 0.0, 2.0, 30.0])
+    np.testing.assert_allclose(drawer_control.closing_probability(actions), 1 / (1 + np.exp(-actions)), rtol=1e-12)
+    with np.errstate(all="raise", under="ignore"):
+        np.testing.assert_array_equal(drawer_control.closing_probability(np.array([-1e300, 1e300])), [0, 1])
+
+
+def test_a_deterministic_gripper_closes_on_positive_actions():
+    np.testing.assert_array_equal(drawer_control.gripper_target(np.array([-1.0, 0.0, 1e-6])), [0.04, 0.04, 0.0])
+
+
+def test_arm_targets_stay_within_the_limits():
+    target = drawer_control.arm_target(np.zeros((2, 7)), np.array([[1e9] * 7, [-1e9] * 7]))
+    np.testing.assert_array_equal(target, [drawer_control.JOINT_HIGH[:7], drawer_control.JOINT_LOW[:7]])
+
+
+@pytest.mark.parametrize(("life", "action", "velocity"), [(0, 1e-3, 0), (7_999, 1e-3, 0), (8_000, 2e-3, 2e-7)])
+def test_penalties_grow_at_step_8000(life, action, velocity):
+    assert drawer_reward.penalty_coefficients(life) == (action, velocity)
+
+
+def test_success_begins_at_thirty_centimetres():
+    np.testing.assert_array_equal(drawer_reward.succeeds(np.array([0.0, 0.2999, 0.3, 0.4])), [False, False, True, True])

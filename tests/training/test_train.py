@@ -1,0 +1,422 @@
+"""`kitchen-train` as its user meets it: exit status, table, what is in the folder, and what a second run does."""
+
+import importlib.util
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from kitchen_suite.cli import play, train
+from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.rendering import video
+from kitchen_suite.rollouts import rollout_job
+
+clients = pytest.mark.clients
+COMMAND = [sys.executable, "-m", "kitchen_suite.cli.train"]
+SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}
+BATCH = 64
+# An evaluation after every second batch.
+TINY = [
+    f"--hyperparameters={json.dumps(SMALL)}",
+    f"--num_steps={6 * BATCH}",
+    f"--eval_interval={2 * BATCH}",
+    "--eval_episodes=2",
+    "--num_threads=1",
+]
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs the command in an empty folder; gives status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        status = train.main([*TINY, "--output=run", *arguments])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def evaluations(monkeypatch):
+    """Replaces evaluations: each takes the next of these measures, the last one for ever; None interrupts."""
+    from kitchen_suite.training import seed_run as attempt
+
+    measures = [{"success": 0.0, "progress": 0.0, "return": 0.0}]
+
+    def evaluate(policy, environments, seeds):
+        now = measures.pop(0) if len(measures) > 1 else measures[0]
+        if now is None:
+            raise KeyboardInterrupt
+        return {f"episode/{name}": np.full(len(seeds), value) for name, value in now.items()}
+
+    monkeypatch.setattr(attempt, "evaluate", evaluate)
+    return measures
+
+
+def rows(out):
+    """Seed and control steps of each line of the table."""
+    return [
+        (int(seed), int(steps.replace(",", ""))) for seed, steps in re.findall(r"^ *(\d+) +([\d,]+) +\d", out, re.M)
+    ]
+
+
+def files(folder):
+    """Names of all files of a seed but the curves, hidden ones too."""
+    return sorted(name for name in os.listdir(folder) if not name.startswith("events."))
+
+
+def checkpoint(batches):
+    return f"checkpoint_{batches * BATCH:012d}.pt"
+
+
+@clients
+def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
+    status, out, err = run("--num_steps=640")
+    assert (status, err) == (0, "")
+    assert out.startswith("open_cabinet top_drawer, PPO, in run\ncurves: tensorboard --logdir=run\n")
+    assert rows(out) == [(0, batches * BATCH) for batches in (0, 2, 4, 6, 8, 10)]
+    assert out.splitlines()[-1] == "best policy: run/policy.npz"
+    assert sorted(os.listdir("run")) == ["policy.npz", "seed_0", "training.json"]
+    assert files("run/seed_0") == [*map(checkpoint, (6, 8, 10)), "policy.npz"]
+    policy = TrainedPolicy.load("run/policy.npz")
+    assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("open_cabinet", "top_drawer")
+    assert policy.metadata["hyperparameters"]["num_envs"] == SMALL["num_envs"]
+    assert [weight.shape for weight in policy.weights] == [(8, 25), (8, 8)]
+
+
+@clients
+@pytest.mark.parametrize("task_kwargs", [{}, {"reward": "grasp", "gripper": "deterministic"}])
+def test_what_was_trained_can_be_played(run, capsys, task_kwargs):
+    assert run(f"--task_kwargs={json.dumps(task_kwargs)}", "--num_steps=64")[0] == 0
+    assert play.main(["--policy_file=run/policy.npz", "--novideo", "--num_episodes=1"]) == 0
+    assert re.fullmatch(r"success [01]/1", capsys.readouterr().out.splitlines()[-1])
+
+
+@clients
+def test_the_kitchen_is_trained_too(run, capsys):
+    scale = json.dumps({**SMALL, "action_scale": [0.1] * 9})
+    status, out, err = run("--env=kitchen", "--task_name=kettle", f"--hyperparameters={scale}", "--num_steps=64")
+    assert (status, err) == (0, "")
+    assert out.startswith("kitchen kettle, PPO")
+    assert play.main(["--policy_file=run/policy.npz", "--novideo", "--num_episodes=1"]) == 0
+    assert capsys.readouterr().out.startswith("kitchen kettle, policy trained")
+
+
+@clients
+def test_a_run_is_evaluated_at_its_end(run):
+    _, out, _ = run("--num_steps=320", "--eval_interval=100000")
+    assert rows(out) == [(0, 0), (0, 5 * BATCH)]
+    assert checkpoint(5) in files("run/seed_0")
+
+
+@clients
+def test_the_best_policy_is_kept(run, evaluations):
+    evaluations[:] = [{"success": success, "progress": 0.0, "return": 1.0} for success in (0.1, 0.5, 0.5, 0.2)]
+    assert run()[0] == 0
+    known = TrainedPolicy.load("run/policy.npz").metadata["training"]
+    assert known == {"seed": 0, "steps": 2 * BATCH, "success": 0.5, "return": 1.0}
+
+
+@clients
+def test_two_evaluations_in_a_row_at_the_target_end_it(run, evaluations):
+    evaluations[:] = [{"success": success, "progress": 0.3, "return": 0.0} for success in (1.0, 0.5, 0.9, 0.95, 0.0)]
+    _, out, _ = run("--target_success=0.9", "--num_steps=640")
+    assert rows(out)[-1] == (0, 6 * BATCH)
+    assert "seed 0: the target was reached; best evaluation: success 100%" in out
+
+
+@clients
+def test_a_hopeless_seed_is_followed_by_the_next(run, evaluations):
+    # Each has an evaluation at its start, and one before it is given up.
+    evaluations[:] = [{"success": 0.0, "progress": progress, "return": 0.0} for progress in (0, 0, 0, 0.2)]
+    status, out, _ = run("--patience=64", "--seed=5")
+    assert status == 0
+    assert "seed 5: there was no progress" in out
+    assert "seed 6: all steps were made" in out
+    assert rows(out) == [(5, 0), (5, BATCH), (6, 0), (6, BATCH), *((6, batches * BATCH) for batches in (2, 4, 6))]
+    assert sorted(os.listdir("run")) == ["policy.npz", "seed_5", "seed_6", "training.json"]
+
+
+@clients
+@pytest.mark.parametrize("restarts", [0, 2])
+def test_no_more_seeds_are_tried_than_allowed(run, evaluations, restarts):
+    status, out, _ = run("--patience=64", f"--restarts={restarts}")
+    assert status == 0
+    assert re.findall(r"seed (\d): there was no progress", out) == [str(i) for i in range(restarts + 1)]
+    assert os.path.exists("run/policy.npz")
+
+
+@clients
+def test_the_best_seeds_policy_becomes_the_runs(run, evaluations):
+    gains = [0.0, 1.0, 0.0, 3.0, 0.0, 2.0]
+    evaluations[:] = [{"success": 0.0, "progress": 0.0, "return": gain} for gain in gains]
+    run("--patience=64", "--restarts=2")
+    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+
+
+@clients
+def test_patience_of_zero_never_gives_up(run, evaluations):
+    assert "seed 0: all steps were made" in run("--patience=0")[1]
+
+
+@clients
+def test_an_interrupted_restart_goes_on_with_its_own_seed(run, evaluations):
+    nothing = {"success": 0.0, "progress": 0.0, "return": 0.0}
+    evaluations[:] = [nothing, nothing, nothing, None, {**nothing, "progress": 1.0}]
+    assert run("--patience=64")[0] == 130
+    status, out, _ = run("--patience=64", "--resume")
+    assert status == 0
+    # The first seed stays given up; the second had only its first evaluation.
+    assert "seed 0: there was no progress" in out
+    assert rows(out) == [(1, batches * BATCH) for batches in (1, 2, 4, 6)]
+
+
+@clients
+def test_a_run_that_came_to_its_target_goes_on_to_a_higher_one(run, evaluations):
+    evaluations[:] = [{"success": 0.9, "progress": 0.0, "return": 0.0}]
+    assert rows(run("--target_success=0.9")[1])[-1] == (0, 2 * BATCH)
+    assert rows(run("--target_success=0.9", "--resume")[1]) == []
+    assert rows(run("--target_success=0.95", "--resume")[1])[-1] == (0, 6 * BATCH)
+
+
+@clients
+def test_learning_that_diverges_is_told_in_one_line(run):
+    changes = json.dumps({**SMALL, "learning_rate": 1e30, "kl_target": 0})
+    status, _, err = run(f"--hyperparameters={changes}")
+    assert status == 1
+    assert re.fullmatch(r"kitchen-train: after \d+ steps the \w+ network is no longer finite: learn slower\n", err)
+    assert files("run/seed_0") == [checkpoint(0), "policy.npz"]
+
+
+@clients
+def test_a_finished_run_is_resumed_to_more_steps(run):
+    run()
+    status, out, err = run("--resume", f"--num_steps={8 * BATCH}")
+    assert (status, err) == (0, "")
+    assert rows(out) == [(0, 8 * BATCH)]
+    assert files("run/seed_0") == [*map(checkpoint, (4, 6, 8)), "policy.npz"]
+
+
+@clients
+def test_a_finished_run_stays_as_it_is(run):
+    run()
+    before = files("run/seed_0")
+    status, out, _ = run("--resume")
+    assert (status, rows(out), files("run/seed_0")) == (0, [], before)
+    assert "seed 0: all steps were made" in out
+
+
+@clients
+def test_a_truncated_checkpoint_is_told_and_the_one_before_used(run):
+    run()
+    path = f"run/seed_0/{checkpoint(6)}"
+    os.truncate(path, os.path.getsize(path) // 2)
+    status, out, _ = run("--resume")
+    assert status == 0
+    assert f"{path} cannot be read, so an older checkpoint is looked for" in out
+    assert rows(out) == [(0, 6 * BATCH)]
+
+
+@clients
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
+def test_where_no_checkpoint_is_whole_one_line_says_so(run, share):
+    run()
+    for batches in (2, 4, 6):
+        path = f"run/seed_0/{checkpoint(batches)}"
+        os.truncate(path, int(share * os.path.getsize(path)))
+    status, _, err = run("--resume")
+    assert (status, err) == (1, "kitchen-train: none of the 3 checkpoints in run/seed_0 can be read\n")
+
+
+@clients
+def test_a_full_disk_leaves_no_part_of_a_checkpoint(run, monkeypatch):
+    import torch
+
+    save, count = torch.save, 0
+
+    def fail(state, path):
+        nonlocal count
+        count += 1
+        if count == 3:
+            path.write_bytes(b"half")
+            raise OSError(28, "No space left on device")
+        save(state, path)
+
+    monkeypatch.setattr(torch, "save", fail)
+    status, _, err = run()
+    assert (status, err) == (1, "kitchen-train: [Errno 28] No space left on device\n")
+    assert files("run/seed_0") == [*map(checkpoint, (0, 2)), "policy.npz"]
+
+
+@clients
+def test_a_folder_with_a_run_is_not_overwritten(run):
+    run()
+    before = files("run/seed_0")
+    status, out, err = run()
+    assert (status, out) == (2, "")
+    assert err == "kitchen-train: run holds a training run already: name another folder, or give --resume\n"
+    assert files("run/seed_0") == before
+
+
+RESUMED_AS = {
+    f"--hyperparameters={json.dumps({**SMALL, 'hidden': [9]})}": "hidden [8], not [9]",
+    "--seed=1": "seed 0, not 1",
+    "--task_name=bottom_drawer": 'task_name "top_drawer", not "bottom_drawer"',
+    '--task_kwargs={"gripper": "deterministic"}': 'gripper null, not "deterministic"',
+}
+
+
+@clients
+def test_a_run_of_something_else_is_not_resumed(run):
+    run("--num_steps=64")
+    for argument, difference in RESUMED_AS.items():
+        assert run("--resume", argument) == (2, "", f"kitchen-train: run holds a run with {difference}\n")
+
+
+@clients
+def test_what_is_not_there_cannot_be_resumed(run):
+    assert run("--resume") == (2, "", "kitchen-train: run holds no training run to be resumed\n")
+    assert not os.path.exists("run")
+
+
+BAD = {
+    '--hyperparameters={"num_env": 8}': "did you mean 'num_envs'?",
+    '--hyperparameters={"num_envs": 0}': "num_envs",
+    '--hyperparameters={"num_envs": 2.5}': "num_envs",
+    '--hyperparameters={"learning_rate": "fast"}': "learning_rate",
+    '--hyperparameters={"learning_rate": -1}': "learning_rate must be finite and non-negative",
+    '--hyperparameters={"hidden": 64}': "hidden must be a list",
+    '--hyperparameters={"hidden": [64, 0]}': "hidden",
+    '--hyperparameters={"num_envs": 5, "rollouts": 5, "mini_batches": 2}': "mini_batches 2 must divide the 25",
+    '--hyperparameters={"exploration": 0}': "exploration must be finite and positive, got 0",
+    '--hyperparameters={"standardisation_epsilon": 0.0}': "standardisation_epsilon must be finite and positive",
+    '--hyperparameters={"noise_correlation": 1.0}': "noise_correlation must be below 1, got 1.0",
+    '--hyperparameters={"action_scale": [1, 2]}': "action_scale must have 8 numbers",
+    "--env=kitchn": "did you mean 'kitchen'?",
+    "--task_name=top_draw": "did you mean 'top_drawer'?",
+    '--task_kwargs={"griper": 1}': "griper",
+    '--task_kwargs={"drawer": "bottom"}': "fixes ['drawer']",
+    '--task_kwargs={"max_episode_steps": 5}': "max_episode_steps",
+    '--task_kwargs={"time_limit": 5}': "time_limit",
+    "--demonstrations=nowhere": "nowhere",
+}
+
+
+@clients
+@pytest.mark.parametrize("argument", BAD)
+def test_a_bad_argument_gets_one_line_status_2_and_no_folder(run, argument):
+    status, out, err = run(argument)
+    assert (status, out) == (2, "")
+    assert re.fullmatch(r"kitchen-train: [^\n]+\n", err)
+    assert BAD[argument] in err
+    assert not os.path.exists("run")
+
+
+BAD_FLAGS = {
+    "--output=": "--output is missing",
+    "--num_steps=0": "positive",
+    "--eval_interval=0": "positive",
+    "--eval_episodes=0": "positive",
+    "--num_threads=0": "positive",
+    "--seed=-1": "non-negative",
+    "--restarts=-1": "non-negative",
+    "--patience=-1": "non-negative",
+    "--target_success=much": "much",
+    "--hyperparameters=[1]": "JSON object",
+    "--hyperparameters={": "not JSON",
+    "--task_kwargs=3": "JSON object",
+    "--video=film.avi": ".mp4",
+    "--colour=red": "Unknown command line flag 'colour'",
+    "more": "unexpected argument 'more'",
+}
+
+
+@pytest.mark.parametrize("argument", BAD_FLAGS)
+def test_a_bad_flag_gets_one_line_and_status_2_even_without_the_extra(run, argument):
+    status, out, err = run(argument)
+    assert (status, out) == (2, "")
+    assert re.fullmatch(r"kitchen-train: [^\n]+\n", err)
+    assert BAD_FLAGS[argument] in err
+
+
+@pytest.mark.parametrize("missing", [["torch"], ["skrl", "torch"], ["skrl", "tensorboard", "torch"]])
+def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
+    status, out, err = run()
+    assert (status, out) == (2, "")
+    assert err == f"kitchen-train: training needs {' and '.join(missing)}: pip install 'kitchen-suite[train]'\n"
+
+
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_tells_of_every_flag(run, flag):
+    status, out, err = run(flag)
+    assert (status, err) == (0, "")
+    for name in (
+        "env",
+        "hyperparameters",
+        "num_steps",
+        "patience",
+        "restarts",
+        "demonstrations",
+        "[no]resume",
+        "video",
+    ):
+        assert f"--{name}: " in out
+
+
+@clients
+@pytest.mark.rendering
+def test_the_best_policy_is_filmed_at_the_end(run, monkeypatch):
+    # Seven seconds, of which the start and one more moment are shown.
+    monkeypatch.setattr(rollout_job, "_POLICY_FPS", 0.2)
+    status, out, err = run("--num_steps=64", "--video=film.mp4")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[-1] == "video film.mp4"
+    import imageio_ffmpeg
+
+    assert imageio_ffmpeg.count_frames_and_secs("film.mp4")[0] == 2
+    assert sorted(os.listdir()) == ["film.mp4", "run"]
+
+
+@clients
+def test_without_ffmpeg_a_video_is_refused_before_the_training(run, monkeypatch):
+    def missing():
+        raise ImportError("a video needs imageio-ffmpeg")
+
+    monkeypatch.setattr(video, "check_ffmpeg", missing)
+    monkeypatch.setattr(train.gl, "prepare", lambda rendering: None)
+    assert run("--video=film.mp4") == (2, "", "kitchen-train: a video needs imageio-ffmpeg\n")
+    assert not os.path.exists("run")
+
+
+@clients
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_what_can_be_resumed(run, tmp_path, number):
+    with subprocess.Popen(
+        [*COMMAND, *TINY, f"--output={tmp_path / 'run'}", "--num_steps=1000000000"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        while not rows(process.stdout.readline())[-1:] > [(0, 0)]:
+            assert process.poll() is None
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err == "kitchen-train: interrupted; the same with --resume goes on from the last checkpoint\n"
+    made = [name for name in files("run/seed_0") if name.startswith("checkpoint")]
+    assert len(made) >= 2
+    assert not [name for name in files("run/seed_0") if name.startswith(".")]
+    steps = int(made[-1][11:-3])
+    status, out, _ = run("--resume", f"--num_steps={steps + 2 * BATCH}")
+    assert status == 0
+    assert rows(out) == [(0, steps + 2 * BATCH)]
+    assert len([name for name in os.listdir("run/seed_0") if name.startswith("events.")]) == 2

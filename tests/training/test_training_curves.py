@@ -1,0 +1,92 @@
+"""docs/curves.py draws the curves of training runs."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.clients
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "curves.py"
+
+
+@pytest.fixture(scope="module")
+def curves():
+    spec = importlib.util.spec_from_file_location("docs_curves", PAGE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def write(folder, rows, tags=("time/minutes", "evaluation/success", "evaluation/progress")):
+    """Writes evaluations as training does: control steps, minutes, success and progress."""
+    from torch.utils.tensorboard import SummaryWriter
+
+    with SummaryWriter(str(folder)) as writer:
+        for step, *values in rows:
+            for name, value in zip(tags, values, strict=False):
+                writer.add_scalar(name, value, step)
+
+
+def test_a_run_is_read_as_it_was_written(curves, tmp_path):
+    write(tmp_path / "seed_0", [(0, 0, 0, 0), (500_000, 1.5, 0.25, 0.1), (1_000_000, 3, 1, 0.3)])
+    for folder in (tmp_path, tmp_path / "seed_0"):
+        curve = curves.read(folder)
+        np.testing.assert_allclose(curve.steps, [0, 0.5, 1])
+        np.testing.assert_allclose(curve.minutes, [0, 1.5, 3])
+        np.testing.assert_allclose(curve.success, [0, 25, 100])
+        np.testing.assert_allclose(curve.progress, [0, 0.1, 0.3], rtol=1e-6)
+
+
+def test_every_evaluation_of_a_long_run_is_read(curves, tmp_path):
+    write(tmp_path, [(i, i, 0, 0) for i in range(11_000)])
+    assert len(curves.read(tmp_path).steps) == 11_000
+
+
+def test_seeds_follow_one_another(curves, tmp_path):
+    write(tmp_path / "seed_9", [(0, 1, 0, 0.01), (2_000_000, 5, 0, 0.02)])
+    write(tmp_path / "seed_10", [(0, 1, 0, 0), (1_000_000, 3, 0.5, 0.2)])
+    curve = curves.read(tmp_path)
+    np.testing.assert_allclose(curve.steps, [0, 2, 2, 3])
+    np.testing.assert_allclose(curve.minutes, [1, 5, 6, 8])
+    np.testing.assert_allclose(curve.progress, [0.01, 0.02, 0, 0.2], rtol=1e-6)
+
+
+def test_an_evaluation_that_is_not_yet_written_in_full_is_left_out(curves, tmp_path):
+    write(tmp_path, [(0, 1, 0, 0), (10, 2, 0)])
+    assert list(curves.read(tmp_path).steps) == [0]
+
+
+def test_the_picture_has_a_line_in_each_panel_for_each_run(curves, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    drawn, save = [], Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *rest, **options: (drawn.append(self), save(self, *rest)))
+    runs = {}
+    for index in range(9):
+        write(tmp_path / str(index), [(0, 1, 0, 0), (1_000_000, 3, index / 9, 0.02 * index)])
+        runs[f"run {index}"] = tmp_path / str(index)
+    out = tmp_path / "curves.png"
+    assert curves.main([str(out), *(f"{label}={folder}" for label, folder in runs.items())]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    (figure,) = drawn
+    assert len(figure.axes) == 4
+    for axis in figure.axes:
+        looks = {(line.get_color(), line.get_linestyle()) for line in axis.lines}
+        assert len(looks) == 9
+        assert axis.get_xlabel()
+        assert axis.get_ylabel()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == list(runs)
+
+
+@pytest.mark.parametrize("arguments", [[], ["out.png"], ["out.pdf", "a=b"], ["out.png", "folder"], ["out.png", "=b"]])
+def test_arguments_that_are_none_show_how_it_is_used(curves, capsys, arguments):
+    assert curves.main(arguments) == 2
+    assert "docs/curves.py OUT.png LABEL=RUN_FOLDER" in capsys.readouterr().err
+
+
+def test_a_folder_without_curves_is_named(curves, capsys, tmp_path):
+    assert curves.main([str(tmp_path / "out.png"), f"run={tmp_path}"]) == 1
+    assert capsys.readouterr().err == f"curves.py: {tmp_path} holds no curves of kitchen-train\n"

@@ -1,0 +1,252 @@
+"""Vectorised environments are Gymnasium's vector of single ones, to the bit, in every autoreset mode."""
+
+import copy
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode
+from reference import random_actions
+
+from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
+
+COUNT, STEPS = 3, 34
+MODES = [mode.value for mode in AutoresetMode]
+
+# The microwave pays in the first step; of the walks below, only the first one pushes the kettle near enough.
+EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.1]}, "threshold": 0.37}
+NOISE = {"handle_offset": 0.01, "joint_positions": 0.02}
+KITCHENS = {
+    "lists": EASY,
+    "arrays": {**EASY, "goal_format": "flat", "info_format": "arrays"},
+    "paid again": {**EASY, "remove_task_when_completed": False, "terminate_on_tasks_completed": False},
+    "no noise": {**EASY, "robot_noise_ratio": 0.0, "feedback": "target", "goal_format": "flat"},
+}
+CABINETS = {
+    "plain": {},
+    "noise": {"observation_noise": NOISE, "drawer": "bottom"},
+    "randomized": {"randomization": MODERATE},
+    "all drawn": {"randomization": MODERATE, "observation_noise": NOISE},
+    "no draws": {"gripper": "deterministic", "action_limit": 3.0},
+}
+
+
+def assert_same(one, other):
+    assert data_equivalence(one, other, exact=True), (one, other)
+
+
+def kitchen_actions():
+    return np.stack([random_actions(np.random.default_rng(seed), STEPS) for seed in (3, 2, 0)], axis=1)
+
+
+def cabinet_actions():
+    actions = np.random.default_rng(0).normal(scale=0.02, size=(STEPS, COUNT, 8))
+    # Jerks, which end an episode: a joint moves too fast.
+    for i, start in enumerate((6, 8, 17)):
+        actions[start : start + 6, i] = 200.0 * actions[start, i]
+    return actions
+
+
+def many(env_id, mode, num_threads=2, **settings):
+    return gymnasium.make_vec(
+        env_id,
+        COUNT,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=mode,
+        num_threads=num_threads,
+        **settings,
+    )
+
+
+def pair(env_id, mode, **settings):
+    singles = gymnasium.make_vec(
+        env_id, COUNT, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, **settings
+    )
+    return many(env_id, mode, **settings), singles
+
+
+def assert_equal_for_ever(ours, theirs, actions):
+    """Plays both; returns how many episodes terminated and how many were truncated."""
+
+    def reset(**kwargs):
+        # Gymnasium takes the mask out of the options.
+        assert_same(ours.reset(**copy.deepcopy(kwargs)), theirs.reset(**copy.deepcopy(kwargs)))
+
+    ends = np.zeros(2, int)
+    reset(seed=2**40)
+    for number, action in enumerate(actions):
+        if number == 4:
+            # From here on their episodes end at different steps.
+            reset(seed=[None, 77, 5], options={"reset_mask": np.array([True, True, False])})
+        stepped = ours.step(action)
+        assert_same(stepped, theirs.step(action))
+        assert ours.observation_space.contains(stepped[0])
+        _, _, terminated, truncated, _ = stepped
+        ends += terminated.sum(), truncated.sum()
+        if ours.metadata["autoreset_mode"] == AutoresetMode.DISABLED and (terminated | truncated).any():
+            reset(options={"reset_mask": terminated | truncated})
+    reset()
+    assert_same(ours.step(actions[0]), theirs.step(actions[0]))
+    return ends.tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        *(("lists", mode) for mode in MODES),
+        ("arrays", "SameStep"),
+        ("paid again", "NextStep"),
+        ("no noise", "Disabled"),
+    ],
+)
+def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
+    terminated, truncated = assert_equal_for_ever(
+        *pair(KITCHEN_ID, mode, max_episode_steps=14, **KITCHENS[name]), kitchen_actions()
+    )
+    assert truncated >= 3
+    assert (terminated > 0) == (name != "paid again")
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        *(("all drawn", mode) for mode in MODES),
+        ("plain", "NextStep"),
+        ("noise", "SameStep"),
+        ("randomized", "Disabled"),
+        ("no draws", "SameStep"),
+    ],
+)
+def test_the_cabinet_is_gymnasiums_vector_of_single_ones(name, mode):
+    terminated, truncated = assert_equal_for_ever(
+        *pair(CABINET_ID, mode, max_episode_steps=10, **CABINETS[name]), cabinet_actions()
+    )
+    assert truncated >= 3
+    assert terminated >= 1
+
+
+@pytest.mark.parametrize(
+    ("env_id", "settings", "actions", "threads"),
+    [
+        (KITCHEN_ID, EASY, kitchen_actions(), (1, 3)),
+        (CABINET_ID, CABINETS["all drawn"], cabinet_actions(), (1, 2, 5, None)),
+    ],
+    ids=["kitchen", "cabinet"],
+)
+def test_the_number_of_threads_changes_nothing(env_id, settings, actions, threads):
+    alone, *others = (many(env_id, "SameStep", count, max_episode_steps=7, **settings) for count in threads)
+    started = alone.reset(seed=3)
+    for other in others:
+        assert_same(other.reset(seed=3), started)
+    for action in actions[:20]:
+        stepped = alone.step(action)
+        for other in others:
+            assert_same(other.step(action), stepped)
+
+
+def test_actions_of_any_real_type_mean_what_they_mean_to_single_ones():
+    # As float32 0.1 is another number than as float64: neither is rounded.
+    ours, theirs = pair(KITCHEN_ID, "NextStep", feedback="target")
+    assert_same(ours.reset(seed=0), theirs.reset(seed=0))
+    for action in (np.full((3, 9), 0.1), np.full((3, 9), 0.1, np.float32), np.ones((3, 9), int), [[0.1] * 9] * 3):
+        assert_same(ours.step(action), theirs.step(action))
+
+
+def test_next_step_starts_the_next_episode_in_the_step_after_an_end_whatever_the_action():
+    ours, twin = (FrankaKitchenVectorEnv(2, max_episode_steps=2, num_threads=1) for _ in range(2))
+    for env in (ours, twin):
+        env.reset(seed=0)
+        env.step(np.zeros((2, 9)))
+        assert env.step(np.zeros((2, 9)))[3].tolist() == [True, True]
+    observation, reward, terminated, truncated, info = ours.step(np.zeros((2, 9)))
+    assert (reward.tolist(), terminated.tolist(), truncated.tolist()) == ([0.0] * 2, [False] * 2, [False] * 2)
+    assert info["episode_step"].tolist() == [0, 0]
+    assert_same((observation, reward, terminated, truncated, info), twin.step(np.ones((2, 9))))
+    assert ours.step(np.zeros((2, 9)))[4]["episode_step"].tolist() == [1, 1]
+
+
+def test_same_step_gives_the_last_observation_of_one_episode_and_the_first_of_the_next():
+    ours = FrankaOpenCabinetVectorEnv(3, max_episode_steps=4, autoreset_mode="SameStep")
+    never_reset = FrankaOpenCabinetVectorEnv(3)
+    for env in (ours, never_reset):
+        env.reset(seed=0)
+        env.step(np.zeros((3, 8)))
+        env.reset(options={"reset_mask": np.array([False, True, False])})
+        env.step(np.zeros((3, 8)))
+        env.step(np.zeros((3, 8)))
+    last, _, _, _, last_info = never_reset.step(np.zeros((3, 8)))
+    first, _, terminated, truncated, info = ours.step(np.zeros((3, 8)))
+    assert (terminated.tolist(), truncated.tolist()) == ([False] * 3, [True, False, True])
+    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [True, False, True]
+    assert info["final_obs"][1] is None
+    for i in (0, 2):
+        np.testing.assert_array_equal(info["final_obs"][i], last[i])
+        assert info["final_obs"][i] in ours.single_observation_space
+        assert info["final_info"]["reward/approach"][i] == last_info["reward/approach"][i]
+        assert not np.array_equal(first[i], last[i])
+    np.testing.assert_array_equal(first[1], last[1])
+    assert info["episode_step"].tolist() == [0, 3, 0]
+    assert info["final_info"]["episode_step"].tolist() == [4, 0, 4]
+    assert info["final_info"]["_episode_step"].tolist() == [True, False, True]
+    *_, info = ours.step(np.zeros((3, 8)))
+    assert info["_final_obs"].tolist() == [False, True, False]
+
+
+def test_disabled_starts_what_the_mask_chooses_and_nothing_else():
+    env = FrankaOpenCabinetVectorEnv(3, max_episode_steps=2, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    env.step(np.zeros((3, 8)))
+    last, _, _, truncated, _ = env.step(np.zeros((3, 8)))
+    assert truncated.tolist() == [True, True, True]
+    options = {"reset_mask": np.array([True, False, True])}
+    started, info = env.reset(options=options)
+    assert [*options] == ["reset_mask"]
+    np.testing.assert_array_equal(started[1], last[1])
+    assert not np.array_equal(started[0], last[0])
+    assert info["episode_step"].tolist() == [0, 0, 0]
+    assert info["_episode_step"].tolist() == [True, False, True]
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+        env.step(np.zeros((3, 8)))
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    assert env.step(np.zeros((3, 8)))[4]["episode_step"].tolist() == [1, 1, 1]
+
+
+def test_an_ended_episode_that_is_reset_by_hand_is_not_reset_again():
+    env = FrankaKitchenVectorEnv(2, max_episode_steps=1, num_threads=1)
+    env.reset(seed=0)
+    assert env.step(np.zeros((2, 9)))[3].all()
+    env.reset(options={"reset_mask": np.array([True, False])})
+    *_, truncated, info = env.step(np.zeros((2, 9)))
+    assert (truncated.tolist(), info["episode_step"].tolist()) == ([True, False], [1, 0])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_episode_may_terminate_and_be_truncated_in_the_same_step(mode):
+    env = FrankaKitchenVectorEnv(
+        2,
+        tasks_to_complete=["microwave"],
+        goals={"microwave": [0.1]},
+        max_episode_steps=1,
+        autoreset_mode=mode,
+        num_threads=1,
+    )
+    env.reset(seed=0)
+    _, reward, terminated, truncated, _ = env.step(np.zeros((2, 9)))
+    assert (reward.tolist(), terminated.tolist(), truncated.tolist()) == ([1.0] * 2, [True] * 2, [True] * 2)
+
+
+def test_the_life_of_an_environment_goes_on_over_its_episodes():
+    env = FrankaOpenCabinetVectorEnv(2, max_episode_steps=3, autoreset_mode="NextStep")
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros((2, 8)))
+    # Nobody lives through a step that starts an episode.
+    env.step(np.zeros((2, 8)))
+    env.reset(options={"reset_mask": np.array([True, False])})
+    env.step(np.zeros((2, 8)))
+    assert env.life_steps.tolist() == [4, 4]
+    env.life_steps[:] = 0
+    assert env.life_steps.tolist() == [4, 4]

@@ -1,0 +1,310 @@
+"""Simulations that diverge, interrupts, errors of MuJoCo's, threads: what they leave behind."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control.rl import control
+from gymnasium.utils.env_checker import data_equivalence
+from mujoco.batch import SimulationError
+
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
+from kitchen_suite.tasks.open_cabinet.randomization import MODERATE, Randomization
+from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
+
+SINGLES = {FrankaKitchenVectorEnv: FrankaKitchenEnv, FrankaOpenCabinetVectorEnv: FrankaOpenCabinetEnv}
+# What resets and steps draw of the cabinet.
+DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"randomization": MODERATE}}
+# Every third step starts episodes.
+SHORT = {"max_episode_steps": 3, "autoreset_mode": "SameStep"}
+
+both = pytest.mark.parametrize("vector", SINGLES, ids=["kitchen", "cabinet"])
+
+
+def assert_same(one, other):
+    assert data_equivalence(one, other, exact=True), (one, other)
+
+
+def part(value, i):
+    """What belongs to environment `i` in arrays with a leading axis."""
+    return {key: part(inner, i) for key, inner in value.items()} if isinstance(value, dict) else value[i]
+
+
+def actions_of(env):
+    return np.full(env.action_space.shape, 0.01)
+
+
+def started(vector, count=3, *, seed=4, **settings):
+    """An environment after the first two steps of its episodes."""
+    env = vector(count, num_threads=2, **DRAWN[vector], **settings)
+    env.reset(seed=seed)
+    for _ in range(2):
+        env.step(actions_of(env))
+    return env
+
+
+@both
+@pytest.mark.parametrize(
+    ("mode", "field", "value"), [("NextStep", "qvel", np.nan), ("SameStep", "qpos", 1e11), ("Disabled", "qvel", 1e11)]
+)
+@pytest.mark.filterwarnings("error")
+def test_a_divergence_ends_its_episode_and_leaves_the_others_alone(vector, mode, field, value):
+    env, twin = (started(vector, autoreset_mode=mode) for _ in range(2))
+    getattr(env._batch, field)[1] = value
+    observation, reward, terminated, truncated, info = env.step(actions_of(env))
+    assert (reward[1], terminated.tolist(), truncated.tolist()) == (0.0, [False, True, False], [False] * 3)
+    assert info.pop("physics_error").tolist() == info.pop("_physics_error").tolist() == [False, True, False]
+    assert env.observation_space.contains(observation)
+    assert all(np.isfinite(array[1]).all() for array in leaves(observation))
+    assert info["episode_step"].tolist() == [3, 0, 3]
+    if mode == "SameStep":
+        assert info.pop("final_obs")[1] in env.single_observation_space
+        for key in ("_final_obs", "_final_info"):
+            assert info.pop(key).tolist() == [False, True, False]
+        info.pop("final_info")
+    assert_others_go_on_as((observation, reward, terminated, truncated, info), twin.step(actions_of(env)))
+    if mode == "Disabled":
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"environments \[1\] have ended"):
+            env.step(actions_of(env))
+        observation, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+        assert all(np.isfinite(array[1]).all() for array in leaves(observation))
+    for steps in [0, 1] if mode == "NextStep" else [1, 2]:
+        stepped = env.step(actions_of(env))
+        assert "physics_error" not in stepped[4]
+        assert stepped[4]["episode_step"][1] == steps
+        assert_others_go_on_as(stepped, twin.step(actions_of(env)))
+
+
+def leaves(value):
+    return [leaf for inner in value.values() for leaf in leaves(inner)] if isinstance(value, dict) else [value]
+
+
+def assert_others_go_on_as(ours, twins):
+    observation, *numbers, info = ours
+    twin_observation, *twin_numbers, twin_info = twins
+    assert info.keys() == twin_info.keys()
+    for i in (0, 2):
+        assert_same(part(observation, i), part(twin_observation, i))
+        assert [array[i] for array in numbers] == [array[i] for array in twin_numbers]
+        assert all(np.array_equal(info[key][i], twin_info[key][i]) for key in info)
+
+
+@both
+def test_the_episode_after_a_divergence_is_the_one_that_the_single_environment_starts(vector):
+    env, single = started(vector, count=1), SINGLES[vector](**DRAWN[vector])
+    single.reset(seed=4)
+    for _ in range(2):
+        single.step(actions_of(single))
+    env._batch.qvel[0] = single.environment.physics.data.qvel[:] = np.nan
+    with pytest.raises(control.PhysicsError):
+        single.step(actions_of(single))
+    # Its next step is the reset that ours has made already.
+    assert_same(part(env.step(actions_of(env))[0], 0), single.step(actions_of(single))[0])
+
+
+def test_all_may_diverge_at_once_and_again():
+    env = started(FrankaOpenCabinetVectorEnv, autoreset_mode="SameStep")
+    for _ in range(3):
+        env._batch.qvel[:] = np.nan
+        observation, reward, terminated, _, info = env.step(actions_of(env))
+        assert (reward.tolist(), terminated.all(), info["physics_error"].all()) == ([0.0] * 3, True, True)
+        assert np.isfinite(observation).all()
+    assert not env.step(actions_of(env))[2].any()
+
+
+def test_a_divergence_at_the_limit_does_not_end_the_next_episode():
+    env = started(FrankaOpenCabinetVectorEnv, max_episode_steps=3, autoreset_mode="SameStep")
+    env._batch.qvel[1] = np.nan
+    _, _, terminated, truncated, _ = env.step(actions_of(env))
+    assert (terminated.tolist(), truncated[[0, 2]].tolist()) == ([False, True, False], [True, True])
+    *_, terminated, truncated, info = env.step(actions_of(env))
+    assert not (terminated | truncated).any()
+    assert info["episode_step"].tolist() == [1, 1, 1]
+
+
+def interrupt(*args, **kwargs):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("vector", "place"),
+    [
+        (FrankaKitchenVectorEnv, "apply_actions"),
+        (FrankaKitchenVectorEnv, "book_step"),
+        (FrankaOpenCabinetVectorEnv, "apply_actions"),
+        (FrankaOpenCabinetVectorEnv, "book_step"),
+        (FrankaOpenCabinetVectorEnv, "_batch.step"),
+        (FrankaOpenCabinetVectorEnv, "_starter.environment.start_episode"),
+    ],
+)
+def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, monkeypatch):
+    env = started(vector, **SHORT)
+    with monkeypatch.context() as patched:
+        patched.setattr(*target(env, place), interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            env.step(actions_of(env))
+    assert_only_a_reset_of_all_helps(env)
+
+
+@pytest.mark.parametrize("options", [None, {"reset_mask": np.array([False, True, False])}], ids=["all", "one"])
+@pytest.mark.parametrize("place", ["_batch.reset", "_starter.environment.start_episode"])
+def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(place, options, monkeypatch):
+    env = started(FrankaOpenCabinetVectorEnv, **SHORT)
+    with monkeypatch.context() as patched:
+        patched.setattr(*target(env, place), interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            env.reset(options=options)
+    assert_only_a_reset_of_all_helps(env)
+
+
+def test_after_a_draw_that_a_reset_refuses_only_a_reset_of_all_helps():
+    frictions = iter([3.0, 3.0, 3.0, 3.0, -1.0])
+    drawn = Randomization(drawer_friction=lambda *args, **kwargs: next(frictions, 3.0))
+    # The first draw is made while it is built.
+    env = FrankaOpenCabinetVectorEnv(3, num_threads=1, randomization=drawn)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="drawer_friction"):
+        env.reset(options={"reset_mask": np.array([False, True, False])})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        env.step(actions_of(env))
+    env.reset(seed=0)
+    assert env.step(actions_of(env))[4]["episode_step"].tolist() == [1, 1, 1]
+
+
+def test_an_error_of_mujocos_in_one_simulation_reaches_the_caller_and_wants_a_reset(monkeypatch):
+    env = started(FrankaKitchenVectorEnv, **SHORT)
+    step = env._batch.step
+
+    def fails_in_one(ids, *args):
+        step(np.array([0, 2]), *args)
+        raise SimulationError(np.array([1]), "out of memory", 3)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(env._batch, "step", fails_in_one)
+        with pytest.raises(SimulationError, match="simulation 1: out of memory"):
+            env.step(actions_of(env))
+    assert_only_a_reset_of_all_helps(env)
+
+
+def target(env, place):
+    """What to patch, and its attribute."""
+    *path, name = place.split(".")
+    for attribute in path:
+        env = getattr(env, attribute)
+    return env, name
+
+
+def assert_only_a_reset_of_all_helps(env):
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        env.step(actions_of(env))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="all of them first"):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+    fresh = type(env)(3, num_threads=1, **SHORT, **DRAWN[type(env)])
+    assert_same(env.reset(seed=8), fresh.reset(seed=8))
+    for _ in range(4):
+        assert_same(env.step(actions_of(env)), fresh.step(actions_of(env)))
+
+
+LOOP = """
+import os
+import numpy as np
+from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
+
+env = FrankaOpenCabinetVectorEnv(64, num_threads=3, max_episode_steps=20)
+env.reset(seed=0)
+actions = np.zeros(env.action_space.shape)
+try:
+    env.step(actions)
+    print("ready", flush=True)
+    while True:
+        env.step(actions)
+except KeyboardInterrupt:
+    env.reset(seed=0)
+    assert env.step(actions)[4]["episode_step"].tolist() == [1] * 64
+    print("works on", flush=True)
+    raise
+"""
+
+
+def test_a_real_interrupt_ends_a_loop_of_steps_at_once():
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOOP],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        written, complaint = process.communicate(timeout=10)
+    finally:
+        process.kill()
+        process.wait()
+    assert (process.returncode, written) == (-signal.SIGINT, "works on\n"), complaint
+    assert complaint.endswith("KeyboardInterrupt\n")
+
+
+def threads():
+    gc.collect()
+    return len(os.listdir("/proc/self/task"))
+
+
+def test_threads_are_as_many_as_asked_for_and_go_with_the_environment():
+    before = threads()
+    env = started(FrankaOpenCabinetVectorEnv)
+    # The caller's is one of the two.
+    assert threads() == before + 1
+    del env
+    assert threads() == before
+
+
+def test_threads_end_when_it_is_closed():
+    before = threads()
+    env = started(FrankaOpenCabinetVectorEnv)
+    env.close()
+    assert threads() == before
+
+
+def test_no_threads_are_left_of_one_that_could_not_be_built():
+    before = threads()
+    with pytest.raises(ValueError, match="max_episode_steps"):
+        FrankaOpenCabinetVectorEnv(3, num_threads=4, max_episode_steps=0)
+    assert threads() == before
+
+
+@both
+def test_it_may_be_closed_twice_and_before_its_first_reset(vector):
+    for env in (vector(2), started(vector)):
+        env.close()
+        env.close()
+        assert env.closed
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_process_is_told_so_and_does_not_hang():
+    env = started(FrankaKitchenVectorEnv)
+    child = os.fork()
+    if child == 0:
+        try:
+            env.step(actions_of(env))
+        except RuntimeError as error:
+            os._exit(7 if "fork" in str(error) else 8)
+        os._exit(9)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    env.step(actions_of(env))
+
+
+@both
+def test_what_is_closed_says_so(vector):
+    env = started(vector)
+    env.close()
+    for use in (env.reset, lambda: env.step(actions_of(env))):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            use()

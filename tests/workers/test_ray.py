@@ -1,0 +1,238 @@
+"""Workers on Ray: their episodes are those of one process, whatever dies, and nothing of Ray is left over."""
+
+import json
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kitchen_suite.cli import record, rollout
+
+pytestmark = pytest.mark.ray
+
+SHORT = "--max_episode_steps=20"
+WORKERS = "--workers=2"
+RAY = [sys.executable, "-c", "from ray.scripts.scripts import main; main()"]
+
+POLICIES = """
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+
+def die_once(timestep):
+    # In the second episode of a worker: after one has ended, while others are being played.
+    if timestep.first():
+        die_once.started += 1
+    elif die_once.started == 4 and Path("mortal").exists():
+        Path("mortal").unlink()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return np.full(9, 0.1)
+
+die_once.started = 0
+
+def die(timestep):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def broken(timestep):
+    raise KeyError("lost")
+"""
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs a command in a folder that holds `my_policies.py`; gives status, stdout and stderr."""
+    tmp_path.joinpath("my_policies.py").write_text(POLICIES)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+
+    def run(command, *arguments):
+        status = command.main(arguments)
+        return status, *capsys.readouterr()
+
+    yield run
+    sys.modules.pop("my_policies", None)
+
+
+def load_all(folder):
+    episodes = {}
+    for path in sorted(Path(folder).glob("episode_*.npz")):
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        about = json.loads(str(arrays.pop("metadata")))
+        about.pop("seconds", None)
+        episodes[path.name] = about, arrays
+    return episodes
+
+
+def assert_same_episodes(one, other):
+    one, other = load_all(one), load_all(other)
+    assert one.keys() == other.keys()
+    for name, (about, arrays) in one.items():
+        assert about == other[name][0]
+        assert arrays.keys() == other[name][1].keys()
+        for key, array in arrays.items():
+            np.testing.assert_array_equal(array, other[name][1][key], key)
+
+
+def test_a_recording_by_workers_is_that_of_one_process(run):
+    command = ["--domain_name=open_cabinet", "--num_episodes=9", "--num_envs=2", "--seed=3"]
+    status, out, err = run(record, "--output=many", WORKERS, *command)
+    assert (status, err) == (0, "")
+    assert "\nepisodes " in out
+    assert run(record, "--output=one", *command)[0] == 0
+    assert len(load_all("many")) == 9
+    assert_same_episodes("many", "one")
+
+
+def test_a_rollout_by_workers_is_that_of_one_process(run):
+    command = ["--num_episodes=5", "--time_limit=0.4"]
+    status, out, err = run(rollout, "--output=many", WORKERS, *command)
+    assert (status, err) == (0, "")
+    alone = run(rollout, "--output=one", *command)[1]
+    assert_same_episodes("many", "one")
+    assert sorted(rows(out)) == rows(alone)
+
+
+def rows(out):
+    """The table without the time, which is the fifth column."""
+    return [cells[:4] + cells[5:] for cells in map(str.split, out.split("\n\n")[1].splitlines()[1:])]
+
+
+def test_a_worker_that_is_killed_costs_no_episode(run, tmp_path, caplog):
+    tmp_path.joinpath("mortal").touch()
+    command = ["--num_episodes=12", "--num_envs=2", "--policy=my_policies:die_once", SHORT]
+    status, out, _ = run(record, "--output=many", WORKERS, *command)
+    assert status == 0
+    assert not tmp_path.joinpath("mortal").exists()
+    assert [record.message for record in caplog.records] == ["a worker died; another one plays its 2 episodes"]
+    assert "\nepisodes              12\n" in out
+    assert run(record, "--output=one", *command)[0] == 0
+    assert_same_episodes("many", "one")
+
+
+def test_workers_that_always_die_are_given_up(run):
+    status, _, err = run(record, "--output=runs", "--workers=1", "--num_episodes=3", "--policy=my_policies:die", SHORT)
+    assert status == 1
+    assert "kitchen-record: 3 workers died in a row without finishing an episode: " in err
+    assert load_all("runs") == {}
+
+
+@pytest.mark.parametrize("command", [record, rollout])
+def test_what_a_policy_raises_in_a_worker_is_told_in_one_line(run, command):
+    status, _, err = run(command, "--output=runs", WORKERS, "--num_episodes=3", "--policy=my_policies:broken")
+    assert status == 2
+    assert err.startswith(f"kitchen-{command.__name__.rpartition('.')[2]}: policy 'my_policies:broken' raised KeyError")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_path, number):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kitchen_suite.cli.record", "--output=runs", WORKERS, "--num_episodes=100000", SHORT],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "KITCHEN_SUITE_TEST": str(tmp_path)},
+        # As Ctrl-C does, the signal goes to a whole group of processes; a shell's background jobs ignore SIGINT.
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    while len(list(tmp_path.glob("runs/episode_*.npz"))) < 3:
+        assert process.poll() is None
+        time.sleep(0.01)
+    assert len(processes_of(tmp_path)) > 3
+    os.killpg(process.pid, number)
+    _, err = process.communicate(timeout=60)
+    count = len(load_all("runs"))
+    assert count >= 3
+    assert process.returncode == 130
+    assert err == f"kitchen-record: interrupted after {count} of 100000 episodes; run the same again to go on\n"
+    wait_until(lambda: not processes_of(tmp_path))
+    # What is missing, if any is, can be had.
+    wanted = max(int(name[8:14]) for name in load_all("runs")) + 2
+    assert run(record, "--output=runs", f"--num_episodes={wanted}", SHORT)[0] == 0
+    assert len(load_all("runs")) == wanted
+
+
+@pytest.fixture
+def cluster():
+    """Address of a cluster with two processors, and the environment that its clients need."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    # Paths of sockets must be short.
+    with tempfile.TemporaryDirectory(prefix="ray", ignore_cleanup_errors=True) as folder:
+        token = Path(folder, "token")
+        token.write_text(secrets.token_hex(32))
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path),
+            "RAY_AUTH_MODE": "token",
+            "RAY_AUTH_TOKEN_PATH": str(token),
+            "RAY_USAGE_STATS_ENABLED": "0",
+        }
+        head = [*RAY, "start", "--head", "--block", f"--port={port}", "--num-cpus=2", "--include-dashboard=false"]
+        with subprocess.Popen(
+            [*head, f"--temp-dir={folder}"], cwd=folder, env=environment, stdout=subprocess.DEVNULL
+        ) as process:
+            yield f"127.0.0.1:{port}", environment
+            process.terminate()
+
+
+def test_a_cluster_elsewhere_plays_and_the_command_writes(run, cluster, tmp_path):
+    address, environment = cluster
+    command = ["--num_episodes=5", "--num_envs=2", SHORT]
+    wait_until(lambda: answers(address))
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "kitchen_suite.cli.record",
+            "--output=many",
+            WORKERS,
+            f"--ray_address={address}",
+            *command,
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert run(record, "--output=one", *command)[0] == 0
+    assert len(load_all("many")) == 5
+    assert_same_episodes("many", "one")
+
+
+def answers(address):
+    host, port = address.split(":")
+    with socket.socket() as client:
+        return client.connect_ex((host, int(port))) == 0
+
+
+def processes_of(folder):
+    """Processes that were started, directly or not, with that folder in their environment."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"KITCHEN_SUITE_TEST={folder}".encode() in path.read_bytes().split(b"\0"):
+                found.append(path.parent.name)
+        except OSError:
+            continue
+    return found
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)

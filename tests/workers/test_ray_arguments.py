@@ -1,0 +1,77 @@
+"""What the command lines say of workers that cannot be had; most of it needs no Ray."""
+
+import importlib.util
+import os
+import re
+import socket
+
+import pytest
+
+from kitchen_suite.cli import record, rollout
+
+COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}
+BAD = {
+    "--workers=0": "positive",
+    "--workers=-2": "positive",
+    "--workers=1.5": "1.5",
+    "--workers=many": "many",
+    "--ray_address=auto": "--ray_address needs --workers",
+}
+BAD_ADDRESSES = ["", "nonsense", "somewhere:", ":6379", "localhost:port", "localhost:0", "localhost:65536", "ray://x"]
+
+
+@pytest.fixture(params=COMMANDS)
+def run(request, capsys, tmp_path, monkeypatch):
+    """Runs either command; gives status, and stderr without the command's name."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        status = COMMANDS[request.param](["--output=runs", *arguments])
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert re.fullmatch(rf"{request.param}: [^\n]+\n", err)
+        assert not os.path.exists("runs")
+        return status, err
+
+    return run
+
+
+@pytest.fixture
+def ray_found(monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "ray" or find(name))
+
+
+@pytest.mark.parametrize("argument", BAD)
+def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
+    status, err = run(argument)
+    assert status == 2
+    assert BAD[argument] in err
+
+
+@pytest.mark.parametrize("address", BAD_ADDRESSES)
+def test_what_is_no_address_is_refused(run, ray_found, address):
+    status, err = run("--workers=2", f"--ray_address={address}")
+    assert status == 2
+    assert f"{address!r} is no address of Ray: it must be HOST:PORT, ray://HOST:PORT or auto" in err
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_an_address_where_nothing_answers_is_refused(run, ray_found, scheme):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    status, err = run("--workers=2", f"--ray_address={scheme}127.0.0.1:{port}")
+    assert status == 2
+    assert f"no Ray answers at {scheme}127.0.0.1:{port}: " in err
+
+
+def test_without_ray_it_is_told_what_to_install(run, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    status, err = run("--workers=2")
+    assert status == 2
+    assert "workers need Ray: pip install 'kitchen-suite[ray]'" in err
+
+
+def test_workers_make_no_video(capsys, ray_found):
+    assert rollout.main(["--workers=2", "--video=film.mp4"]) == 2
+    assert "workers make no video" in capsys.readouterr().err
