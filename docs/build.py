@@ -18,7 +18,7 @@ from dm_control import mjcf
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import report as benchmark_report
-from kitchen_suite.entities import CabinetDesign
+from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks import GOALS, Randomization
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.open_cabinet import grasp_reward as drawer_grasp_reward
@@ -58,7 +58,7 @@ def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, st
 
 def observation_table() -> str:
     """The 59 numbers of the kitchen's observation."""
-    kitchen = suite.load("kitchen", "all", {"visuals": False}).task.kitchen
+    kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
     greatest = noise.scale(robot_ratio=0.01, object_ratio=0.0005)
     parts = (
         ("franka/joint_positions", kitchen.robot.joints, False),
@@ -127,8 +127,8 @@ def cabinet_grasp_reward_table() -> str:
 
 def cabinet_design_table() -> str:
     """The parameters of the cabinet."""
-    meanings = attributes(CabinetDesign)
-    rows = [(f"`{each.name}`", each.default, meanings[each.name]) for each in dataclasses.fields(CabinetDesign)]
+    meanings = attributes(CabinetConfig)
+    rows = [(f"`{each.name}`", each.default, meanings[each.name]) for each in dataclasses.fields(CabinetConfig)]
     return markdown(("parameter", "default", "meaning"), rows)
 
 

@@ -44,7 +44,7 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
     """
     model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
     if visuals:
-        set_visuals_apart(model)
+        split_visual_geoms(model)
     else:
         remove_visuals(model)
     return model
@@ -74,7 +74,7 @@ def remove_visuals(model: mjcf.RootElement) -> None:
         asset.remove()
 
 
-def set_visuals_apart(model: mjcf.RootElement) -> None:
+def split_visual_geoms(model: mjcf.RootElement) -> None:
     """Moves the visual geoms of each body that collides to a weightless body of their own inside it.
 
     In search of contacts MuJoCo goes through all geoms of a body that collides; bodies in which nothing does it leaves

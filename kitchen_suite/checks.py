@@ -45,21 +45,21 @@ def number(value: object, what: str, *, positive: bool = False) -> float:
     return float(value)
 
 
-def whole_number(value: object, what: str, *, least: int) -> int:
-    """Returns `value` as an int if it is an integer and not below `least`.
+def integer(value: object, what: str, *, minimum: int) -> int:
+    """Returns `value` as an int if it is an integer and not below `minimum`.
 
     Raises:
       TypeError: it is no integer (a bool is not one).
-      ValueError: it is below `least`.
+      ValueError: it is below `minimum`.
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{what} must be an integer, got {value!r}")
-    if value < least:
-        raise ValueError(f"{what} must be at least {least}, got {value!r}")
+    if value < minimum:
+        raise ValueError(f"{what} must be at minimum {minimum}, got {value!r}")
     return int(value)
 
 
-def flag(value: object, what: str) -> bool:
+def boolean(value: object, what: str) -> bool:
     """Returns `value` if it is a bool.
 
     Raises:
@@ -70,8 +70,8 @@ def flag(value: object, what: str) -> bool:
     return bool(value)
 
 
-def distinct(values: object, what: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection of at least one element, and of none twice.
+def unique_names(values: object, what: str) -> tuple[object, ...]:
+    """Returns `values` as a tuple if it is an ordered collection of at minimum one element, and of none twice.
 
     Raises:
       TypeError: it is a string, a set or an iterator, or no collection at all.
@@ -81,7 +81,7 @@ def distinct(values: object, what: str) -> tuple[object, ...]:
         raise TypeError(f"{what} must be a sequence of names, got {values!r}")
     names = tuple(values)
     if not names:
-        raise ValueError(f"{what} is empty; name at least one")
+        raise ValueError(f"{what} is empty; name at minimum one")
     if repeated := sorted({repr(name) for name in names if names.count(name) > 1}):
         raise ValueError(f"{what} names {', '.join(repeated)} more than once")
     return names
@@ -117,7 +117,7 @@ def array_of(value: object, what: str) -> NDArray:
         raise ValueError(f"{what} must be an array, got {value!r}") from error
 
 
-def like(value: object, template: Any, what: str) -> Any:
+def matching(value: object, template: Any, what: str) -> Any:
     """Returns a copy of `value` if it is built as `template` is: the same keys and strings, arrays of the same shapes.
 
     Args:
@@ -136,7 +136,7 @@ def like(value: object, template: Any, what: str) -> Any:
             raise ValueError(
                 f"{what} must have the keys {sorted(template)}; missing or unknown: {sorted(map(str, odd))}"
             )
-        return {key: like(value[key], part, f"{what}[{key!r}]") for key, part in template.items()}
+        return {key: matching(value[key], part, f"{what}[{key!r}]") for key, part in template.items()}
     if isinstance(template, str):
         if value != template:
             raise ValueError(f"{what} must be {template!r}, got {value!r}")

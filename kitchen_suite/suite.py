@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetDesign, build_cabinet_scene, build_kitchen
+from kitchen_suite.entities import CabinetConfig, build_kitchen_scene, build_open_cabinet_scene
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask
@@ -35,7 +35,8 @@ def kitchen(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or state to draw from.
       visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
-      sleep: whether things at rest may fall asleep; faster, trajectories are nearly the same (see `build_kitchen`).
+      sleep: whether objects at rest may sleep: faster, but trajectories are only nearly the same; see
+        `build_kitchen_scene`.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `KitchenTask`.
 
@@ -44,7 +45,7 @@ def kitchen(
       ValueError: see `KitchenTask`; or the time limit is not positive and finite.
     """
     limit = _limit(time_limit)
-    scene = build_kitchen(visuals=checks.flag(visuals, "visuals"), sleep=checks.flag(sleep, "sleep"))
+    scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
     task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
     return _environment(task, limit, random, environment_kwargs)
 
@@ -55,7 +56,7 @@ def open_cabinet(
     time_limit: float | None = cabinet_task.TIME_LIMIT,
     random: int | np.random.RandomState | None = None,
     visuals: bool = True,
-    design: CabinetDesign | None = None,
+    cabinet_config: CabinetConfig | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     **task_options: Any,
 ) -> Environment:
@@ -66,7 +67,7 @@ def open_cabinet(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or state to draw from.
       visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
-      design: sizes and resistances of the cabinet; the default design when omitted.
+      cabinet_config: sizes and resistances of the cabinet; the default design when omitted.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `OpenCabinetTask`.
 
@@ -75,9 +76,9 @@ def open_cabinet(
       ValueError: see `OpenCabinetTask`; or the time limit is not positive and finite.
     """
     limit = _limit(time_limit)
-    if not isinstance(design, CabinetDesign | None):
-        raise TypeError(f"design must be a CabinetDesign, got {design!r}")
-    scene = build_cabinet_scene(design, visuals=checks.flag(visuals, "visuals"))
+    if not isinstance(cabinet_config, CabinetConfig | None):
+        raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
+    scene = build_open_cabinet_scene(cabinet_config, visuals=checks.boolean(visuals, "visuals"))
     task = OpenCabinetTask(scene, drawer=drawer, **task_options)
     return _environment(task, limit, random, environment_kwargs)
 
@@ -143,7 +144,7 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
     return dict(_find(domain_name, task_name).keywords)
 
 
-def refuse_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
+def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
     """Refuses arguments that would make another task of it.
 
     Raises:
@@ -183,7 +184,7 @@ def load(
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
         if kwargs is not None and not isinstance(kwargs, Mapping):
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
-    refuse_fixed(domain_name, task_name, task_kwargs or {})
+    check_not_fixed(domain_name, task_name, task_kwargs or {})
     environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment

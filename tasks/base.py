@@ -28,7 +28,7 @@ class SuiteTask(composer.Task):
 
     @visualize_reward.setter
     def visualize_reward(self, value: bool) -> None:
-        self._visualize_reward = checks.flag(value, "visualize_reward")
+        self._visualize_reward = checks.boolean(value, "visualize_reward")
 
     @property
     @abc.abstractmethod

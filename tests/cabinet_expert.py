@@ -7,7 +7,7 @@ from kitchen_suite import experts
 from kitchen_suite.entities import PANDA
 from kitchen_suite.policies.experts.kinematics import Arm
 from kitchen_suite.policies.experts.skills import Hand, Move, Skill
-from kitchen_suite.policies.experts.trajectories import Pace, Path, plan
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, Path, plan
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
@@ -41,8 +41,8 @@ def _script(env, places, hand, gripper):
         mink.SO3.from_matrix(np.array(handle.xmat).reshape(3, 3)), np.array(handle.xpos)
     )
     joints = env.physics.bind(env.task.scene.robot.joints[:7])
-    gains = [link.servo.gain for link in PANDA.links]
-    arm, pace = Arm("open_cabinet"), Pace(joint_speed=np.full(7, 0.01), timestep=CONTROL_TIMESTEP)
+    gains = [link.actuator.gain for link in PANDA.links]
+    arm, pace = Arm("open_cabinet"), JointSpeedLimits(joint_speed=np.full(7, 0.01), timestep=CONTROL_TIMESTEP)
     skill = Skill(
         steps=tuple(Move(to=place, hand=hand, speed=0.1) for place in places),
         posture=tuple(DEFAULT_POSE[:7].tolist()),

@@ -6,7 +6,7 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetDesign, Vector
+from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetConfig, Vector
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
@@ -18,20 +18,20 @@ _STIFF_FRICTION = (0.99, 0.999, 0.001)
 class Cabinet(composer.Entity):
     """The cabinet; its frame sits in its middle, x pointing out of its front."""
 
-    def _build(self, design: CabinetDesign | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
+    def _build(self, config: CabinetConfig | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
         """Builds the cabinet.
 
         Args:
-          design: sizes and resistances; the default design when omitted.
+          config: sizes and resistances; the default config when omitted.
           visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
           name: prefix of the cabinet's elements in a scene.
         """
-        self._design = design or CabinetDesign()
+        self._config = config or CabinetConfig()
         self._mjcf_root = assets.new_model(name)
         self._add_defaults()
         self._add_materials()
         self._add_carcass()
-        for drawer, height in zip(DRAWERS, self._design.drawer_heights, strict=True):
+        for drawer, height in zip(DRAWERS, self._config.drawer_heights, strict=True):
             self._add_drawer(drawer, height)
         for door, side in zip(DOORS, (-1, 1), strict=True):
             self._add_door(door, side)
@@ -47,9 +47,9 @@ class Cabinet(composer.Entity):
         return self._mjcf_root
 
     @property
-    def design(self) -> CabinetDesign:
+    def config(self) -> CabinetConfig:
         """Sizes and resistances."""
-        return self._design
+        return self._config
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
@@ -92,7 +92,7 @@ class Cabinet(composer.Entity):
         asset.add("material", name="metal", rgba=(0.80, 0.80, 0.82, 1), specular=0.9, shininess=0.9, reflectance=0.1)
 
     def _add_carcass(self) -> None:
-        (depth, width, height), panel, worktop = self._design.size, self._design.panel, self._design.worktop
+        (depth, width, height), panel, worktop = self._config.size, self._config.panel, self._config.worktop
         body = self._mjcf_root.worldbody.add("body", name="carcass")
         # What stands behind the fronts, and the worktop that covers them too.
         middle, half_depth = -panel / 2, (depth - panel) / 2
@@ -104,52 +104,52 @@ class Cabinet(composer.Entity):
         inner = half_width - panel
         self._add_box(body, "back", (-(depth - panel) / 2, 0, side_z), (panel / 2, inner, side_half), "carcass")
         self._add_box(body, "plinth", (middle, 0, 0.03 - height / 2), (half_depth - panel, inner, 0.03), "carcass")
-        low, high = self._design.door_span
+        low, high = self._config.door_span
         for name, z in (("floor", low), ("shelf", high)):
             self._add_box(body, name, (middle, 0, z), (half_depth, inner, panel / 2), "carcass")
         place = (0.005, 0, height / 2 - worktop / 2)
         self._add_box(body, "worktop", place, (depth / 2 + 0.005, half_width + 0.01, worktop / 2), "worktop")
 
     def _add_drawer(self, drawer: str, height: float) -> None:
-        design = self._design
+        config = self._config
         body = self._mjcf_root.worldbody.add("body", name=f"drawer_{drawer}", pos=(0, 0, height))
         body.add(
             "joint",
             name=f"drawer_{drawer}_joint",
             type="slide",
             axis=(1, 0, 0),
-            range=(0, design.drawer_travel),
-            frictionloss=design.drawer_friction,
+            range=(0, config.drawer_travel),
+            frictionloss=config.drawer_friction,
             solimpfriction=_STIFF_FRICTION,
-            damping=design.drawer_damping,
+            damping=config.drawer_damping,
         )
         for name, (place, half_size, mass) in self._drawer_panels().items():
             material = "front" if name == "front" else "tray"
             self._add_box(body, f"drawer_{drawer}_{name}", place, half_size, material, mass)
-        self._add_handle(body, f"drawer_{drawer}", design.handle_position, upright=False)
+        self._add_handle(body, f"drawer_{drawer}", config.handle_position, upright=False)
 
     def _drawer_panels(self) -> dict[str, tuple[Vector, Vector, float]]:
         """Places and half sizes in the drawer's frame [m], masses [kg]; the mass follows the volume."""
-        design = self._design
-        thin, inner = design.panel / 2, design.size[1] / 2 - 2 * design.panel
-        back, front = -design.front + 3 * design.panel, design.front - design.panel
-        middle, half_depth, rim = (front + back) / 2, (front - back) / 2, 0.3 * design.drawer_front_height
+        config = self._config
+        thin, inner = config.panel / 2, config.size[1] / 2 - 2 * config.panel
+        back, front = -config.front + 3 * config.panel, config.front - config.panel
+        middle, half_depth, rim = (front + back) / 2, (front - back) / 2, 0.3 * config.drawer_front_height
         panels = {
-            "front": ((front + thin, 0, 0), (thin, design.size[1] / 2 - DOOR_GAP, design.drawer_front_height / 2)),
+            "front": ((front + thin, 0, 0), (thin, config.size[1] / 2 - DOOR_GAP, config.drawer_front_height / 2)),
             "bottom": ((middle, 0, -rim), (half_depth, inner, thin / 2)),
             "left": ((middle, -inner, 0), (half_depth, thin / 2, rim)),
             "right": ((middle, inner, 0), (half_depth, thin / 2, rim)),
             "back": ((back, 0, 0), (thin / 2, inner, rim)),
         }
         volume = sum(math.prod(half_size) for _, half_size in panels.values())
-        share = design.drawer_mass / volume
+        share = config.drawer_mass / volume
         return {name: (place, half, share * math.prod(half)) for name, (place, half) in panels.items()}
 
     def _add_door(self, door: str, side: int) -> None:
         """Adds the door on the -y (`side` -1) or the +y (1) half, hinged at its outer edge."""
-        design = self._design
-        (low, high), half_width = design.door_span, design.size[1] / 4 - DOOR_GAP
-        hinge = (design.front - design.panel / 2, side * (design.size[1] / 2 - DOOR_GAP), (low + high) / 2)
+        config = self._config
+        (low, high), half_width = config.door_span, config.size[1] / 4 - DOOR_GAP
+        hinge = (config.front - config.panel / 2, side * (config.size[1] / 2 - DOOR_GAP), (low + high) / 2)
         body = self._mjcf_root.worldbody.add("body", name=f"door_{door}", pos=hinge)
         body.add(
             "joint",
@@ -157,13 +157,13 @@ class Cabinet(composer.Entity):
             type="hinge",
             axis=(0, 0, side),
             range=(0, math.pi / 2),
-            frictionloss=design.door_friction,
+            frictionloss=config.door_friction,
             solimpfriction=_STIFF_FRICTION,
-            damping=design.door_damping,
+            damping=config.door_damping,
         )
-        half_size = (design.panel / 2, half_width, (high - low) / 2 - DOOR_GAP)
-        self._add_box(body, f"door_{door}_panel", (0, -side * half_width, 0), half_size, "front", design.door_mass)
-        reach = design.panel / 2 + design.handle_clearance + design.handle_radius
+        half_size = (config.panel / 2, half_width, (high - low) / 2 - DOOR_GAP)
+        self._add_box(body, f"door_{door}_panel", (0, -side * half_width, 0), half_size, "front", config.door_mass)
+        reach = config.panel / 2 + config.handle_clearance + config.handle_radius
         self._add_handle(body, f"door_{door}", (reach, -side * (2 * half_width - 0.05), 0), upright=True)
 
     def _add_box(
@@ -175,15 +175,15 @@ class Cabinet(composer.Entity):
 
     def _add_handle(self, body: mjcf.Element, stem: str, pos: Vector, *, upright: bool) -> None:
         """Adds a bar on two posts, and the site in its middle."""
-        design, (x, y, z) = self._design, pos
-        along = (0, 0, design.handle_half_length) if upright else (0, design.handle_half_length, 0)
+        config, (x, y, z) = self._config, pos
+        along = (0, 0, config.handle_half_length) if upright else (0, config.handle_half_length, 0)
         parts = {"bar": (x, y - along[1], z - along[2], x, y + along[1], z + along[2])}
         for name, share in (("post_a", -0.87), ("post_b", 0.87)):
             foot = (y + share * along[1], z + share * along[2])
-            parts[name] = (x, *foot, x - design.handle_clearance - design.handle_radius, *foot)
-        friction = (design.handle_friction, 0.005, 0.0001)
+            parts[name] = (x, *foot, x - config.handle_clearance - config.handle_radius, *foot)
+        friction = (config.handle_friction, 0.005, 0.0001)
         for name, ends in parts.items():
-            shape = {"type": "capsule", "size": (design.handle_radius,), "fromto": ends}
+            shape = {"type": "capsule", "size": (config.handle_radius,), "fromto": ends}
             body.add("geom", name=f"{stem}_handle_{name}", dclass="collision", friction=friction, **shape)
             body.add("geom", name=f"{stem}_handle_{name}_visual", dclass="visual", material="metal", **shape)
         # Right angles about several axes: a quaternion of halves is exact, and its w is far from changing sign.

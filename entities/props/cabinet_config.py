@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CabinetDesign:
+class CabinetConfig:
     """Sizes and resistances of a cabinet; the defaults are those that the open_cabinet domain is frozen with.
 
     The cabinet's frame sits in its middle, x towards the one who opens it, z up. The drawers' frames are the cabinet's
@@ -64,7 +64,7 @@ class CabinetDesign:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            _check_field(field.name, getattr(self, field.name), getattr(CabinetDesign, field.name))
+            _check_field(field.name, getattr(self, field.name), getattr(CabinetConfig, field.name))
         for fits, what in self._requirements():
             if not fits:
                 raise ValueError(what)

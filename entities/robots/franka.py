@@ -1,6 +1,6 @@
-"""The Franka Emika Panda with its two-finger hand: nine joints, each with a position servo.
+"""The Franka Emika Panda with its two-finger hand: nine joints, each with a position actuator.
 
-A `Calibration` holds what tells one model of this robot from another; the entity builds any of them the same way.
+A `FrankaSpec` holds what tells one model of this robot from another; the entity builds any of them the same way.
 """
 
 from typing import Any
@@ -10,27 +10,27 @@ from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
-from kitchen_suite.entities.robots.kitchen_franka import KITCHEN
-from kitchen_suite.entities.robots.specification import Calibration, Finger, Inertia, Link, Servo
+from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
+from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator, Link
 
 
 class Franka(composer.Entity):
     """The arm with its hand, on a base that stands at the entity's origin and faces +x."""
 
-    def _build(self, calibration: Calibration = KITCHEN, *, visuals: bool = True, name: str = "franka") -> None:
+    def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:
         """Builds the robot.
 
         Args:
-          calibration: which model of the Panda.
+          specification: which model of the Panda.
           visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
           name: prefix of the robot's elements in a scene.
         """
-        self._calibration = calibration
+        self._specification = specification
         self._mjcf_root = assets.new_model(name)
         self._add_defaults()
         self._add_meshes()
         self._add_arm()
-        for finger in calibration.fingers:
+        for finger in specification.fingers:
             self._add_finger(finger)
         self._mjcf_root.resolve_references()
         if not visuals:
@@ -44,30 +44,30 @@ class Franka(composer.Entity):
         return self._mjcf_root
 
     @property
-    def calibration(self) -> Calibration:
+    def specification(self) -> FrankaSpec:
         """Which model of the Panda this is."""
-        return self._calibration
+        return self._specification
 
     @property
-    def servos(self) -> tuple[Servo, ...]:
-        """The nine joints with their servos: the arm's from the base outwards, then the two fingers'."""
-        parts: tuple[Link | Finger, ...] = (*self._calibration.links, *self._calibration.fingers)
-        return tuple(part.servo for part in parts)
+    def joint_actuators(self) -> tuple[JointActuator, ...]:
+        """The nine joints with their joint_actuators: the arm's from the base outwards, then the two fingers'."""
+        parts: tuple[Link | Finger, ...] = (*self._specification.links, *self._specification.fingers)
+        return tuple(part.actuator for part in parts)
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        """The nine joints in the order of `servos`."""
-        return tuple(self._mjcf_root.find("joint", servo.joint) for servo in self.servos)
+        """The nine joints in the order of `joint_actuators`."""
+        return tuple(self._mjcf_root.find("joint", actuator.joint) for actuator in self.joint_actuators)
 
     @property
     def actuators(self) -> tuple[mjcf.Element, ...]:
-        """The nine position actuators in the order of `servos`."""
-        return tuple(self._mjcf_root.find("actuator", servo.joint) for servo in self.servos)
+        """The nine position actuators in the order of `joint_actuators`."""
+        return tuple(self._mjcf_root.find("actuator", actuator.joint) for actuator in self.joint_actuators)
 
     @property
     def end_effector(self) -> mjcf.Element:
         """The site between the fingers."""
-        return self._mjcf_root.find("site", self._calibration.end_effector["name"])
+        return self._mjcf_root.find("site", self._specification.end_effector["name"])
 
     def finger_geoms(self, side: str) -> tuple[mjcf.Element, ...]:
         """The colliding geoms of the `left` or the `right` finger."""
@@ -83,7 +83,7 @@ class Franka(composer.Entity):
         # Conaffinity 0: fingers do not touch what is itself only touched (walls, counters touch them all the same).
         finger = top.add("default", dclass="finger")
         finger.geom.set_attributes(group=3, contype=1, conaffinity=0, rgba=(0.5, 0.6, 0.7, 0.4))
-        finger.geom.set_attributes(**self._calibration.finger_contact)
+        finger.geom.set_attributes(**self._specification.finger_contact)
 
     def _add_meshes(self) -> None:
         for part in (*(f"link{i}" for i in range(8)), "hand"):
@@ -94,27 +94,31 @@ class Franka(composer.Entity):
             "mesh",
             name="finger_visual",
             file="franka_assets/meshes/collision/finger.stl",
-            scale=self._calibration.finger_scale,
+            scale=self._specification.finger_scale,
         )
 
     def _add_arm(self) -> None:
-        calibration = self._calibration
+        specification = self._specification
         body = self._mjcf_root.worldbody.add("body", name="link0")
-        self._add_part(body, "link0", calibration.base_inertia)
-        for number, link in enumerate(calibration.links, start=1):
+        self._add_part(body, "link0", specification.base_inertia)
+        for number, link in enumerate(specification.links, start=1):
             body = body.add("body", name=f"link{number}", pos=link.pos, **link.rotation)
-            self._add_joint(body, link.servo, type="hinge", axis=(0, 0, 1))
+            self._add_joint(body, link.actuator, type="hinge", axis=(0, 0, 1))
             self._add_part(body, f"link{number}", link.inertia)
-        self._add_part(body, "hand", calibration.hand_inertia, pos=calibration.hand_pos, quat=calibration.hand_quat)
-        body.add("site", size=(0.01,), group=3, **calibration.end_effector)
-        body.add("camera", name="wrist", **calibration.wrist_camera)
+        self._add_part(
+            body, "hand", specification.hand_inertia, pos=specification.hand_pos, quat=specification.hand_quat
+        )
+        body.add("site", size=(0.01,), group=3, **specification.end_effector)
+        body.add("camera", name="wrist", **specification.wrist_camera)
 
     def _add_finger(self, finger: Finger) -> None:
-        calibration = self._calibration
+        specification = self._specification
         link7 = self._mjcf_root.find("body", "link7")
-        body = link7.add("body", name=f"{finger.side}_finger", pos=calibration.finger_pos, quat=calibration.hand_quat)
+        body = link7.add(
+            "body", name=f"{finger.side}_finger", pos=specification.finger_pos, quat=specification.hand_quat
+        )
         body.add("inertial", mass=finger.inertia.mass, **finger.inertia.spread)
-        self._add_joint(body, finger.servo, type="slide", axis=finger.axis)
+        self._add_joint(body, finger.actuator, type="slide", axis=finger.axis)
         # The mesh is a left finger's.
         facing = {} if finger.side == "left" else {"quat": (0, 0, 0, 1)}
         body.add("geom", name=f"{finger.side}_finger_visual", dclass="visual", mesh="finger_visual", **facing)
@@ -130,23 +134,23 @@ class Franka(composer.Entity):
         body.add("geom", name=f"{part}_visual", dclass="visual", mesh=f"{part}_visual", **pose)
         body.add("geom", name=part, dclass="link", mesh=f"{part}_collision", mass=inertia.mass, **pose)
 
-    def _add_joint(self, body: mjcf.Element, servo: Servo, **kind: Any) -> None:
+    def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **kind: Any) -> None:
         joint = body.add(
             "joint",
-            name=servo.joint,
-            range=servo.range,
-            damping=servo.damping,
-            armature=servo.armature,
+            name=actuator.joint,
+            range=actuator.range,
+            damping=actuator.damping,
+            armature=actuator.armature,
             **kind,
         )
         self._mjcf_root.actuator.add(
             "position",
-            name=servo.joint,
+            name=actuator.joint,
             joint=joint,
-            kp=servo.gain,
-            kv=servo.velocity_gain,
-            forcerange=(-servo.force, servo.force),
-            ctrlrange=servo.control_range,
+            kp=actuator.gain,
+            kv=actuator.velocity_gain,
+            forcerange=(-actuator.force, actuator.force),
+            ctrlrange=actuator.control_range,
         )
 
 

@@ -6,12 +6,12 @@ written 1.57, as there.
 
 from kitchen_suite.entities.robots.specification import (
     Attributes,
-    Calibration,
     Finger,
+    FrankaSpec,
     Inertia,
+    JointActuator,
     Limits,
     Link,
-    Servo,
     Vector,
 )
 
@@ -47,7 +47,9 @@ def _links() -> tuple[Link, ...]:
             pos=pos,
             rotation=rotation,
             inertia=Inertia(mass=mass),
-            servo=Servo(joint=f"panda0_joint{number}", range=joint_range, control_range=control_range, **servo),
+            actuator=JointActuator(
+                joint=f"panda0_joint{number}", range=joint_range, control_range=control_range, **servo
+            ),
         )
         for number, (pos, rotation, mass, joint_range, control_range, servo) in enumerate(rows, start=1)
     )
@@ -80,7 +82,7 @@ def _finger(side: str, number: int, sign: int) -> Finger:
         "quat": (0.705868, sign * 0.0310348, sign * -0.0314925, 0.706962),
         "diaginertia": (6.57134e-05, 6.09611e-05, 1.09932e-05),
     }
-    servo = Servo(
+    servo = JointActuator(
         joint=f"panda0_finger_joint{number}",
         range=(0, 0.04),
         damping=100,
@@ -93,12 +95,12 @@ def _finger(side: str, number: int, sign: int) -> Finger:
         side=side,
         axis=(0, sign, 0),
         inertia=Inertia(mass=0.0927059, spread=spread),
-        servo=servo,
+        actuator=servo,
         geoms=_finger_geoms(side, sign),
     )
 
 
-KITCHEN = Calibration(
+KITCHEN_FRANKA = FrankaSpec(
     base_inertia=Inertia(mass=2.91242),
     links=_links(),
     hand_inertia=Inertia(mass=0.81909),

@@ -5,7 +5,8 @@ and fingers as in franka_description. Inertial parameters of the arm: C. Gaz, M.
 Giordano, A. De Luca, "Dynamic Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters
 Using Penalty-Based Optimization", IEEE RA-L 4(4), 2019, as franka_ros publishes them
 (franka_description/robots/common/inertial.yaml, Apache-2.0), which also gives base, hand and fingers.
-Servo gains, force limits, armature and joint damping of the arm: those of the Panda in MuJoCo Menagerie (Apache-2.0).
+Gains and force limits of the actuators, armature and joint damping of the arm: those of the Panda in MuJoCo Menagerie
+(Apache-2.0).
 Fingers: chosen here; a bar of 12 mm held between the pads slips at a pull of about 20 N, four times what a drawer
 asks for.
 """
@@ -14,12 +15,12 @@ import math
 
 from kitchen_suite.entities.robots.specification import (
     Attributes,
-    Calibration,
     Finger,
+    FrankaSpec,
     Inertia,
+    JointActuator,
     Limits,
     Link,
-    Servo,
     Vector,
 )
 
@@ -110,7 +111,7 @@ def _links() -> tuple[Link, ...]:
             pos=pos,
             rotation=rotation,
             inertia=inertia,
-            servo=Servo(joint=f"joint{number}", range=joint_range, control_range=joint_range, **servo),
+            actuator=JointActuator(joint=f"joint{number}", range=joint_range, control_range=joint_range, **servo),
         )
         for number, ((pos, rotation, joint_range, servo), inertia) in enumerate(
             zip(_KINEMATICS, _INERTIAS[1:], strict=True), start=1
@@ -136,7 +137,7 @@ def _finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
 
 
 def _finger(side: str, number: int, sign: int) -> Finger:
-    servo = Servo(
+    servo = JointActuator(
         joint=f"finger_joint{number}",
         range=(0, 0.04),
         damping=5.0,
@@ -146,10 +147,12 @@ def _finger(side: str, number: int, sign: int) -> Finger:
         force=100.0,
         control_range=(0, 0.04),
     )
-    return Finger(side=side, axis=(0, sign, 0), inertia=_FINGER_INERTIA, servo=servo, geoms=_finger_geoms(side, sign))
+    return Finger(
+        side=side, axis=(0, sign, 0), inertia=_FINGER_INERTIA, actuator=servo, geoms=_finger_geoms(side, sign)
+    )
 
 
-PANDA = Calibration(
+PANDA = FrankaSpec(
     base_inertia=_INERTIAS[0],
     links=_links(),
     hand_inertia=_HAND_INERTIA,

@@ -12,7 +12,7 @@ Attributes = Mapping[str, Any]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Servo:
+class JointActuator:
     """A joint and the position servo that drives it.
 
     Attributes:
@@ -64,7 +64,7 @@ class Link:
     pos: Vector
     rotation: Attributes
     inertia: Inertia
-    servo: Servo
+    actuator: JointActuator
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -82,12 +82,12 @@ class Finger:
     side: str
     axis: Vector
     inertia: Inertia
-    servo: Servo
+    actuator: JointActuator
     geoms: tuple[Attributes, ...]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Calibration:
+class FrankaSpec:
     """Everything that tells one model of the Panda from another.
 
     Attributes:

@@ -27,7 +27,7 @@ class KitchenArena(composer.Arena):
         self._mjcf_root = assets.load_mjcf("kitchen_arena", visuals=visuals)
         self._mjcf_root.model = name
 
-    def let_things_sleep(self) -> None:
+    def enable_sleep(self) -> None:
         """Lets MuJoCo put to sleep what has come to rest; never the robot, which has actuators.
 
         A thing at rest stays where it is to within 1e-8 rad or m. The robot moves the same to rounding until it touches
@@ -57,7 +57,7 @@ class KitchenArena(composer.Arena):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Kitchen:
+class KitchenScene:
     """A furnished kitchen.
 
     Attributes:
@@ -76,18 +76,18 @@ class Kitchen:
         return tuple(joint for prop in self.props.values() for joint in prop.joints)
 
 
-def build_kitchen(*, visuals: bool = True, sleep: bool = False) -> Kitchen:
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> KitchenScene:
     """Puts the kitchen of FrankaKitchen-v1 together.
 
     Args:
       visuals: `False` leaves out all geoms that only the eye needs, which is faster; trajectories are the same to the
         bit.
       sleep: whether things that have come to rest are left out of the physics until something touches them, which is
-        faster still; trajectories are then nearly the same (see `KitchenArena.let_things_sleep`).
+        faster still; trajectories are then nearly the same (see `KitchenArena.enable_sleep`).
     """
     arena = KitchenArena(visuals=visuals)
     if sleep:
-        arena.let_things_sleep()
+        arena.enable_sleep()
     robot = Franka(visuals=visuals)
     arena.place(robot)
     fixed = (
@@ -104,12 +104,12 @@ def build_kitchen(*, visuals: bool = True, sleep: bool = False) -> Kitchen:
         arena.place(prop)
     kettle = kitchen_props.Kettle(visuals=visuals)
     arena.place(kettle, free=True)
-    _leave_out_what_never_touches(arena, robot)
+    _exclude_base_contacts(arena, robot)
     by_name = {prop.mjcf_model.model: prop for prop in (*props, kettle)}
-    return Kitchen(arena=arena, robot=robot, props=MappingProxyType(by_name))
+    return KitchenScene(arena=arena, robot=robot, props=MappingProxyType(by_name))
 
 
-def _leave_out_what_never_touches(arena: KitchenArena, robot: Franka) -> None:
+def _exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
     """Spares MuJoCo the search for contacts between the robot's base and its first link.
 
     They are 1 mm apart at every angle of the joint between them. Of neighbours MuJoCo leaves out all others by itself,

@@ -6,12 +6,12 @@ from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.props.cabinet import Cabinet
-from kitchen_suite.entities.props.cabinet_config import CabinetDesign
+from kitchen_suite.entities.props.cabinet_config import CabinetConfig
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.robots.panda import PANDA
 
 
-class CabinetArena(composer.Arena):
+class OpenCabinetArena(composer.Arena):
     """Floor, walls, lights, cameras, and the places of robot and cabinet."""
 
     def _build(self, *, visuals: bool = True, name: str = "room") -> None:
@@ -25,18 +25,18 @@ class CabinetArena(composer.Arena):
         self._mjcf_root.model = name
 
     @property
-    def robot_place(self) -> mjcf.Element:
+    def robot_site(self) -> mjcf.Element:
         """Where the robot stands, facing -x."""
         return self._mjcf_root.find("site", "franka")
 
     @property
-    def cabinet_place(self) -> mjcf.Element:
+    def cabinet_site(self) -> mjcf.Element:
         """Where the cabinet's middle is, its front facing +x."""
         return self._mjcf_root.find("site", "cabinet")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CabinetScene:
+class OpenCabinetScene:
     """A robot before a cabinet.
 
     Attributes:
@@ -45,22 +45,22 @@ class CabinetScene:
       cabinet: what it opens.
     """
 
-    arena: CabinetArena
+    arena: OpenCabinetArena
     robot: Franka
     cabinet: Cabinet
 
 
-def build_cabinet_scene(design: CabinetDesign | None = None, *, visuals: bool = True) -> CabinetScene:
+def build_open_cabinet_scene(config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
     """Puts the scene of the open_cabinet domain together.
 
     Args:
-      design: sizes and resistances of the cabinet; the default design when omitted.
+      config: sizes and resistances of the cabinet; the default config when omitted.
       visuals: `False` leaves out all geoms that only the eye needs, which is faster; trajectories are the same to the
         bit.
     """
-    arena = CabinetArena(visuals=visuals)
+    arena = OpenCabinetArena(visuals=visuals)
     robot = Franka(PANDA, visuals=visuals)
-    cabinet = Cabinet(design, visuals=visuals)
-    arena.attach(robot, arena.robot_place)
-    arena.attach(cabinet, arena.cabinet_place)
-    return CabinetScene(arena=arena, robot=robot, cabinet=cabinet)
+    cabinet = Cabinet(config, visuals=visuals)
+    arena.attach(robot, arena.robot_site)
+    arena.attach(cabinet, arena.cabinet_site)
+    return OpenCabinetScene(arena=arena, robot=robot, cabinet=cabinet)

@@ -22,7 +22,7 @@ from kitchen_suite.benchmarks.cases import (
     vector_name,
     vectorised_contenders,
 )
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks import KitchenTask
@@ -87,8 +87,8 @@ def contenders(environments: int) -> dict[str, Contender]:
     """Bare MuJoCo on the original's model, the suite in all its forms, and its peers."""
     quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None}
     environment, adapter = own()
-    own_model = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=False).arena.mjcf_model).model.ptr
-    task = KitchenTask(build_kitchen(), terminate_on_tasks_completed=False)
+    own_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
+    task = KitchenTask(build_kitchen_scene(), terminate_on_tasks_completed=False)
     stock = composer.Environment(
         task, random_state=0, strip_singleton_obs_buffer_dim=True, recompile_mjcf_every_episode=False
     )

@@ -22,7 +22,7 @@ from kitchen_suite.benchmarks.cases import (
     vector_name,
     vectorised_contenders,
 )
-from kitchen_suite.entities import CabinetScene, build_cabinet_scene
+from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
 from kitchen_suite.tasks.open_cabinet import mdp as drawer_rules
@@ -51,7 +51,7 @@ def bare_cabinet() -> Contender:
 class EmptyTask(composer.Task):
     """What composer itself costs: a task that observes nothing and pays nothing, and only sets the servos' targets."""
 
-    def __init__(self, scene: CabinetScene) -> None:
+    def __init__(self, scene: OpenCabinetScene) -> None:
         """Sets the task up in a scene."""
         self._scene = scene
         self.set_timesteps(
@@ -100,7 +100,7 @@ def contenders(environments: int) -> dict[str, Contender]:
         ADAPTER: gymnasium_contender(adapter),
         "suite.load, with visuals": dm_env_contender(suite.load("open_cabinet", "top_drawer", quiet)),
         "a task without observations or rewards": dm_env_contender(
-            composer.Environment(EmptyTask(build_cabinet_scene(visuals=False)), recompile_mjcf_every_episode=False)
+            composer.Environment(EmptyTask(build_open_cabinet_scene(visuals=False)), recompile_mjcf_every_episode=False)
         ),
     }
     return measured | vectorised_contenders(BUILDERS, environments)

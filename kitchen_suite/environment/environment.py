@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.environment import random_state as random_states
-from kitchen_suite.environment.observation_updater import LeanUpdater, is_plain
+from kitchen_suite.environment.observation_updater import UnbufferedUpdater, is_unbuffered
 from kitchen_suite.tasks.base import SuiteTask
 
 _SUBSTEP_HOOKS = ("before_substep", "after_substep")
@@ -66,7 +66,7 @@ class Environment(composer.Environment):
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
-        self._flat_observation = checks.flag(flat_observation, "flat_observation")
+        self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
 
     @property
@@ -153,8 +153,8 @@ class Environment(composer.Environment):
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
         random = random_states.check_stored(state.get("random"), self._random_state)
-        state = checks.like({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
-        step_count = checks.whole_number(state["step_count"].item(), "state['step_count']", least=0)
+        state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
+        step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
             raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, which MuJoCo takes for divergence")
         # The task comes first: it may change the model that the physics is then brought up to date with.
@@ -188,7 +188,7 @@ class Environment(composer.Environment):
             or getattr(self._hooks, f"_{name}").extra_hooks
             for name in _SUBSTEP_HOOKS
         )
-        return not hooked and all(is_plain(shown) for shown in self._task.observables.values() if shown.enabled)
+        return not hooked and all(is_unbuffered(shown) for shown in self._task.observables.values() if shown.enabled)
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:
@@ -197,7 +197,7 @@ class Environment(composer.Environment):
         self._physics.step(self._steps_per_call)
         self._observation_updater.skip(self._steps_per_call - 1)
 
-    def _make_observation_updater(self) -> LeanUpdater:
+    def _make_observation_updater(self) -> UnbufferedUpdater:
         padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE
         steps = self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
-        return LeanUpdater(self._task.observables, steps, self._strip_singleton_obs_buffer_dim, padding)
+        return UnbufferedUpdater(self._task.observables, steps, self._strip_singleton_obs_buffer_dim, padding)

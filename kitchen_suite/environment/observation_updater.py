@@ -9,7 +9,7 @@ from dm_control.composer import observation
 from dm_control.composer.observation import observable
 
 
-def is_plain(shown: observable.Observable) -> bool:
+def is_unbuffered(shown: observable.Observable) -> bool:
     """Whether an observable is updated at every physics step, without delay or buffer."""
     return (
         shown.update_interval == observation.updater.DEFAULT_UPDATE_INTERVAL
@@ -18,7 +18,7 @@ def is_plain(shown: observable.Observable) -> bool:
     )
 
 
-class LeanUpdater(observation.Updater):
+class UnbufferedUpdater(observation.Updater):
     """composer's updater, which reads observables once a control step and keeps no buffers if all of them are plain.
 
     What is observed, and what corruptors draw, is the same.
@@ -41,7 +41,7 @@ class LeanUpdater(observation.Updater):
         super().reset(physics, random_state)
         enabled = [shown for shown in self._observables.values() if shown.enabled]
         self._is_lean = self._strip_singleton_buffer_dim and all(
-            is_plain(shown) and not shown.aggregator for shown in enabled
+            is_unbuffered(shown) and not shown.aggregator for shown in enabled
         )
         self._readers = [
             (name, buffered.observation_callable, buffered.buffer.dtype)

@@ -67,19 +67,19 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         """
         self._render_settings: dict[str, Any] = {
             "default_cam_config": self._checked_camera_config(default_camera_config),
-            "width": checks.whole_number(width, "width", least=1),
-            "height": checks.whole_number(height, "height", least=1),
+            "width": checks.integer(width, "width", minimum=1),
+            "height": checks.integer(height, "height", minimum=1),
             "camera_id": camera_id,
             "camera_name": camera_name,
-            "max_geom": checks.whole_number(max_geom, "max_geom", least=1),
+            "max_geom": checks.integer(max_geom, "max_geom", minimum=1),
             "visual_options": self._checked_visual_options(visual_options),
         }
         self.render_mode = None if render_mode is None else self._checked_render_mode(render_mode)
         if max_episode_steps is not None:
-            checks.whole_number(max_episode_steps, "max_episode_steps", least=1)
+            checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         self._max_episode_steps = max_episode_steps
-        with_visuals = render_mode is not None if visuals is None else checks.flag(visuals, "visuals")
-        self._environment = self.build({"visuals": with_visuals, "time_limit": None, **task_options})
+        with_visuals = render_mode is not None if visuals is None else checks.boolean(visuals, "visuals")
+        self._environment = self._make_environment({"visuals": with_visuals, "time_limit": None, **task_options})
         self._check_camera(camera_id, camera_name)
         self._renderer: MujocoRenderer | None = None
         self._bound_random: np.random.Generator | None = None
@@ -92,19 +92,19 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         return self
 
     @abc.abstractmethod
-    def build(self, task_options: Mapping[str, Any]) -> Environment:
+    def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         """Builds the suite's environment."""
 
     @abc.abstractmethod
-    def free_camera(self) -> dict[str, Any]:
+    def _default_camera_config(self) -> dict[str, Any]:
         """Attributes of the free camera."""
 
     @abc.abstractmethod
-    def observe(self, observation: Mapping[str, np.ndarray]) -> Any:
+    def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Turns an observation of the suite's environment into one of the observation space."""
 
     @abc.abstractmethod
-    def info(self) -> dict[str, Any]:
+    def _get_info(self) -> dict[str, Any]:
         """Makes the info of the last step or reset, of fresh lists and arrays."""
 
     @property
@@ -130,7 +130,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           ValueError: the seed is negative, an option is unknown, or the state does not fit.
         """
         if seed is not None:
-            checks.whole_number(seed, "seed", least=0)
+            checks.integer(seed, "seed", minimum=0)
         state = self._checked_options(options).get("state")
         if state is not None:
             if isinstance(state, Mapping) and state.get("reset_next_step"):
@@ -144,9 +144,9 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             super().reset(seed=seed)
             self._bind_random_state()
             self._episode_step = 0
-            observation = self.observe(self._environment.reset().observation)
-        self._show()
-        return observation, self.info()
+            observation = self._get_obs(self._environment.reset().observation)
+        self._render_window()
+        return observation, self._get_info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step.
@@ -160,11 +160,11 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self._bind_random_state()
         timestep = self._environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
-        terminated = self._goes_on_though_terminated(timestep)
+        terminated = self._terminated_and_continue(timestep)
         truncated = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
-        self._show()
+        self._render_window()
         reward = 0.0 if timestep.first() else float(timestep.reward)
-        return self.observe(timestep.observation), reward, terminated, truncated, self.info()
+        return self._get_obs(timestep.observation), reward, terminated, truncated, self._get_info()
 
     def get_state(self) -> dict[str, Any]:
         """All that the future depends on, as nested dicts of numbers and arrays."""
@@ -183,10 +183,10 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
-        step = checks.whole_number(state.get("episode_step"), "state['episode_step']", least=0)
+        step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key != "episode_step"}
-        observation = self.observe(self._environment.set_state(inner))
+        observation = self._get_obs(self._environment.set_state(inner))
         self._episode_step = step
         return observation
 
@@ -221,7 +221,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]
 
-    def _goes_on_though_terminated(self, timestep: dm_env.TimeStep) -> bool:
+    def _terminated_and_continue(self, timestep: dm_env.TimeStep) -> bool:
         """Whether the step terminated; if so, the next one will go on as the original's does."""
         if terminated := timestep.last():
             self._environment.continue_episode()
@@ -233,7 +233,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             self._bound_random = self.np_random
             self._environment.random_state = np.random.RandomState(self.np_random.bit_generator)
 
-    def _show(self) -> None:
+    def _render_window(self) -> None:
         if self.render_mode == "human":
             self.render()
 
@@ -251,12 +251,12 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             raise ValueError(f"give camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
         if camera_name is not None:
             checks.choice(camera_name, names, "camera_name")
-        if camera_id is not None and checks.whole_number(camera_id, "camera_id", least=-1) >= len(names):
+        if camera_id is not None and checks.integer(camera_id, "camera_id", minimum=-1) >= len(names):
             raise ValueError(f"camera_id must be below {len(names)}, got {camera_id}; the cameras are {names}")
 
     def _checked_camera_config(self, config: Mapping[str, Any] | None) -> dict[str, Any]:
         if config is None:
-            return self.free_camera()
+            return self._default_camera_config()
         if not isinstance(config, Mapping):
             raise TypeError(f"default_camera_config must be a dict, got {config!r}")
         names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
@@ -270,7 +270,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             raise ValueError(
                 f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {odd}"
             )
-        return {int(flag): checks.flag(value, "visual option") for flag, value in (options or {}).items()}
+        return {int(flag): checks.boolean(value, "visual option") for flag, value in (options or {}).items()}
 
     @staticmethod
     def _checked_render_mode(render_mode: str) -> str:

@@ -62,7 +62,7 @@ def terminated(
     return np.all(completed(default=within), axis=-1)
 
 
-def one_by_one(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
+def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
     """The infos of a batch of some shape; one that is given alone holds for all.
 
     Raises:
@@ -85,7 +85,7 @@ def _named(
     info: Infos, shape: tuple[int, ...], tasks: Sequence[str], keys: Sequence[str]
 ) -> Callable[..., NDArray[np.bool_]]:
     """Which tasks each info names below some keys; call the result with what holds where an info has none of them."""
-    infos = one_by_one(info, shape[:-1])
+    infos = broadcast_infos(info, shape[:-1])
     silent = np.array([not any(_has(one, key) for key in keys) for one in infos.ravel()], bool)
     named = np.array([np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()], bool)
     silent, named = silent.reshape(*infos.shape, 1), named.reshape(shape)

@@ -93,20 +93,20 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
-        self._goals = self._task.rules.goals
+        self._goals = self._task.mdp.goals
         self.action_space = spaces.Box(-1.0, 1.0, (9,), np.float32)
         self.observation_space = spaces.Dict(
             observation=_unbounded((59,)), achieved_goal=self._goal_space(), desired_goal=self._goal_space()
         )
 
-    def build(self, task_options: Mapping[str, Any]) -> Environment:
+    def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         environment = suite.kitchen(**task_options)
         # Goals are read from the task's state, all at once.
         for key, shown in environment.task.task_observables.items():
             shown.enabled = key in _STATE_KEYS
         return environment
 
-    def free_camera(self) -> dict[str, Any]:
+    def _default_camera_config(self) -> dict[str, Any]:
         # The original's.
         return {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
 
@@ -115,18 +115,18 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """`lists` or `arrays`."""
         return self._info_format
 
-    def shown_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
+    def format_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
         """Goals laid end to end, `(..., k)`, in the `goal_format`."""
         return self._goals.split(flat) if self._goal_format == "dict" else flat
 
-    def observe(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
+    def _get_obs(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
         return {
             "observation": np.concatenate([observation[key] for key in _STATE_KEYS]),
-            "achieved_goal": self.shown_goal(self._task.state.achieved.copy()),
-            "desired_goal": self.shown_goal(self._goals.desired.copy()),
+            "achieved_goal": self.format_goal(self._task.state.achieved.copy()),
+            "desired_goal": self.format_goal(self._goals.desired.copy()),
         }
 
-    def info(self) -> dict[str, Any]:
+    def _get_info(self) -> dict[str, Any]:
         """Makes the info of the last step or reset.
 
         With `info_format="lists"`: `tasks_to_complete` and `step_task_completions` in configured order,
@@ -175,7 +175,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
         def truncated(achieved: NDArray, desired: NDArray, info: Infos, *rules: Any) -> NDArray[np.bool_]:
             del desired, rules
-            infos = goal_rewards.one_by_one(info, achieved.shape[:-1])
+            infos = goal_rewards.broadcast_infos(info, achieved.shape[:-1])
             steps = [one.get("episode_step", 0) for one in infos.ravel()]
             return np.array(steps).reshape(infos.shape) >= limit
 

@@ -9,14 +9,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
-from kitchen_suite.entities import CabinetDesign
+from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet.action import JOINT_LOW
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
-from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, DrawerState
+from kitchen_suite.tasks.open_cabinet.features import Features
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetState
 
 
 class FrankaOpenCabinetEnv(SuiteEnv):
@@ -37,7 +37,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | None = None,
-        design: CabinetDesign | None = None,
+        cabinet_config: CabinetConfig | None = None,
         action_limit: float | None = None,
         **settings: Any,
     ) -> None:
@@ -49,7 +49,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
           reward: `original` or `grasp`.
           observation_noise: half width of the uniform noise on parts of the observation, by their names.
           randomization: what else a reset draws.
-          design: sizes and resistances of the cabinet.
+          cabinet_config: sizes and resistances of the cabinet.
           action_limit: bounds of the action space, for agents that insist on finite ones; actions are clipped to them.
             Without it the space is unbounded.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
@@ -66,7 +66,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
             "reward": reward,
             "observation_noise": observation_noise,
             "randomization": randomization,
-            "design": design,
+            "cabinet_config": cabinet_config,
         }
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
@@ -75,24 +75,24 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         bound = drawer_observation.LIMIT
         self.observation_space = spaces.Box(-bound, bound, (drawer_observation.SIZE,), np.float32)
 
-    def build(self, task_options: Mapping[str, Any]) -> Environment:
+    def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         return suite.open_cabinet(**task_options)
 
-    def free_camera(self) -> dict[str, Any]:
+    def _default_camera_config(self) -> dict[str, Any]:
         return {"distance": 2.2, "azimuth": 125.0, "elevation": -25.0, "lookat": np.array([0.4, 0.0, 0.5])}
 
-    def observe(self, observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+    def _get_obs(self, observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
         return np.concatenate([*observation.values()])
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Makes one control step; see `SuiteEnv.step`."""
-        return super().step(self.limited(checks.vector(action, JOINT_LOW.size, "action")))
+        return super().step(self.clip_actions(checks.vector(action, JOINT_LOW.size, "action")))
 
-    def limited(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Actions `(..., 8)` clipped to the `action_limit`, where there is one."""
         return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
 
-    def info(self) -> dict[str, Any]:
+    def _get_info(self) -> dict[str, Any]:
         """Makes the info of the last step or reset; arrays of shape `()`, which recorders can stack.
 
         `reward/<term>`: each of the seven terms; `drawer_opening` [m]; `is_success`: open by 0.3 m or more now;
@@ -101,11 +101,11 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         return {**results_arrays(self._task.state), "episode_step": np.array(self._episode_step)}
 
 
-def results_arrays(state: DrawerState) -> dict[str, NDArray]:
+def results_arrays(state: OpenCabinetState) -> dict[str, NDArray]:
     """What infos say of the drawer and of the last step's reward, in fresh arrays `(...)`."""
     return {
         **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
-        "drawer_opening": np.array(Snapshot(state.snapshot).drawer_position),
+        "drawer_opening": np.array(Features(state.features).drawer_position),
         "is_success": np.array(state.is_success),
         "success_at_any_time": np.array(state.succeeded),
     }

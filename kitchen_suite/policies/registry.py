@@ -61,13 +61,13 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     Args:
       environment: of the suite.
       generator: what jitter and noise are drawn from.
-      **options: attributes of `experts.Style`, and arguments of `experts.make_policy`.
+      **options: attributes of `experts.MotionStyle`, and arguments of `experts.make_policy`.
     """
     from kitchen_suite import experts
 
-    names = [field.name for field in dataclasses.fields(experts.Style)]
+    names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}
-    return experts.make_policy(environment, generator, style=experts.Style(**style), **options)
+    return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
 
 
 def trained(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:

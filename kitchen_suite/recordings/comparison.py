@@ -82,7 +82,7 @@ def _completions(
     """First step after which completions differ, and the tasks that do."""
     task = environment.environment.task
     if isinstance(task, KitchenTask):
-        names = task.rules.goals.tasks
+        names = task.mdp.goals.tasks
         within = [_within(task, arrays) for arrays in (one, other)]
     else:
         if _CABINET_VERDICT not in one:  # Recorded without infos.
@@ -98,7 +98,7 @@ def _completions(
 
 def _within(task: KitchenTask, arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:
     """Which tasks are within their threshold, `(T + 1, n)`, in configured order."""
-    key, goals = "observation/achieved_goal", task.rules.goals
+    key, goals = "observation/achieved_goal", task.mdp.goals
     if key in arrays:
         achieved = arrays[key]
     else:

@@ -6,50 +6,50 @@ from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
-from kitchen_suite.recordings.spec import Recipe
+from kitchen_suite.recordings.spec import RecordingSpec
 from kitchen_suite.rollouts import episode_files
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays
 
-RECIPE_FILE = "episode_files.json"
+SPEC_FILE = "episode_files.json"
 
 
-class Staging:
+class RecordingFolder:
     """The folder of one recording."""
 
-    def __init__(self, folder: Path, recipe: Recipe) -> None:
+    def __init__(self, folder: Path, recipe: RecordingSpec) -> None:
         """Names the folder; see `claim` and `open`."""
         self._folder, self._recipe = folder, recipe
 
     @classmethod
-    def claim(cls, folder: Path, recipe: Recipe) -> "Staging":
+    def claim(cls, folder: Path, recipe: RecordingSpec) -> "RecordingFolder":
         """Makes a folder ready for a recording, or for what an interrupted one still lacks.
 
         Raises:
           OSError: it cannot be made or written to, or it holds other episodes.
           ValueError: it holds a recording of something else.
         """
-        if (folder / RECIPE_FILE).exists():
+        if (folder / SPEC_FILE).exists():
             present = cls.open(folder)
             _check_same(folder, present.recipe.record(), recipe.record())
             files.check_writable(folder)
             files.sweep(folder)
             return present
         episode_files.claim_folder(folder)
-        with files.whole_file(folder / RECIPE_FILE) as partial:
+        with files.whole_file(folder / SPEC_FILE) as partial:
             partial.write_text(json.dumps(recipe.record(), indent=2) + "\n", encoding="utf-8")
         return cls(folder, recipe)
 
     @classmethod
-    def open(cls, folder: Path) -> "Staging":
+    def open(cls, folder: Path) -> "RecordingFolder":
         """Opens what is there.
 
         Raises:
           OSError: there is no recording.
           ValueError: what should describe it does not.
         """
-        path = folder / RECIPE_FILE
+        path = folder / SPEC_FILE
         try:
-            return cls(folder, Recipe.of(json.loads(path.read_text(encoding="utf-8"))))
+            return cls(folder, RecordingSpec.of(json.loads(path.read_text(encoding="utf-8"))))
         except ValueError as error:
             raise ValueError(f"{path} does not describe a recording: {error}") from error
 
@@ -59,7 +59,7 @@ class Staging:
         return self._folder
 
     @property
-    def recipe(self) -> Recipe:
+    def recipe(self) -> RecordingSpec:
         """What its episodes are made of."""
         return self._recipe
 

@@ -12,13 +12,13 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import files
-from kitchen_suite.recordings.folder import Staging
+from kitchen_suite.recordings.folder import RecordingFolder
 from kitchen_suite.recordings.minari_root import datasets_in
-from kitchen_suite.recordings.spec import Recipe
+from kitchen_suite.recordings.spec import RecordingSpec
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, nested
 
 # Where the dataset's metadata has the recipe, and how many episodes were asked for.
-RECIPE_KEY = "kitchen_suite_recording"
+SPEC_KEY = "kitchen_suite_recording"
 _COUNT_KEY = "kitchen_suite_num_episodes"
 
 # HDF5 keeps seeds in attributes of 64 bits.
@@ -30,7 +30,7 @@ _CHUNK = 20
 class DatasetPlan:
     """A dataset that is to hold the first episodes of a recording."""
 
-    def __init__(self, dataset_id: str, recipe: Recipe, count: int) -> None:
+    def __init__(self, dataset_id: str, recipe: RecordingSpec, count: int) -> None:
         """Plans it.
 
         Raises:
@@ -59,7 +59,7 @@ class DatasetPlan:
         """Whether it has still to be made."""
         return not self.path.exists()
 
-    def make(self, environment: gymnasium.Env, staging: Staging, indices: Sequence[int]) -> None:
+    def make(self, environment: gymnasium.Env, staging: RecordingFolder, indices: Sequence[int]) -> None:
         """Makes it of episodes that are in a recording's folder.
 
         Args:
@@ -72,13 +72,13 @@ class DatasetPlan:
             for start in range(0, len(indices), _CHUNK):
                 chunk = [self._buffer(staging.load(index)) for index in indices[start : start + _CHUNK]]
                 dataset.update_dataset_from_buffer(chunk)
-            dataset.storage.update_metadata({RECIPE_KEY: self._recipe.record(), _COUNT_KEY: self._count})
+            dataset.storage.update_metadata({SPEC_KEY: self._recipe.record(), _COUNT_KEY: self._count})
 
     def _check_free(self) -> None:
         if self.is_missing:
             return
         present = self._minari.load_dataset(self._dataset_id).storage.metadata
-        if present.get(RECIPE_KEY) != self._recipe.record():
+        if present.get(SPEC_KEY) != self._recipe.record():
             raise ValueError(f"dataset {self._dataset_id!r} exists and holds another recording: name another one")
         if present.get(_COUNT_KEY) != self._count:
             raise ValueError(

@@ -12,15 +12,15 @@ from typing import Any
 
 from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.folder import Staging
+from kitchen_suite.recordings.folder import RecordingFolder
 from kitchen_suite.recordings.minari_dataset import DatasetPlan
-from kitchen_suite.recordings.record_worker import RecordPlayer
-from kitchen_suite.recordings.spec import Recipe
-from kitchen_suite.rollouts.episode import Outcome
+from kitchen_suite.recordings.record_worker import RecordWorker
+from kitchen_suite.recordings.spec import RecordingSpec
+from kitchen_suite.rollouts.episode import EpisodeStats
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, results
 from kitchen_suite.rollouts.progress import EpisodeBar
 from kitchen_suite.rollouts.report import Report
-from kitchen_suite.rollouts.vector_rollout import VectorRecorder
+from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.suite import default_task
 from kitchen_suite.workers.cluster import Cluster
 
@@ -69,7 +69,7 @@ class RecordJob:
           ValueError: an unknown name, a value that is refused, or a folder or dataset that holds something else.
         """
         self._settings = settings
-        self._recipe = Recipe.make(
+        self._recipe = RecordingSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name or default_task(settings.domain_name),
             task_kwargs=settings.task_kwargs,
@@ -80,7 +80,7 @@ class RecordJob:
         self._single = self._recipe.environment()
         self._wanted = range(settings.num_episodes)
         self._plan = self._plan_dataset()
-        self._staging = Staging.claim(settings.output, self._recipe)
+        self._staging = RecordingFolder.claim(settings.output, self._recipe)
         self._found = len(self._present())
 
     @property
@@ -135,16 +135,16 @@ class RecordJob:
         return sorted(diverged)
 
     def _ended(self, missing: Sequence[tuple[int, int]]) -> _Ended:
-        """Plays episodes of given numbers and seeds, here or by workers; gives each as `VectorRecorder.play` does."""
+        """Plays episodes of given numbers and seeds, here or by workers; gives each as `VectorRollout.play` does."""
         settings, recipe, cluster = self._settings, self._recipe, self._settings.cluster
         at_once = min(settings.num_envs, math.ceil(len(missing) / settings.processes))
         if cluster:
             num_threads = settings.num_threads or 1
-            build = functools.partial(RecordPlayer, recipe, at_once, num_threads)
+            build = functools.partial(RecordWorker, recipe, at_once, num_threads)
             yield from cluster.play(build, missing, capacity=at_once, num_threads=num_threads)
             return
         with contextlib.closing(recipe.environments(at_once, settings.num_threads)) as environments:
-            recorder = VectorRecorder(environments, suite_env(self._single), policies.find(recipe.policy))
+            recorder = VectorRollout(environments, suite_env(self._single), policies.find(recipe.policy))
             yield from recorder.play(collections.deque(missing))
 
     def _progress(self) -> EpisodeBar:
@@ -158,5 +158,5 @@ class RecordJob:
         report = Report(last_seed=self._recipe.seed + len(self._wanted) - 1)
         for index in self._present():
             known = self._staging.outcome(index)
-            report.add(Outcome(**{field.name: known[field.name] for field in dataclasses.fields(Outcome)}))
+            report.add(EpisodeStats(**{field.name: known[field.name] for field in dataclasses.fields(EpisodeStats)}))
         return report.summary()

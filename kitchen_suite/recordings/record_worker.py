@@ -5,15 +5,15 @@ from collections.abc import Sequence
 
 from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.spec import Recipe
+from kitchen_suite.recordings.spec import RecordingSpec
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays
-from kitchen_suite.rollouts.vector_rollout import VectorRecorder
+from kitchen_suite.rollouts.vector_rollout import VectorRollout
 
 
-class RecordPlayer:
+class RecordWorker:
     """Plays episodes of a recording, many at once."""
 
-    def __init__(self, recipe: Recipe, num_envs: int, num_threads: int) -> None:
+    def __init__(self, recipe: RecordingSpec, num_envs: int, num_threads: int) -> None:
         """Makes everything ready.
 
         Args:
@@ -22,7 +22,7 @@ class RecordPlayer:
           num_threads: threads that play them.
         """
         environments = recipe.environments(num_envs, num_threads)
-        recorder = VectorRecorder(environments, suite_env(recipe.environment()), policies.find(recipe.policy))
+        recorder = VectorRollout(environments, suite_env(recipe.environment()), policies.find(recipe.policy))
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()
         self._playing = recorder.play(self._waiting)
 

@@ -60,20 +60,20 @@ def _start(environment: gymnasium.Env, inner: SuiteEnv, recorded: EpisodeArrays)
         if recorded.seed is None:
             raise ValueError(f"episode {recorded.index} has no seed, without which its start is unknown")
         # Each recorded episode is the first of an environment's life.
-        task.life_steps = 0
+        task.total_steps = 0
     observation, info = environment.reset(seed=recorded.seed or 0)
     if isinstance(task, KitchenTask):
         first = recorded.arrays["observation/observation"][0]
-        layout, data = task.layout, inner.environment.physics.data
+        layout, data = task.indices, inner.environment.physics.data
         usual = layout.observed(data.qpos, data.qvel)
-        if (np.abs(first - usual) > task.rules.noise_scale + _ROUNDING).any():
+        if (np.abs(first - usual) > task.mdp.noise_scale + _ROUNDING).any():
             observation = _move(inner, task, first)
     return _row(observation, info)
 
 
 def _move(inner: SuiteEnv, task: KitchenTask, first: NDArray[np.float64]) -> Mapping[str, NDArray]:
     """Puts robot and things where an observation `(59,)` has them; returns the observation there."""
-    layout, data = task.layout, inner.environment.physics.data
+    layout, data = task.indices, inner.environment.physics.data
     places = (layout.robot_qpos, layout.robot_qvel, layout.object_qpos, layout.object_qvel)
     for array, where, part in zip((data.qpos, data.qvel) * 2, places, noise.PARTS, strict=True):
         array[where] = first[part]

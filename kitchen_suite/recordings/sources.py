@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import gymnasium_env
-from kitchen_suite.recordings.folder import RECIPE_FILE, Staging
-from kitchen_suite.recordings.minari_dataset import RECIPE_KEY, check_id, minari
-from kitchen_suite.recordings.spec import Recipe
+from kitchen_suite.recordings.folder import SPEC_FILE, RecordingFolder
+from kitchen_suite.recordings.minari_dataset import SPEC_KEY, check_id, minari
+from kitchen_suite.recordings.spec import RecordingSpec
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, flatten
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
@@ -22,7 +22,7 @@ class Recording(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def recipe(self) -> Recipe | None:
+    def recipe(self) -> RecordingSpec | None:
         """What it is made of; None where `kitchen-record` has not made it."""
 
     @property
@@ -43,11 +43,11 @@ class StagedRecording(Recording):
     """A folder of `kitchen-record`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens it; raises what `Staging.open` does."""
-        self._staging = Staging.open(folder)
+        """Opens it; raises what `RecordingFolder.open` does."""
+        self._staging = RecordingFolder.open(folder)
 
     @property
-    def recipe(self) -> Recipe:
+    def recipe(self) -> RecordingSpec:
         return self._staging.recipe
 
     @property
@@ -71,15 +71,15 @@ class MinariRecording(Recording):
           ValueError: it is of another environment.
         """
         self._dataset = dataset
-        recipe = dataset.storage.metadata.get(RECIPE_KEY)
-        self._recipe = None if recipe is None else Recipe.of(recipe)
+        recipe = dataset.storage.metadata.get(SPEC_KEY)
+        self._recipe = None if recipe is None else RecordingSpec.of(recipe)
         spec = dataset.env_spec
         if spec is None or spec.id not in (_ORIGINAL_ID, gymnasium_env.KITCHEN_ID, gymnasium_env.CABINET_ID):
             raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {spec and spec.id}")
         self._spec = spec
 
     @property
-    def recipe(self) -> Recipe | None:
+    def recipe(self) -> RecordingSpec | None:
         return self._recipe
 
     @property
@@ -116,14 +116,14 @@ def find(name: str) -> Recording:
       ValueError: what is there is something else.
     """
     folder = Path(name)
-    if (folder / RECIPE_FILE).is_file():
+    if (folder / SPEC_FILE).is_file():
         return StagedRecording(folder)
     module = minari()
     for data in (folder, folder / "data"):
         if (data / "metadata.json").is_file():
             return MinariRecording(module.MinariDataset(data))
     if folder.exists():
-        raise ValueError(f"{name} holds neither {RECIPE_FILE} nor a Minari dataset")
+        raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari dataset")
     check_id(name)
     try:
         return MinariRecording(module.load_dataset(name))

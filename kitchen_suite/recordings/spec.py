@@ -18,7 +18,7 @@ _TAKEN |= {"autoreset_mode", "num_envs", "num_threads"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Recipe:
+class RecordingSpec:
     """What a recording is made of; episode `i` has the seed `seed + i`.
 
     Attributes:
@@ -49,7 +49,7 @@ class Recipe:
         policy: str,
         seed: int,
         max_episode_steps: int | None,
-    ) -> "Recipe":
+    ) -> "RecordingSpec":
         """Makes one of checked names, for the packages installed here.
 
         Raises:
@@ -57,7 +57,7 @@ class Recipe:
           ValueError: an unknown domain, task or policy, or an argument that is not free.
         """
         checks.choice(domain_name, gymnasium_env.IDS.keys(), "domain")
-        suite.refuse_fixed(domain_name, task_name, task_kwargs)
+        suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if taken := sorted(_TAKEN & task_kwargs.keys()):
             raise ValueError(f"{', '.join(taken)} cannot be among the task_kwargs: a recording decides that itself")
         policies.find(policy)
@@ -73,7 +73,7 @@ class Recipe:
         )
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> "Recipe":
+    def of(cls, record: Mapping[str, Any]) -> "RecordingSpec":
         """Makes one of what `record` gave.
 
         Raises:

@@ -19,7 +19,7 @@ POLICY_STREAM = 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Outcome:
+class EpisodeStats:
     """What came of an episode.
 
     Attributes:
@@ -53,7 +53,7 @@ class Episode:
     actions: NDArray[np.float64]
     rewards: NDArray[np.float64]
     discounts: NDArray[np.float64]
-    outcome: Outcome
+    outcome: EpisodeStats
 
 
 def play(
@@ -89,7 +89,7 @@ def play(
         actions=np.array(actions, np.float64),
         rewards=np.array(rewards, np.float64),
         discounts=np.array(discounts, np.float64),
-        outcome=Outcome(
+        outcome=EpisodeStats(
             seed=seed,
             steps=len(rewards),
             total_reward=float(sum(rewards)),

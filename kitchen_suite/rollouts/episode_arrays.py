@@ -75,7 +75,7 @@ def results(environment: SuiteEnv, arrays: Mapping[str, NDArray]) -> dict[str, R
             "success_at_any_time": bool(arrays["info/success_at_any_time"][-1]),
             "drawer_opening": float(arrays["info/drawer_opening"][-1]),
         }
-    return {"success": success, "tasks_completed": task.rules.goals.by_completion(arrays["info/completion_steps"][-1])}
+    return {"success": success, "tasks_completed": task.mdp.goals.by_completion(arrays["info/completion_steps"][-1])}
 
 
 def suite_view(environment: SuiteEnv) -> Callable[[Mapping[str, NDArray]], dict[str, NDArray]]:

@@ -3,7 +3,7 @@
 import statistics
 import textwrap
 
-from kitchen_suite.rollouts.episode import Outcome, Result
+from kitchen_suite.rollouts.episode import EpisodeStats, Result
 
 WIDTH = 100  # Characters in a line.
 _GAP = "  "
@@ -20,7 +20,7 @@ class Report:
           last_seed: the greatest seed to come, which decides how wide its column is.
         """
         self._widths = {"seed": len(str(last_seed)), "return": 8}
-        self._outcomes: list[Outcome] = []
+        self._outcomes: list[EpisodeStats] = []
 
     @property
     def count(self) -> int:
@@ -32,7 +32,7 @@ class Report:
         """Number of those that succeeded."""
         return sum(outcome.results["success"] is True for outcome in self._outcomes)
 
-    def add(self, outcome: Outcome, index: int | None = None) -> str:
+    def add(self, outcome: EpisodeStats, index: int | None = None) -> str:
         """Returns the episode's row; the first time with the heading above it.
 
         Args:
@@ -75,7 +75,7 @@ class Report:
         return wrapper.fill(cells[last]).replace(_UNBROKEN, " ")
 
 
-def _cells(index: int, outcome: Outcome) -> dict[str, str]:
+def _cells(index: int, outcome: EpisodeStats) -> dict[str, str]:
     """What stands in a row, by column; what takes most room comes last."""
     results = sorted(outcome.results.items(), key=lambda item: isinstance(item[1], dict))
     return {

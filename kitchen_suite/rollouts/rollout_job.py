@@ -24,7 +24,7 @@ from kitchen_suite.rollouts import episode_files
 from kitchen_suite.rollouts.episode import Episode, play
 from kitchen_suite.rollouts.progress import EpisodeBar
 from kitchen_suite.rollouts.report import WIDTH, Report
-from kitchen_suite.rollouts.rollout_worker import RolloutPlayer
+from kitchen_suite.rollouts.rollout_worker import RolloutWorker
 from kitchen_suite.workers.cluster import Cluster
 
 # Enough to follow a motion, and few enough to be rendered without a graphics card.
@@ -159,7 +159,7 @@ class RolloutJob:
     def _play_on(self, cluster: Cluster) -> None:
         settings = self._settings
         build = functools.partial(
-            RolloutPlayer, settings.domain_name, self._task_name, settings.task_kwargs, settings.policy
+            RolloutWorker, settings.domain_name, self._task_name, settings.task_kwargs, settings.policy
         )
         ended = cluster.play(build, self._episodes(), capacity=1, num_threads=1)
         with contextlib.closing(ended), EpisodeBar(settings.num_episodes) as bar:

@@ -9,7 +9,7 @@ from kitchen_suite.rollouts.episode import Episode, play
 from kitchen_suite.tasks import OpenCabinetTask
 
 
-class RolloutPlayer:
+class RolloutWorker:
     """Plays episodes of a rollout, one after the other; each is the first of an environment's life."""
 
     def __init__(self, domain_name: str, task_name: str, task_kwargs: Mapping[str, Any], policy: str) -> None:
@@ -24,5 +24,5 @@ class RolloutPlayer:
         index, seed = self._waiting.popleft()
         if isinstance(self._environment.task, OpenCabinetTask):
             # Rewards must not depend on what was played before.
-            self._environment.task.life_steps = 0
+            self._environment.task.total_steps = 0
         return index, play(self._environment, self._build_policy, seed)

@@ -14,7 +14,7 @@ from kitchen_suite.rollouts.episode_arrays import STEP_ARRAYS, EpisodeArrays
 Row = Mapping[str, NDArray]
 
 
-class Take:
+class EpisodeBuffer:
     """An episode that is being played."""
 
     def __init__(self, index: int, seed: int, policy: Policy) -> None:

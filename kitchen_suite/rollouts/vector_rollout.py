@@ -11,12 +11,12 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.policies import PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.episode import POLICY_STREAM
 from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, flatten, suite_view
-from kitchen_suite.rollouts.take import Row, Take
+from kitchen_suite.rollouts.take import EpisodeBuffer, Row
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
 
-class VectorRecorder:
+class VectorRollout:
     """Plays many episodes at once; each is what it would be alone, in a new environment."""
 
     def __init__(self, environments: SuiteVectorEnv, single: SuiteEnv, build_policy: PolicyBuilder) -> None:
@@ -38,7 +38,7 @@ class VectorRecorder:
         Args:
           waiting: numbers and seeds of episodes, taken from the left; it may grow while they are played.
         """
-        takes: list[Take | None] = [None] * self._environments.num_envs
+        takes: list[EpisodeBuffer | None] = [None] * self._environments.num_envs
         ended = np.full(len(takes), True)
         while True:
             if waiting:
@@ -50,22 +50,22 @@ class VectorRecorder:
             self._start(takes, ended)
             ended = yield from self._step(takes)
 
-    def _next(self, waiting: collections.deque[tuple[int, int]]) -> Take | None:
+    def _next(self, waiting: collections.deque[tuple[int, int]]) -> EpisodeBuffer | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
         # The same as `episodes.play` gives a policy.
         policy = self._build_policy(self._single.environment, np.random.default_rng((seed, POLICY_STREAM)))
-        return Take(index, seed, policy)
+        return EpisodeBuffer(index, seed, policy)
 
-    def _start(self, takes: list[Take | None], mask: NDArray[np.bool_]) -> None:
+    def _start(self, takes: list[EpisodeBuffer | None], mask: NDArray[np.bool_]) -> None:
         """Resets the environments of new takes, and those that are idle but have ended."""
         if not mask.any():
             return
         environments = self._environments
         if isinstance(environments, FrankaOpenCabinetVectorEnv):
             # Rewards must not depend on what was played before.
-            environments.life_steps = np.where(mask, 0, environments.life_steps)
+            environments.total_steps = np.where(mask, 0, environments.total_steps)
         seeds = [take.seed if take and new else None for take, new in zip(takes, mask, strict=True)]
         observations, infos = environments.reset(seed=seeds, options={"reset_mask": mask})
         frame = _frame(observations, infos)
@@ -73,7 +73,9 @@ class VectorRecorder:
             if take := takes[i]:
                 take.rows.append(_row(frame, i))
 
-    def _step(self, takes: list[Take | None]) -> Generator[tuple[int, EpisodeArrays | None], None, NDArray[np.bool_]]:
+    def _step(
+        self, takes: list[EpisodeBuffer | None]
+    ) -> Generator[tuple[int, EpisodeArrays | None], None, NDArray[np.bool_]]:
         """Makes a control step; gives the episodes that it ends, and returns which environments these are in."""
         actions = self._act(takes)
         observations, rewards, terminations, truncations, infos = self._environments.step(actions)
@@ -88,7 +90,7 @@ class VectorRecorder:
                 yield take.index, None if diverged[i] else take.finish(len(takes))
         return ended
 
-    def _act(self, takes: list[Take | None]) -> NDArray[np.float32]:
+    def _act(self, takes: list[EpisodeBuffer | None]) -> NDArray[np.float32]:
         """What the policies do now, `(n, ...)`, as it can be applied; zeros where no episode is played."""
         space = self._environments.single_action_space
         assert isinstance(space, gymnasium.spaces.Box)

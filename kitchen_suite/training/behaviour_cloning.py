@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from skrl.agents.torch.ppo import PPO
 
 from kitchen_suite.policies.trained import flat
-from kitchen_suite.recordings.folder import Staging
+from kitchen_suite.recordings.folder import RecordingFolder
 from kitchen_suite.rollouts.episode_arrays import nested
 
 # Bound of what is imitated, in units of the action's scale: beyond it servos and gripper do nothing else, and the
@@ -39,7 +39,7 @@ def load_demonstrations(
       OSError: there is no recording, or one of its episodes cannot be read.
       ValueError: it is of another task, its goals are not laid end to end, or it holds no episodes.
     """
-    staging = Staging.open(folder)
+    staging = RecordingFolder.open(folder)
     found, wanted = (staging.recipe.domain_name, staging.recipe.task_name), (domain_name, task_name)
     if found != wanted:
         raise ValueError(f"{folder} holds episodes of {' '.join(found)}, not of {' '.join(wanted)}")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.policies.trained import TrainedPolicy, flat
-from kitchen_suite.training.metrics import episode_measures
+from kitchen_suite.training.metrics import episode_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
@@ -20,22 +20,22 @@ def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequenc
       seeds: of the episodes.
 
     Returns:
-      Measures of the episodes `(n,)` by name, as of `episode_measures`, and `episode/return`.
+      Measures of the episodes `(n,)` by name, as of `episode_metrics`, and `episode/return`.
     """
     count = environments.num_envs
     if isinstance(environments, FrankaOpenCabinetVectorEnv):
         # The penalties' weights depend on it, but an evaluation must not depend on how many went before.
-        environments.life_steps = np.zeros(count, np.int64)
+        environments.total_steps = np.zeros(count, np.int64)
     observations, _ = environments.reset(seed=seeds)
     ended, returns = np.zeros(count, bool), np.zeros(count)
     measures: dict[str, NDArray] = {}
     while not ended.all():
         observations, rewards, terminations, truncations, infos = environments.step(policy(flat(observations)))
         returns += np.where(ended, 0.0, rewards)
-        ending = (terminations | truncations) & ~ended
-        if not ending.any():
+        reason = (terminations | truncations) & ~ended
+        if not reason.any():
             continue
-        for name, values in episode_measures(infos).items():
-            measures[name] = np.where(ending, values, measures.get(name, 0.0))
-        ended |= ending
+        for name, values in episode_metrics(infos).items():
+            measures[name] = np.where(reason, values, measures.get(name, 0.0))
+        ended |= reason
     return {**measures, "episode/return": returns}

@@ -101,7 +101,7 @@ def _check(name: str, value: object, kind: Any) -> None:
       ValueError: it is negative, or zero where that makes no sense.
     """
     if kind is int:
-        checks.whole_number(value, name, least=1)
+        checks.integer(value, name, minimum=1)
     elif kind is float:
         checks.number(value, name, positive=name in _POSITIVE)
     elif not isinstance(value, list) or not value:
@@ -109,7 +109,7 @@ def _check(name: str, value: object, kind: Any) -> None:
     else:
         for part in value:
             if get_args(kind)[0] is int:
-                checks.whole_number(part, name, least=1)
+                checks.integer(part, name, minimum=1)
             else:
                 checks.number(part, name, positive=True)
 

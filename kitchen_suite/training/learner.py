@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite.policies.trained import flat
 from kitchen_suite.training import agent as agents
-from kitchen_suite.training import behaviour_cloning as cloning
+from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.metrics import episode_measures, step_measures
+from kitchen_suite.training.metrics import episode_metrics, step_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
@@ -30,19 +30,19 @@ class Learner:
       steps: control steps learned from so far, over all environments.
     """
 
-    def __init__(self, environments: SuiteVectorEnv, choices: Hyperparameters, seed: int) -> None:
+    def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
         """Builds the agent.
 
         Args:
           environments: `num_envs` of them, with autoreset mode `SameStep`.
-          choices: what it is tuned by.
+          config: what it is tuned by.
           seed: of the networks and of exploration.
         """
         torch.manual_seed(seed)
-        self._environments, self._choices = environments, choices
+        self._environments, self._config = environments, config
         self._observations = torch.empty(0)
         size, action_space = _sizes(environments)
-        self.agent = agents.build(size, action_space, choices)
+        self.agent = agents.build(size, action_space, config)
         self._scheduler = self.agent.scheduler
         self.steps = 0
         self._standardised, self._values_only = False, 0
@@ -57,8 +57,8 @@ class Learner:
           actions: `(m, k)`.
           watch: called after each pass with its mean loss.
         """
-        cloning.clone(self.agent, observations, actions, self._choices.clone_epochs, watch)
-        self._standardised, self._values_only = True, self._choices.value_batches
+        behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, watch)
+        self._standardised, self._values_only = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch shows all parts of an episode.
@@ -71,7 +71,7 @@ class Learner:
         environments, count = self._environments, self._environments.num_envs
         if isinstance(environments, FrankaOpenCabinetVectorEnv):
             # The penalties' weights depend on it.
-            environments.life_steps = np.full(count, self.steps // count)
+            environments.total_steps = np.full(count, self.steps // count)
         observations, _ = environments.reset(seed=seed)
         length = _episode_length(environments)
         turn = np.random.default_rng(seed).permutation(count) * length // count
@@ -116,12 +116,12 @@ class Learner:
         self.agent.scheduler = self._scheduler if changing else None
         self._values_only = max(0, self._values_only - 1)
         # Within an update it follows the policy's divergence as the policy's does; the next starts from its own.
-        agents.value_group(self.agent)["lr"] = self._choices.value_learning_rate
+        agents.value_group(self.agent)["lr"] = self._config.value_learning_rate
         seen: dict[str, list[NDArray]] = collections.defaultdict(list)
-        for _ in range(self._choices.rollouts):
+        for _ in range(self._config.rollouts):
             for name, values in self._step().items():
                 seen[name].append(values)
-        self.steps += self._choices.batch
+        self.steps += self._config.batch
         for name, model in self.agent.models.items():
             if not all(parameter.isfinite().all() for parameter in model.parameters()):
                 raise DivergedError(f"after {self.steps} steps the {name} network is no longer finite: learn slower")
@@ -153,9 +153,9 @@ class Learner:
             )
         self.agent.post_interaction(timestep=0, timesteps=0)
         self._observations = fresh
-        measures = {"step/reward": rewards, **step_measures(infos)}
+        measures = {"step/reward": rewards, **step_metrics(infos)}
         if ended.any():
-            measures |= {name: values[ended] for name, values in episode_measures(infos["final_info"]).items()}
+            measures |= {name: values[ended] for name, values in episode_metrics(infos["final_info"]).items()}
         return measures
 
     def _own_measures(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 _COMPLETIONS = "episode_task_completions_mask"
 
 
-def step_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
     """Numbers `(n,)` of a step: the terms of the reward, where it has any.
 
     Where the step ended an episode and the next has begun, they are those of the end.
@@ -19,7 +19,7 @@ def step_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
     return {f"step/{name}": np.where(ended, last[name], infos[name]) for name in terms}
 
 
-def episode_measures(infos: Mapping[str, Any]) -> dict[str, NDArray]:
+def episode_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
     """Numbers `(n,)` of episodes at their ends: `episode/success`, `episode/progress` and `episode/length`.
 
     Progress is the drawer's opening [m], or the number of kitchen tasks completed.

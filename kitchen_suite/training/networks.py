@@ -32,7 +32,7 @@ class Policy(GaussianMixin, Model):
         observation_space: spaces.Box,
         action_space: spaces.Box,
         scale: torch.Tensor,
-        choices: Hyperparameters,
+        config: Hyperparameters,
     ) -> None:
         """Builds the network.
 
@@ -40,13 +40,13 @@ class Policy(GaussianMixin, Model):
           observation_space: `(n,)`.
           action_space: `(k,)`.
           scale: `(k,)`.
-          choices: of hidden layers and of exploration.
+          config: of hidden layers and of exploration.
         """
         Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
         GaussianMixin.__init__(self, clip_actions=False)
-        self.network = network([self.num_observations, *choices.hidden, self.num_actions])
-        self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(choices.exploration)))
-        self._noise = CorrelatedNoise(choices.noise_correlation)
+        self.network = network([self.num_observations, *config.hidden, self.num_actions])
+        self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(config.exploration)))
+        self._noise = CorrelatedNoise(config.noise_correlation)
         self.register_buffer("scale", scale)
         with torch.no_grad():
             self.network[-1].weight *= _LAST_LAYER

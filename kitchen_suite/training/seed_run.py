@@ -26,12 +26,12 @@ _TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 500_000_000
 
 
-class Ending(enum.Enum):
+class StopReason(enum.Enum):
     """How an attempt came to its end."""
 
     STEPS = "all steps were made"
     TARGET = "the target was reached"
-    HOPELESS = "there was no progress"
+    NO_PROGRESS = "there was no progress"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Schedule:
     least_progress: float
 
 
-class Attempt:
+class SeedRun:
     """A learner with one seed, and its folder."""
 
     def __init__(
@@ -98,10 +98,10 @@ class Attempt:
         """Control steps learned from so far."""
         return self._learner.steps
 
-    def run(self, show: Callable[[str], None]) -> Ending:
+    def run(self, show: Callable[[str], None]) -> StopReason:
         """Learns until there is a reason to stop; `show` is called with a line for each evaluation."""
-        if self.resumed and (ending := self._ending()):
-            return ending
+        if self.resumed and (reason := self._stop_reason()):
+            return reason
         schedule, learner = self._schedule, self._learner
         started = time.perf_counter() - self._seconds
         learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
@@ -109,8 +109,8 @@ class Attempt:
         purge = self.steps + 1 if self.resumed else None
         with contextlib.closing(SummaryWriter(str(self._folder), purge_step=purge)) as writer, self._bar() as bar:
             if not self.resumed:
-                self._look(writer, started, show)
-            while (ending := self._ending()) is None:
+                self._evaluate_and_checkpoint(writer, started, show)
+            while (reason := self._stop_reason()) is None:
                 before, began = self.steps, time.perf_counter()
                 means = learner.learn()
                 means["time/steps_per_second"] = (self.steps - before) / (time.perf_counter() - began)
@@ -118,11 +118,11 @@ class Attempt:
                 bar.update(self.steps - before)
                 bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
                 due = self.steps // schedule.eval_interval > before // schedule.eval_interval
-                if due or self._ending():
-                    self._look(writer, started, show)
-        return ending
+                if due or self._stop_reason():
+                    self._evaluate_and_checkpoint(writer, started, show)
+        return reason
 
-    def _look(self, writer: SummaryWriter, started: float, show: Callable[[str], None]) -> None:
+    def _evaluate_and_checkpoint(self, writer: SummaryWriter, started: float, show: Callable[[str], None]) -> None:
         """Evaluates the policy, and writes down all that there is."""
         measures = self._evaluate()
         self._seconds = time.perf_counter() - started
@@ -130,13 +130,13 @@ class Attempt:
         self._save()
         show(self._row(measures))
 
-    def _ending(self) -> Ending | None:
+    def _stop_reason(self) -> StopReason | None:
         if len(self._successes) == 2 and min(self._successes) >= self._schedule.target_success:
-            return Ending.TARGET
+            return StopReason.TARGET
         if self.steps >= self._schedule.num_steps:
-            return Ending.STEPS
+            return StopReason.STEPS
         gave_up = 0 < self._schedule.patience <= self.steps and self._progress < self._schedule.least_progress
-        return Ending.HOPELESS if gave_up else None
+        return StopReason.NO_PROGRESS if gave_up else None
 
     def _evaluate(self) -> dict[str, NDArray]:
         """Plays the held-out episodes; keeps the policy if it is the best so far."""

@@ -23,7 +23,7 @@ from kitchen_suite.rollouts import rollout_job
 from kitchen_suite.training.behaviour_cloning import load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, Attempt, Ending, Schedule
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, Schedule, SeedRun, StopReason
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 RUN_FILE = "training.json"
@@ -67,17 +67,17 @@ class TrainJob:
         self._settings = settings
         self._task_name = settings.task_name or suite.default_task(domain)
         self._check_playable()
-        self._choices = Hyperparameters.of(domain, settings.hyperparameters)
+        self._config = Hyperparameters.of(domain, settings.hyperparameters)
         self._metadata = {
             "domain_name": domain,
             "task_name": self._task_name,
             "task_kwargs": dict(settings.task_kwargs),
-            "hyperparameters": dataclasses.asdict(self._choices),
+            "hyperparameters": dataclasses.asdict(self._config),
         }
-        self._environments = self._build(self._choices.num_envs, AutoresetMode.SAME_STEP)
+        self._environments = self._build(self._config.num_envs, AutoresetMode.SAME_STEP)
         self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
         # It refuses what does not fit the environments.
-        Learner(self._environments, self._choices, settings.seed)
+        Learner(self._environments, self._config, settings.seed)
         self._demonstrations = self._load_demonstrations()
         self._best = (-1.0, 0.0)
         claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
@@ -97,28 +97,28 @@ class TrainJob:
         _print(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
         with contextlib.closing(self._environments), contextlib.closing(self._evaluated):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
-                if self._attempt(seed) is not Ending.HOPELESS:
+                if self._attempt(seed) is not StopReason.NO_PROGRESS:
                     break
         _print(f"best policy: {settings.output / POLICY_FILE}")
         if settings.video:
             self._film(settings.video)
 
-    def _attempt(self, seed: int) -> Ending:
+    def _attempt(self, seed: int) -> StopReason:
         """Trains with one seed; its policy becomes the run's if it is the best so far."""
         settings, folder = self._settings, self._settings.output / f"seed_{seed}"
-        learner = Learner(self._environments, self._choices, seed)
-        attempt = Attempt(folder, seed, settings.schedule, learner, self._evaluated, self._metadata)
+        learner = Learner(self._environments, self._config, seed)
+        attempt = SeedRun(folder, seed, settings.schedule, learner, self._evaluated, self._metadata)
         if self._demonstrations and not attempt.resumed:
-            with _cloning_bar(self._choices.clone_epochs) as watch:
+            with _cloning_bar(self._config.clone_epochs) as watch:
                 learner.imitate(*self._demonstrations, watch)
-        ending = attempt.run(_print)
+        reason = attempt.run(_print)
         success, gain = attempt.best
-        _print(f"seed {seed}: {ending.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
+        _print(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
         if attempt.best > self._best:
             self._best = attempt.best
             with files.whole_file(settings.output / POLICY_FILE) as partial:
                 shutil.copyfile(folder / POLICY_FILE, partial)
-        return ending
+        return reason
 
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
         folder = self._settings.demonstrations

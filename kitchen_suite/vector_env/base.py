@@ -33,7 +33,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     """
 
     # Class of the single environment.
-    single: type[SuiteEnv]
+    env_class: type[SuiteEnv]
 
     # What is to be computed after the last physics step of a control step.
     stage = mujoco.mjtStage.mjSTAGE_NONE
@@ -61,8 +61,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        self.num_envs = checks.whole_number(num_envs, "num_envs", least=1)
-        threads = base.processors() if num_threads is None else checks.whole_number(num_threads, "num_threads", least=1)
+        self.num_envs = checks.integer(num_envs, "num_envs", minimum=1)
+        threads = base.processors() if num_threads is None else checks.integer(num_threads, "num_threads", minimum=1)
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
@@ -71,22 +71,22 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         # Gymnasium's `make` takes -1 as no limit.
         limit = None if max_episode_steps == -1 else max_episode_steps
 
-        self._starter = self.single(max_episode_steps=limit, **settings)
+        self._template_env = self.env_class(max_episode_steps=limit, **settings)
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
-        self.render_mode = self._starter.render_mode
-        self.metadata = {**self._starter.metadata, "autoreset_mode": self._autoreset}
-        self.single_action_space = self._starter.action_space
-        self.single_observation_space = self._starter.observation_space
+        self.render_mode = self._template_env.render_mode
+        self.metadata = {**self._template_env.metadata, "autoreset_mode": self._autoreset}
+        self.single_action_space = self._template_env.action_space
+        self.single_observation_space = self._template_env.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
         # Its first reset compiles the model, once and for all.
-        self._starter.reset()
-        physics, task = self._starter.environment.physics, self._starter.environment.task
+        self._template_env.reset()
+        physics, task = self._template_env.environment.physics, self._template_env.environment.task
         self._physics_steps = task.physics_steps_per_control_step
         self._batch = Batch(physics.model.ptr, self.num_envs, threads, persistent=True)
         self._fields: dict[str, NDArray] = {}
-        self._own_fields = {name: self._batch.expand(name) for name in self.drawn_model_fields()}
+        self._own_fields = {name: self._batch.expand(name) for name in self._randomized_fields()}
         self._streams = [random_state.Stream(None) for _ in range(self.num_envs)]
         self._state: Any = rows.repeated(task.state, self.num_envs)
         self._episode_steps = np.zeros(self.num_envs, np.int64)
@@ -94,16 +94,16 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._needs_reset = True
         self._process = os.getpid()
 
-    def drawn_model_fields(self) -> Sequence[str]:
+    def _randomized_fields(self) -> Sequence[str]:
         """Fields of the model that a reset may change."""
         return ()
 
     @abc.abstractmethod
-    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         """Writes the simulations' controls for actions `(n, ...)`; draws only for environments that are `stepping`."""
 
     @abc.abstractmethod
-    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Brings the episodes' states up to date after a step; draws only where `stepping`.
 
         Returns:
@@ -111,11 +111,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """
 
     @abc.abstractmethod
-    def observe(self) -> Any:
+    def _get_obs(self) -> Any:
         """The observations of all environments, in fresh arrays."""
 
     @abc.abstractmethod
-    def info(self) -> dict[str, NDArray]:
+    def _get_info(self) -> dict[str, NDArray]:
         """The infos of all environments, in fresh arrays with a leading axis."""
 
     @property  # type: ignore[misc]
@@ -154,7 +154,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
                     self._streams[i] = random_state.Stream(seeds[i])
             self._start(mask)
             self._ended = self._ended & ~mask
-            return self.observe(), batching.masked(self.info(), mask)
+            return self._get_obs(), batching.masked(self._get_info(), mask)
 
     def step(
         self, actions: ArrayLike
@@ -188,8 +188,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
             if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
                 infos |= self._final(self._ended)
                 self._start(self._ended & ~diverged)
-            infos |= batching.complete(self.info(), self.num_envs)
-            return self.observe(), rewards, terminations, truncations, infos
+            infos |= batching.complete(self._get_info(), self.num_envs)
+            return self._get_obs(), rewards, terminations, truncations, infos
 
     def render(self) -> tuple[NDArray, ...] | None:
         """Gives a picture of every environment; see `render_some`."""
@@ -214,7 +214,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         return tuple(self._picture(range(self.num_envs)[i]) for i in indices)
 
     def close_extras(self, **kwargs: Any) -> None:
-        self._starter.close()
+        self._template_env.close()
         # With the last reference to the batch its threads end.
         del self._batch, self._fields, self._own_fields
 
@@ -255,11 +255,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step where `stepping`; returns rewards, terminations, and which simulations diverged."""
-        self.apply_actions(actions, stepping)
+        self._apply_actions(actions, stepping)
         self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(self.stage))
         diverged = np.logical_or.reduce(self._batch.warning[:, :, 1], axis=1)
         alive = stepping & ~diverged
-        rewards, terminations = self.book_step(alive)
+        rewards, terminations = self._post_step(alive)
         self._episode_steps += stepping
         return np.where(alive, rewards, 0.0), (terminations & alive) | diverged, diverged
 
@@ -268,7 +268,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         (chosen,) = mask.nonzero()
         if not chosen.size:
             return
-        environment = self._starter.environment
+        environment = self._template_env.environment
         self._batch.reset(chosen, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for i in chosen.tolist():
@@ -282,19 +282,19 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """What the infos say of episodes that end and are followed by the next in the same step."""
-        observations, last = self.observe(), np.full(self.num_envs, None, dtype=object)
+        observations, last = self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
             last[i] = batching.row(observations, i)
-        info = batching.masked(self.info(), ended)
+        info = batching.masked(self._get_info(), ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _picture(self, i: int) -> NDArray:
-        model, data = self._starter.environment.physics.model.ptr, self._starter.environment.physics.data.ptr
+        model, data = self._template_env.environment.physics.model.ptr, self._template_env.environment.physics.data.ptr
         for name, own in self._own_fields.items():
             getattr(model, name)[:] = own[i]
         mujoco.mj_setState(model, data, self._batch.state[i], PHYSICS_STATE)
         mujoco.mj_forward(model, data)
-        return cast(NDArray, self._starter.render())
+        return cast(NDArray, self._template_env.render())
 
 
 def processors() -> int:

@@ -46,11 +46,11 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     if isinstance(value, list | tuple | np.ndarray):
         each = list(value)
     else:
-        first = checks.whole_number(value, "seed", least=0)
+        first = checks.integer(value, "seed", minimum=0)
         each = list(range(first, first + count))
     if len(each) != count:
         raise ValueError(f"seed must hold one seed for each of {count} environments, got {len(each)}")
-    return [None if one is None else checks.whole_number(one, "seed", least=0) for one in each]
+    return [None if one is None else checks.integer(one, "seed", minimum=0) for one in each]
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool_]:

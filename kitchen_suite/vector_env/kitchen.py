@@ -16,45 +16,45 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     """Many `FrankaKitchenEnv`s; takes its arguments beside those of `SuiteVectorEnv`."""
 
-    single = FrankaKitchenEnv
-    _starter: FrankaKitchenEnv
+    env_class = FrankaKitchenEnv
+    _template_env: FrankaKitchenEnv
     _state: KitchenState
 
     def __init__(self, num_envs: int = 1, **settings: Any) -> None:
         """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for the arguments and errors."""
         super().__init__(num_envs, **settings)
-        task = self._starter.environment.task
-        self._rules, self._layout = task.rules, task.layout
-        self._draws = np.zeros((self.num_envs, self._rules.noise_scale.size))
+        task = self._template_env.environment.task
+        self._mdp, self._indices = task.mdp, task.indices
+        self._draws = np.zeros((self.num_envs, self._mdp.noise_scale.size))
 
-    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         del stepping
-        self._target = self._rules.command(self._state, actions)
-        self._batch.ctrl[:, self._layout.ctrl] = self._target
+        self._target = self._mdp.compute_control(self._state, actions)
+        self._batch.ctrl[:, self._indices.ctrl] = self._target
 
-    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         for i in np.flatnonzero(stepping):
             self._draws[i] = self._streams[i].random_state.uniform(-1.0, 1.0, self._draws.shape[1])
-        self._state = self._rules.advance(
+        self._state = self._mdp.step(
             self._state,
             target=self._target,
-            positions=self._read("qpos", self._layout.robot_qpos),
-            achieved=self._read("qpos", self._layout.goal_qpos),
+            positions=self._read("qpos", self._indices.robot_qpos),
+            achieved=self._read("qpos", self._indices.goal_qpos),
             draw=self._draws,
         )
-        return self._state.progress.reward, self._rules.terminates(self._state)
+        return self._state.progress.reward, self._mdp.terminates(self._state)
 
-    def observe(self) -> dict[str, Any]:
-        goals = self._rules.goals
+    def _get_obs(self) -> dict[str, Any]:
+        goals = self._mdp.goals
         return {
-            "observation": self._layout.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
-            "achieved_goal": self._starter.shown_goal(self._state.achieved.copy()),
-            "desired_goal": self._starter.shown_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
+            "observation": self._indices.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
+            "achieved_goal": self._template_env.format_goal(self._state.achieved.copy()),
+            "desired_goal": self._template_env.format_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
         }
 
-    def info(self) -> dict[str, NDArray]:
+    def _get_info(self) -> dict[str, NDArray]:
         return {
-            **(self._names() if self._starter.info_format == "lists" else {}),
+            **(self._names() if self._template_env.info_format == "lists" else {}),
             **progress_arrays(self._state),
             "is_success": self._state.progress.all_completed,
             "episode_step": self._episode_steps.copy(),
@@ -62,17 +62,17 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """See `FrankaKitchenEnv.compute_reward`, as for the other two; takes infos of `step`, too."""
-        return self._starter.compute_reward(achieved_goal, desired_goal, self._one_by_one(info))
+        return self._template_env.compute_reward(achieved_goal, desired_goal, self._split_infos(info))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Whether steps terminate."""
-        return self._starter.compute_terminated(achieved_goal, desired_goal, self._one_by_one(info))
+        return self._template_env.compute_terminated(achieved_goal, desired_goal, self._split_infos(info))
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Whether steps truncate, by the infos' `episode_step`."""
-        return self._starter.compute_truncated(achieved_goal, desired_goal, self._one_by_one(info))
+        return self._template_env.compute_truncated(achieved_goal, desired_goal, self._split_infos(info))
 
-    def _one_by_one(self, info: Infos) -> Infos:
+    def _split_infos(self, info: Infos) -> Infos:
         """Infos of `step` as a list of one for each environment; others as they are."""
         if not isinstance(info, dict) or f"_{TO_COMPLETE}_mask" not in info:
             return info
@@ -81,7 +81,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """The lists of names that the infos of the single environment have."""
-        goals, progress = self._rules.goals, self._state.progress
+        goals, progress = self._mdp.goals, self._state.progress
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],

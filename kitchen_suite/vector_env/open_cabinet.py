@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv, results_arrays
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet import randomization as drawer_randomization
-from kitchen_suite.tasks.open_cabinet.mdp import DrawerState
+from kitchen_suite.tasks.open_cabinet.mdp import OpenCabinetState
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -22,62 +22,62 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     Each environment counts the control steps of its own life, which decide on the weights of the penalties.
     """
 
-    single = FrankaOpenCabinetEnv
+    env_class = FrankaOpenCabinetEnv
     # The sensors are to show the state after the step.
     stage = mujoco.mjtStage.mjSTAGE_VEL
-    _starter: FrankaOpenCabinetEnv
-    _state: DrawerState
+    _template_env: FrankaOpenCabinetEnv
+    _state: OpenCabinetState
 
     def __init__(self, num_envs: int = 1, **settings: Any) -> None:
         """Builds the environments; see `SuiteVectorEnv` and `FrankaOpenCabinetEnv` for the arguments and errors."""
         super().__init__(num_envs, **settings)
-        task = self._starter.environment.task
-        self._rules, self._sensors = task.rules, task.sensors
-        self._life_steps = np.zeros(self.num_envs, np.int64)
+        task = self._template_env.environment.task
+        self._mdp, self._sensors = task.mdp, task.sensors
+        self._total_steps = np.zeros(self.num_envs, np.int64)
 
     @property
-    def life_steps(self) -> NDArray[np.int64]:
+    def total_steps(self) -> NDArray[np.int64]:
         """Control steps `(n,)` that each environment has made; resets do not restart the count."""
-        return self._life_steps.copy()
+        return self._total_steps.copy()
 
-    @life_steps.setter
-    def life_steps(self, value: NDArray[np.int64]) -> None:
-        self._life_steps[:] = value
+    @total_steps.setter
+    def total_steps(self, value: NDArray[np.int64]) -> None:
+        self._total_steps[:] = value
 
-    def drawn_model_fields(self) -> Sequence[str]:
-        return drawer_randomization.MODEL_FIELDS if self._starter.environment.task.is_randomized else ()
+    def _randomized_fields(self) -> Sequence[str]:
+        return drawer_randomization.MODEL_FIELDS if self._template_env.environment.task.is_randomized else ()
 
-    def apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
+    def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
         closing: NDArray[np.float64] | float = 0.5
-        if self._rules.samples_gripper:
+        if self._mdp.samples_gripper:
             each = zip(self._streams, stepping.tolist(), strict=True)
             closing = np.array([stream.sample() if draws else 0.5 for stream, draws in each])
-        self._actions = self._starter.limited(actions)
+        self._actions = self._template_env.clip_actions(actions)
         positions = self._field("qpos")[:, self._sensors.joint_qpos]
-        self._target = self._rules.command(positions, self._actions, closing)
+        self._target = self._mdp.compute_control(positions, self._actions, closing)
         self._field("ctrl")[:, self._sensors.ctrl] = self._target
 
-    def book_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         noise = self._state.noise
-        if self._rules.is_noisy:
+        if self._mdp.is_noisy:
             noise = noise.copy()
             for i in np.flatnonzero(stepping):
-                noise[i] = self._rules.draw_noise(self._streams[i].random_state)
-        self._state = self._rules.advance(
+                noise[i] = self._mdp.draw_noise(self._streams[i].random_state)
+        self._state = self._mdp.step(
             self._state,
             action=self._actions,
             target=self._target,
-            life_steps=self._life_steps,
+            total_steps=self._total_steps,
             # Transposed in memory: the rules compute with columns, which lie in one piece then.
-            snapshot=self._field("sensordata").T.take(self._sensors.columns, axis=0).T,
+            features=self._field("sensordata").T.take(self._sensors.columns, axis=0).T,
             noise=noise,
         )
-        self._life_steps += stepping
+        self._total_steps += stepping
         return self._state.reward, self._state.terminates
 
-    def observe(self) -> NDArray[np.float32]:
+    def _get_obs(self) -> NDArray[np.float32]:
         values = self._state.observation
-        return drawer_observation.shown(values + self._state.noise if self._rules.is_noisy else values)
+        return drawer_observation.shown(values + self._state.noise if self._mdp.is_noisy else values)
 
-    def info(self) -> dict[str, NDArray]:
+    def _get_info(self) -> dict[str, NDArray]:
         return {**results_arrays(self._state), "episode_step": self._episode_steps.copy()}

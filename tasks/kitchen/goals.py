@@ -107,7 +107,7 @@ class Progress(NamedTuple):
     completion_steps: NDArray[np.int64]
 
     @classmethod
-    def start(cls, shape: tuple[int, ...]) -> Self:
+    def initial(cls, shape: tuple[int, ...]) -> Self:
         """Before the first step; `shape` is `(..., n)`."""
         nothing = np.zeros(shape, bool)
         return cls(
@@ -118,7 +118,7 @@ class Progress(NamedTuple):
             completion_steps=np.full(shape, -1),
         )
 
-    def advance(self, within: NDArray[np.bool_], *, remove_task_when_completed: bool) -> Self:
+    def update(self, within: NDArray[np.bool_], *, remove_task_when_completed: bool) -> Self:
         """After one more step, at whose end the tasks are `within` their thresholds or not."""
         step = self.step + 1
         completions = within & self.remaining
@@ -171,7 +171,9 @@ class GoalSet:
           ValueError: `tasks` is empty, repeats a task or names an unknown one; a goal is for a task that is not among
             them, has the wrong length, or is not finite.
         """
-        names = tuple(checks.choice(name, GOALS.keys(), "task") for name in checks.distinct(tasks, "tasks_to_complete"))
+        names = tuple(
+            checks.choice(name, GOALS.keys(), "task") for name in checks.unique_names(tasks, "tasks_to_complete")
+        )
         if goals is not None and not isinstance(goals, Mapping):
             raise TypeError(f"goals must map tasks to their goals, got {goals!r}")
         replaced = {checks.choice(name, names, "goal of task"): goal for name, goal in (goals or {}).items()}

@@ -11,7 +11,7 @@ from kitchen_suite.tasks.kitchen.goals import GOALS
 _WITHIN_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-class GoalColours:
+class GoalHighlighting:
     """The things of some tasks, in their own colours or in green."""
 
     def __init__(self, physics: mjcf.Physics, tasks: Iterable[str], object_joints: Sequence[mjcf.Element]) -> None:

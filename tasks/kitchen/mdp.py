@@ -40,7 +40,7 @@ class KitchenState(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class KitchenRules:
+class KitchenMDP:
     """A kitchen task's settings, and the mathematics of an episode under them; see `KitchenTask` for what they mean.
 
     Attributes:
@@ -61,7 +61,7 @@ class KitchenRules:
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
 
-    def start(self, positions: NDArray, achieved: NDArray, draw: NDArray | float = 0.0) -> KitchenState:
+    def initial_state(self, positions: NDArray, achieved: NDArray, draw: NDArray | float = 0.0) -> KitchenState:
         """The state before the first step; arguments as `advance`, without a draw there is no noise."""
         distances = self.goals.distances(achieved)
         return KitchenState(
@@ -70,16 +70,16 @@ class KitchenRules:
             target=positions,
             achieved=achieved,
             distances=distances,
-            progress=Progress.start(distances.shape),
+            progress=Progress.initial(distances.shape),
         )
 
-    def command(self, state: KitchenState, action: NDArray[np.float64]) -> NDArray[np.float64]:
+    def compute_control(self, state: KitchenState, action: NDArray[np.float64]) -> NDArray[np.float64]:
         """Targets `(..., 9)` of the robot's servos [rad, m] for an action `(..., 9)`."""
         return position_target(
             self._feedback_positions(state), action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP
         )
 
-    def advance(
+    def step(
         self, state: KitchenState, *, target: NDArray, positions: NDArray, achieved: NDArray, draw: NDArray
     ) -> KitchenState:
         """The state after one more control step.
@@ -92,7 +92,7 @@ class KitchenRules:
           draw: `(..., 59)`, from U(-1, 1), for the noise of the observation.
         """
         distances = self.goals.distances(achieved)
-        progress = state.progress.advance(
+        progress = state.progress.update(
             distances < self.threshold, remove_task_when_completed=self.remove_task_when_completed
         )
         return KitchenState(self.noise_scale * draw, positions, target, achieved, distances, progress)

@@ -8,7 +8,7 @@ from dm_control import mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import Kitchen
+from kitchen_suite.entities import KitchenScene
 from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.goals import GOALS, GoalSet
@@ -30,20 +30,20 @@ class KitchenObservables:
       noise: `(59,)`, what is added to the present observation; the task writes it.
     """
 
-    def __init__(self, kitchen: Kitchen, goals: GoalSet) -> None:
+    def __init__(self, scene: KitchenScene, goals: GoalSet) -> None:
         """Builds the observables."""
         self.noise = np.zeros(noise.AMPLITUDES.size)
-        prefix, robot = kitchen.robot.mjcf_model.full_identifier, kitchen.robot.observables
+        prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
         state = {
             f"{prefix}joint_positions": robot.joint_positions,
             f"{prefix}joint_velocities": robot.joint_velocities,
-            "object_positions": JointPositions(lambda: kitchen.object_joints),
-            "object_velocities": JointVelocities(lambda: kitchen.object_joints),
+            "object_positions": JointPositions(lambda: scene.object_joints),
+            "object_velocities": JointVelocities(lambda: scene.object_joints),
         }
         for shown, part in zip(state.values(), noise.PARTS, strict=True):
             shown.corruptor = noise.AddNoise(self.noise[part])
         achieved = {
-            f"achieved_goal/{task}": JointPositions(lambda: kitchen.object_joints, GOALS[task].elements)
+            f"achieved_goal/{task}": JointPositions(lambda: scene.object_joints, GOALS[task].elements)
             for task in goals.tasks
         }
         desired = {

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 # Distance up to which the drawer counts as opened by its handle [m].
 _HOLD_DISTANCE = 0.03
 
-# Where each part stands among the numbers of a snapshot; a part with an index in place of a slice has no axis.
-PLACES: Mapping[str, slice | int] = MappingProxyType(
+# Where each part stands among the numbers of a features; a part with an index in place of a slice has no axis.
+FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
     {
         "joint_positions": slice(0, 9),
         "joint_velocities": slice(9, 18),
@@ -33,7 +33,7 @@ def scalars(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values[()]
 
 
-class Snapshot:
+class Features:
     """Positions and velocities after a control step, in the world's frame; the parts are views of one array.
 
     Attributes:
@@ -47,60 +47,60 @@ class Snapshot:
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:
         """Makes a snapshot of all its parts, by name."""
-        arrays = [np.asarray(parts[name], np.float64) for name in PLACES]
-        axes = [isinstance(place, slice) for place in PLACES.values()]
+        arrays = [np.asarray(parts[name], np.float64) for name in FEATURE_INDICES]
+        axes = [isinstance(place, slice) for place in FEATURE_INDICES.values()]
         columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, axes, strict=True)]
         return cls(np.concatenate(columns, axis=-1))
 
     @property
     def joint_positions(self) -> NDArray[np.float64]:
         """`(..., 9)`: the arm's seven joints [rad], left and right finger [m]."""
-        return self.values[..., PLACES["joint_positions"]]
+        return self.values[..., FEATURE_INDICES["joint_positions"]]
 
     @property
     def joint_velocities(self) -> NDArray[np.float64]:
         """`(..., 9)`: likewise [rad/s, m/s]."""
-        return self.values[..., PLACES["joint_velocities"]]
+        return self.values[..., FEATURE_INDICES["joint_velocities"]]
 
     @property
     def tcp_position(self) -> NDArray[np.float64]:
         """`(..., 3)`: the point between the finger tips [m]."""
-        return self.values[..., PLACES["tcp_position"]]
+        return self.values[..., FEATURE_INDICES["tcp_position"]]
 
     @property
     def tcp_quaternion(self) -> NDArray[np.float64]:
         """`(..., 4)`: w, x, y, z; z is the direction of approach, y points to the left finger."""
-        return self.values[..., PLACES["tcp_quaternion"]]
+        return self.values[..., FEATURE_INDICES["tcp_quaternion"]]
 
     @property
     def handle_position(self) -> NDArray[np.float64]:
         """`(..., 3)`: middle of the drawer's bar [m]."""
-        return self.values[..., PLACES["handle_position"]]
+        return self.values[..., FEATURE_INDICES["handle_position"]]
 
     @property
     def handle_quaternion(self) -> NDArray[np.float64]:
         """`(..., 4)`: w, x, y, z; equal to the gripper's when it holds the bar from the front."""
-        return self.values[..., PLACES["handle_quaternion"]]
+        return self.values[..., FEATURE_INDICES["handle_quaternion"]]
 
     @property
     def left_pad_height(self) -> NDArray[np.float64]:
         """`(...)`: z of the left finger's pad [m]."""
-        return scalars(self.values[..., PLACES["left_pad_height"]])
+        return scalars(self.values[..., FEATURE_INDICES["left_pad_height"]])
 
     @property
     def right_pad_height(self) -> NDArray[np.float64]:
         """`(...)`: z of the right finger's pad [m]."""
-        return scalars(self.values[..., PLACES["right_pad_height"]])
+        return scalars(self.values[..., FEATURE_INDICES["right_pad_height"]])
 
     @property
     def drawer_position(self) -> NDArray[np.float64]:
         """`(...)`: 0 when closed, positive when open [m]."""
-        return scalars(self.values[..., PLACES["drawer_position"]])
+        return scalars(self.values[..., FEATURE_INDICES["drawer_position"]])
 
     @property
     def drawer_velocity(self) -> NDArray[np.float64]:
         """`(...)`: positive when opening [m/s]."""
-        return scalars(self.values[..., PLACES["drawer_velocity"]])
+        return scalars(self.values[..., FEATURE_INDICES["drawer_velocity"]])
 
     @functools.cached_property
     def handle_offset(self) -> NDArray[np.float64]:
@@ -123,5 +123,5 @@ class Snapshot:
         return (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Copies of all parts by name; `Snapshot.of(**arrays)` is the same snapshot."""
-        return {name: np.array(self.values[..., place]) for name, place in PLACES.items()}
+        """Copies of all parts by name; `Features.of(**arrays)` is the same features."""
+        return {name: np.array(self.values[..., place]) for name, place in FEATURE_INDICES.items()}

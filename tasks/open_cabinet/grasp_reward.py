@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.robots.panda import PAD_HALF_SIZE
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.features import Features
 
 # How far from its middle the bar may be held [m].
 _GRIP_ALONG = 0.03
@@ -50,21 +50,21 @@ class Grip(NamedTuple):
         return self.enclosure / (1.0 + self.gap / _HALF_HELD)
 
 
-def grip(snapshot: Snapshot, handle_radius: float) -> Grip:
+def grip(features: Features, handle_radius: float) -> Grip:
     """How the bar lies in the gripper.
 
     The bar is taken to be across the gripper's y and z. Where it is not, its edges keep the pads a little farther off.
 
     Args:
-      snapshot: the state after the control step.
+      features: the state after the control step.
       handle_radius: of the bar [m].
     """
-    offset = snapshot.handle_offset
-    bar = _rotated(snapshot.handle_quaternion, _BAR_AXIS)
+    offset = features.handle_offset
+    bar = _rotated(features.handle_quaternion, _BAR_AXIS)
     along = np.add.reduce(offset * bar, axis=-1)
     # From the gripper the shortest way to the bar's axis, in the gripper's frame.
-    nearest = _rotated(snapshot.tcp_quaternion * _CONJUGATE, offset - along[..., np.newaxis] * bar)
-    fingers, across = snapshot.joint_positions[..., 7:], nearest[..., 1]
+    nearest = _rotated(features.tcp_quaternion * _CONJUGATE, offset - along[..., np.newaxis] * bar)
+    fingers, across = features.joint_positions[..., 7:], nearest[..., 1]
     left, right = fingers[..., 0] - across - handle_radius, fingers[..., 1] + across - handle_radius
     enclosure = _inside(along / _GRIP_ALONG)
     for axis in (0, 2):
@@ -74,9 +74,9 @@ def grip(snapshot: Snapshot, handle_radius: float) -> Grip:
     return Grip(enclosure, np.maximum(np.maximum(left, right), 0.0))
 
 
-def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
+def orientation(features: Features) -> NDArray[np.float64]:
     """`4 * cos(a)`, `a` the angle between gripper and handle frame, however far the drawer is open."""
-    return 4.0 * drawer_reward.alignment(snapshot)
+    return 4.0 * drawer_reward.alignment(features)
 
 
 def grasp(held: Grip, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
@@ -85,10 +85,10 @@ def grasp(held: Grip, gripper: NDArray[np.float64] | float) -> NDArray[np.float6
     return closing_around - 20.0 * (1.0 - held.enclosure) * (GRIPPER_OPEN - gripper)
 
 
-def opening(snapshot: Snapshot, held: Grip) -> NDArray[np.float64]:
+def opening(features: Features, held: Grip) -> NDArray[np.float64]:
     """`50 * h * o + 10 * min(v, h * v)`, `o` the drawer's position [m] in [0, 1], `v` how fast it opens [m/s]."""
-    holding, velocity = held.holding, snapshot.drawer_velocity
-    position = np.minimum(np.maximum(snapshot.drawer_position, 0.0), 1.0)
+    holding, velocity = held.holding, features.drawer_velocity
+    position = np.minimum(np.maximum(features.drawer_position, 0.0), 1.0)
     # What closes it costs in full, so that opening and closing it again and again earns nothing.
     return 50.0 * holding * position + 10.0 * np.minimum(velocity, holding * velocity)
 
@@ -105,22 +105,22 @@ class GraspReward:
 
     def __call__(
         self,
-        snapshot: Snapshot,
+        features: Features,
         *,
         gripper: NDArray[np.float64] | float,
         action_change: NDArray[np.float64],
-        life_steps: NDArray[np.int64] | int,
+        total_steps: NDArray[np.int64] | int,
     ) -> dict[str, NDArray[np.float64]]:
         """The seven terms by name; see `drawer_reward.reward_terms`."""
-        held = grip(snapshot, self.handle_radius)
+        held = grip(features, self.handle_radius)
         values = (
-            drawer_reward.approach(snapshot),
-            orientation(snapshot),
+            drawer_reward.approach(features),
+            orientation(features),
             grasp(held, gripper),
-            opening(snapshot, held),
-            drawer_reward.straddling(snapshot),
-            drawer_reward.effort(snapshot, action_change, life_steps),
-            drawer_reward.termination(snapshot),
+            opening(features, held),
+            drawer_reward.straddling(features),
+            drawer_reward.effort(features, action_change, total_steps),
+            drawer_reward.termination(features),
         )
         return dict(zip(drawer_reward.TERMS, values, strict=True))
 

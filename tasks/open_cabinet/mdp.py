@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.open_cabinet.action import JOINT_LOW, arm_target, gripper_target
-from kitchen_suite.tasks.open_cabinet.features import Snapshot, scalars
+from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, observe
 from kitchen_suite.tasks.open_cabinet.reward import TERMS, RewardTerms, succeeds
 
@@ -23,11 +23,11 @@ GRIPPER_MODES = ("sampled", "deterministic")
 ACTION_SIZE = JOINT_LOW.size
 
 
-class DrawerState(NamedTuple):
+class OpenCabinetState(NamedTuple):
     """What an episode remembers from one control step to the next.
 
     Attributes:
-      snapshot: `(..., 36)`, numbers of the present `Snapshot`.
+      features: `(..., 36)`, numbers of the present `Features`.
       observation: `(..., 25)`, what is seen of it, without noise and not yet clipped.
       noise: `(..., 25)`, what is added to that.
       previous_action: `(..., 8)`.
@@ -36,7 +36,7 @@ class DrawerState(NamedTuple):
       succeeded: `(...)`, whether the drawer has been open far enough after some step.
     """
 
-    snapshot: NDArray[np.float64]
+    features: NDArray[np.float64]
     observation: NDArray[np.float64]
     noise: NDArray[np.float64]
     previous_action: NDArray[np.float64]
@@ -52,11 +52,11 @@ class DrawerState(NamedTuple):
     @property
     def is_success(self) -> NDArray[np.bool_]:
         """`(...)`, whether the drawer is open far enough now."""
-        return succeeds(Snapshot(self.snapshot).drawer_position)
+        return succeeds(Features(self.features).drawer_position)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DrawerRules:
+class OpenCabinetMDP:
     """A drawer task's settings, and the mathematics of an episode under them.
 
     Attributes:
@@ -82,12 +82,12 @@ class DrawerRules:
         """Draws from U(0, 1) what decides on closing; where nothing is to be drawn, the median."""
         return random_state.random_sample() if self.samples_gripper else 0.5
 
-    def start(self, snapshot: NDArray[np.float64], noise: NDArray[np.float64]) -> DrawerState:
-        """The state before the first step; arguments as attributes of `DrawerState`."""
-        axes = snapshot.shape[:-1]
-        return DrawerState(
-            snapshot=snapshot,
-            observation=observe(Snapshot(snapshot)),
+    def initial_state(self, features: NDArray[np.float64], noise: NDArray[np.float64]) -> OpenCabinetState:
+        """The state before the first step; arguments as attributes of `OpenCabinetState`."""
+        axes = features.shape[:-1]
+        return OpenCabinetState(
+            features=features,
+            observation=observe(Features(features)),
             noise=noise,
             previous_action=np.zeros((*axes, ACTION_SIZE)),
             terms=dict.fromkeys(TERMS, np.zeros(axes)),
@@ -95,7 +95,7 @@ class DrawerRules:
             succeeded=np.zeros(axes, bool),
         )
 
-    def command(
+    def compute_control(
         self, positions: NDArray[np.float64], action: NDArray[np.float64], draw: NDArray[np.float64] | float
     ) -> NDArray[np.float64]:
         """Targets `(..., 9)` of the robot's servos [rad, m].
@@ -110,35 +110,35 @@ class DrawerRules:
         target[..., 7:] = gripper_target(action[..., 7:], np.asarray(draw)[..., np.newaxis])
         return target
 
-    def advance(
+    def step(
         self,
-        state: DrawerState,
+        state: OpenCabinetState,
         *,
         action: NDArray[np.float64],
         target: NDArray[np.float64],
-        life_steps: NDArray[np.int64] | int,
-        snapshot: NDArray[np.float64],
+        total_steps: NDArray[np.int64] | int,
+        features: NDArray[np.float64],
         noise: NDArray[np.float64],
-    ) -> DrawerState:
+    ) -> OpenCabinetState:
         """The state after one more control step.
 
         Args:
           state: the one before it.
           action: `(..., 8)`.
           target: `(..., 9)`, what was commanded [rad, m].
-          life_steps: `(...)`, control steps of the environment's life before it.
-          snapshot: `(..., 36)`, what came of it.
+          total_steps: `(...)`, control steps of the environment's life before it.
+          features: `(..., 36)`, what came of it.
           noise: `(..., 25)`, of the observation after it.
         """
-        after = Snapshot(snapshot)
+        after = Features(features)
         # It may be infinite; the reward bounds it.
         with np.errstate(over="ignore"):
             change = action - state.previous_action
         gripper = scalars(target[..., 7])
-        terms = self.reward_terms(after, gripper=gripper, action_change=change, life_steps=life_steps)
+        terms = self.reward_terms(after, gripper=gripper, action_change=change, total_steps=total_steps)
         succeeded = state.succeeded | succeeds(after.drawer_position)
-        return DrawerState(
-            snapshot=snapshot,
+        return OpenCabinetState(
+            features=features,
             observation=observe(after),
             noise=noise,
             previous_action=action,

@@ -13,7 +13,7 @@ from kitchen_suite import checks
 from kitchen_suite.tasks.open_cabinet import observation
 
 
-class DrawerObservables:
+class OpenCabinetObservables:
     """Holds what is seen now; one observable for each part, enabled.
 
     Attributes:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.features import Features
 
 # Every number is clipped to this range, both ways.
 LIMIT = 5.0
@@ -20,40 +20,40 @@ _HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
 _XYZW = np.array([1, 2, 3, 0])
 
 
-def scaled_joint_positions(snapshot: Snapshot) -> NDArray[np.float64]:
+def scaled_joint_positions(features: Features) -> NDArray[np.float64]:
     """`(..., 8)`: arm and left finger, -1 at the joint's lower limit and 1 at its upper one."""
-    return (snapshot.joint_positions[..., :8] - _MIDDLE) / _HALF_RANGE
+    return (features.joint_positions[..., :8] - _MIDDLE) / _HALF_RANGE
 
 
-def scaled_joint_velocities(snapshot: Snapshot) -> NDArray[np.float64]:
+def scaled_joint_velocities(features: Features) -> NDArray[np.float64]:
     """`(..., 8)`: arm [2 rad/s] and left finger [2 m/s]."""
-    return snapshot.joint_velocities[..., :8] / 2.0
+    return features.joint_velocities[..., :8] / 2.0
 
 
-def handle_offset(snapshot: Snapshot) -> NDArray[np.float64]:
+def handle_offset(features: Features) -> NDArray[np.float64]:
     """`(..., 3)`: from the gripper to the handle, along the world's axes [m]."""
-    return snapshot.handle_offset
+    return features.handle_offset
 
 
-def handle_orientation_offset(snapshot: Snapshot) -> NDArray[np.float64]:
+def handle_orientation_offset(features: Features) -> NDArray[np.float64]:
     """`(..., 4)`: handle quaternion minus gripper quaternion, element by element in the order x, y, z, w.
 
     The handle's w is never negative, and the gripper's sign is the one nearer to the handle, so equal orientations
     give zero.
     """
-    handle, nearer = snapshot.handle_quaternion, _sign(snapshot.quaternion_product[..., np.newaxis])
-    offset = (handle - snapshot.tcp_quaternion * nearer) * _sign(handle[..., :1])
+    handle, nearer = features.handle_quaternion, _sign(features.quaternion_product[..., np.newaxis])
+    offset = (handle - features.tcp_quaternion * nearer) * _sign(handle[..., :1])
     return offset.take(_XYZW, axis=-1)
 
 
-def drawer_position(snapshot: Snapshot) -> NDArray[np.float64]:
+def drawer_position(features: Features) -> NDArray[np.float64]:
     """`(..., 1)`: how far the drawer is open [m]."""
-    return snapshot.drawer_position[..., np.newaxis]
+    return features.drawer_position[..., np.newaxis]
 
 
-def drawer_velocity(snapshot: Snapshot) -> NDArray[np.float64]:
+def drawer_velocity(features: Features) -> NDArray[np.float64]:
     """`(..., 1)`: how fast it opens [m/s]."""
-    return snapshot.drawer_velocity[..., np.newaxis]
+    return features.drawer_velocity[..., np.newaxis]
 
 
 def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,7 +70,7 @@ class Part:
     """
 
     size: int
-    compute: Callable[[Snapshot], NDArray[np.float64]]
+    compute: Callable[[Features], NDArray[np.float64]]
 
 
 # By public name, in the order of the flat vector.
@@ -101,6 +101,6 @@ def shown(values: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.minimum(np.maximum(values, -LIMIT), LIMIT).astype(np.float32)
 
 
-def observe(snapshot: Snapshot) -> NDArray[np.float64]:
+def observe(features: Features) -> NDArray[np.float64]:
     """The flat vector `(..., 25)`, not yet clipped."""
-    return np.concatenate([part.compute(snapshot) for part in PARTS.values()], axis=-1)
+    return np.concatenate([part.compute(features) for part in PARTS.values()], axis=-1)

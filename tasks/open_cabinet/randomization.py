@@ -12,7 +12,7 @@ from dm_control.composer.variation import distributions
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetScene
+from kitchen_suite.entities import OpenCabinetScene
 
 # A composer variation or a constant.
 Variation = Any
@@ -91,7 +91,9 @@ class Randomizer:
       values: what holds now, by the names of `Randomization`'s attributes; before the first draw, as it was built.
     """
 
-    def __init__(self, scene: CabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics) -> None:
+    def __init__(
+        self, scene: OpenCabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics
+    ) -> None:
         """Notes how the scene was built; to be called before anything has been drawn."""
         self._physics = physics
         self._cabinet = scene.cabinet

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN
-from kitchen_suite.tasks.open_cabinet.features import Snapshot, scalars
+from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 
 # Names of the terms, in their order; each is a function of this module.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
@@ -37,100 +37,100 @@ class RewardTerms(Protocol):
 
     def __call__(
         self,
-        snapshot: Snapshot,
+        features: Features,
         *,
         gripper: NDArray[np.float64] | float,
         action_change: NDArray[np.float64],
-        life_steps: NDArray[np.int64] | int,
+        total_steps: NDArray[np.int64] | int,
     ) -> dict[str, NDArray[np.float64]]: ...
 
 
-def approach(snapshot: Snapshot) -> NDArray[np.float64]:
+def approach(features: Features) -> NDArray[np.float64]:
     """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
-    return 10.0 * (1.0 - np.tanh(snapshot.handle_distance / 0.1))
+    return 10.0 * (1.0 - np.tanh(features.handle_distance / 0.1))
 
 
-def alignment(snapshot: Snapshot) -> NDArray[np.float64]:
+def alignment(features: Features) -> NDArray[np.float64]:
     """`(...)`, cosine of the angle between gripper and handle frame."""
     # cos(a) = 2 cos(a / 2)^2 - 1
-    return 2.0 * snapshot.quaternion_product * snapshot.quaternion_product - 1.0
+    return 2.0 * features.quaternion_product * features.quaternion_product - 1.0
 
 
-def orientation(snapshot: Snapshot) -> NDArray[np.float64]:
+def orientation(features: Features) -> NDArray[np.float64]:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
-    return _choose(snapshot.is_held_open, 1.0, alignment(snapshot))
+    return _choose(features.is_held_open, 1.0, alignment(features))
 
 
-def grasp(snapshot: Snapshot, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def grasp(features: Features, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
-    return _choose(snapshot.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
+    return _choose(features.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
 
 
-def opening(snapshot: Snapshot) -> NDArray[np.float64]:
+def opening(features: Features) -> NDArray[np.float64]:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
-    return _choose(snapshot.is_held_open, 20.0 * np.expm1(np.minimum(snapshot.drawer_position, 1.0)), 0.0)
+    return _choose(features.is_held_open, 20.0 * np.expm1(np.minimum(features.drawer_position, 1.0)), 0.0)
 
 
-def straddling(snapshot: Snapshot) -> NDArray[np.float64]:
+def straddling(features: Features) -> NDArray[np.float64]:
     """`min(z_left - z_handle, 0) + min(z_handle - z_right, 0)` [m]: left pad above the bar, right pad below it."""
-    height = scalars(snapshot.handle_position[..., 2])
-    return np.minimum(snapshot.left_pad_height - height, 0.0) + np.minimum(height - snapshot.right_pad_height, 0.0)
+    height = scalars(features.handle_position[..., 2])
+    return np.minimum(features.left_pad_height - height, 0.0) + np.minimum(height - features.right_pad_height, 0.0)
 
 
-def penalty_coefficients(life_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def penalty_coefficients(total_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights `(...)` of the action's change and of the joint speeds, after `(...)` control steps of life."""
-    late = np.multiply(1.0, life_steps >= LATE_STAGE)
+    late = np.multiply(1.0, total_steps >= LATE_STAGE)
     return 1e-3 * (1.0 + late), 2e-7 * late
 
 
 def effort(
-    snapshot: Snapshot, action_change: NDArray[np.float64], life_steps: NDArray[np.int64] | int
+    features: Features, action_change: NDArray[np.float64], total_steps: NDArray[np.int64] | int
 ) -> NDArray[np.float64]:
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
-    of_action, of_velocity = penalty_coefficients(life_steps)
+    of_action, of_velocity = penalty_coefficients(total_steps)
     change = np.minimum(np.abs(action_change), _CHANGE_LIMIT)
-    return -(of_action * _squared(change) + of_velocity * _squared(snapshot.joint_velocities[..., :8]))
+    return -(of_action * _squared(change) + of_velocity * _squared(features.joint_velocities[..., :8]))
 
 
-def termination(snapshot: Snapshot) -> NDArray[np.float64]:
+def termination(features: Features) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
-    return _choose(terminates(snapshot), -10.0, 0.0)
+    return _choose(terminates(features), -10.0, 0.0)
 
 
 def reward_terms(
-    snapshot: Snapshot,
+    features: Features,
     *,
     gripper: NDArray[np.float64] | float,
     action_change: NDArray[np.float64],
-    life_steps: NDArray[np.int64] | int,
+    total_steps: NDArray[np.int64] | int,
 ) -> dict[str, NDArray[np.float64]]:
     """The seven terms by name, in their order; their sum is the reward.
 
     Args:
-      snapshot: the state after the control step.
+      features: the state after the control step.
       gripper: `(...)`, the fingers' target during it [m].
       action_change: `(..., 8)`, its action minus the one before.
-      life_steps: `(...)`, control steps of the environment's life before it.
+      total_steps: `(...)`, control steps of the environment's life before it.
 
     Returns:
       Arrays of shape `(...)`.
     """
     values = (
-        approach(snapshot),
-        orientation(snapshot),
-        grasp(snapshot, gripper),
-        opening(snapshot),
-        straddling(snapshot),
-        effort(snapshot, action_change, life_steps),
-        termination(snapshot),
+        approach(features),
+        orientation(features),
+        grasp(features, gripper),
+        opening(features),
+        straddling(features),
+        effort(features, action_change, total_steps),
+        termination(features),
     )
     return dict(zip(TERMS, values, strict=True))
 
 
-def terminates(snapshot: Snapshot) -> NDArray[np.bool_]:
+def terminates(features: Features) -> NDArray[np.bool_]:
     """Whether `(...)` the gripper reaches through the handle, or any of the nine joints moves too fast."""
-    behind = scalars(snapshot.handle_offset[..., 0]) > _REACH_LIMIT
-    return behind | (np.maximum.reduce(np.abs(snapshot.joint_velocities), axis=-1) > _SPEED_LIMIT)
+    behind = scalars(features.handle_offset[..., 0]) > _REACH_LIMIT
+    return behind | (np.maximum.reduce(np.abs(features.joint_velocities), axis=-1) > _SPEED_LIMIT)
 
 
 def _choose(

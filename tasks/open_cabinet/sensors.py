@@ -1,4 +1,4 @@
-"""The sensors that a `Snapshot` of a cabinet scene is read from, in one go."""
+"""The sensors that a `Features` of a cabinet scene is read from, in one go."""
 
 from typing import Any
 
@@ -7,20 +7,20 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import CabinetScene
+from kitchen_suite.entities import OpenCabinetScene
 
 
-class DrawerSensors:
+class FeatureSensors:
     """Adds the sensors to a scene, and finds them again in what is compiled from it.
 
     Attributes:
-      columns: `(36,)`, where the numbers of a snapshot stand in `sensordata`.
+      columns: `(36,)`, where the numbers of a features stand in `sensordata`.
       joint_qpos: where the robot's nine joints stand in qpos.
       ctrl: where its nine servos stand in ctrl.
     """
 
-    def __init__(self, scene: CabinetScene, drawer: str) -> None:
-        """Adds the sensors, in the order of a snapshot's parts.
+    def __init__(self, scene: OpenCabinetScene, drawer: str) -> None:
+        """Adds the sensors, in the order of a features's parts.
 
         Args:
           scene: robot and cabinet; not yet compiled.
@@ -50,7 +50,7 @@ class DrawerSensors:
         self.ctrl = _stretch(physics.bind(self._robot.actuators).element_id)
 
     def read(self, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Numbers `(36,)` of the present snapshot, a copy. The sensors must be up to date (see `refresh`)."""
+        """Numbers `(36,)` of the present features, a copy. The sensors must be up to date (see `refresh`)."""
         return physics.data.sensordata[self.columns]
 
     def _add(self, kind: str, **what: Any) -> mjcf.Element:

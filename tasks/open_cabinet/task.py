@@ -12,24 +12,24 @@ from dm_env import specs
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetArena, CabinetDesign, CabinetScene
+from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN, JOINT_HIGH, JOINT_LOW
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
 from kitchen_suite.tasks.open_cabinet.mdp import (
     ACTION_SIZE,
     CONTROL_TIMESTEP,
     GRIPPER_MODES,
     PHYSICS_TIMESTEP,
-    DrawerRules,
-    DrawerState,
+    OpenCabinetMDP,
+    OpenCabinetState,
 )
-from kitchen_suite.tasks.open_cabinet.observables import DrawerObservables
+from kitchen_suite.tasks.open_cabinet.observables import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.randomization import Randomization, Randomizer, checked
 from kitchen_suite.tasks.open_cabinet.reward import RewardTerms, reward_terms
-from kitchen_suite.tasks.open_cabinet.sensors import DrawerSensors, refresh
+from kitchen_suite.tasks.open_cabinet.sensors import FeatureSensors, refresh
 
 TIME_LIMIT = 7.0  # [s], 700 control steps
 
@@ -38,10 +38,10 @@ DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0
 RESET_NOISE = 0.125
 
 # By public name what makes a reward for a cabinet.
-REWARDS: Mapping[str, Callable[[CabinetDesign], RewardTerms]] = MappingProxyType(
+REWARDS: Mapping[str, Callable[[CabinetConfig], RewardTerms]] = MappingProxyType(
     {
-        "original": lambda design: reward_terms,
-        "grasp": lambda design: GraspReward(handle_radius=design.handle_radius),
+        "original": lambda config: reward_terms,
+        "grasp": lambda config: GraspReward(handle_radius=config.handle_radius),
     }
 )
 
@@ -61,7 +61,7 @@ class OpenCabinetTask(SuiteTask):
 
     def __init__(
         self,
-        scene: CabinetScene,
+        scene: OpenCabinetScene,
         *,
         drawer: str = "top",
         gripper: str = "sampled",
@@ -87,27 +87,27 @@ class OpenCabinetTask(SuiteTask):
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
         samples_gripper = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
-        self._observation = DrawerObservables(observation_noise)
+        self._observation = OpenCabinetObservables(observation_noise)
         if not isinstance(randomization, Randomization | None):
             raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
         self._randomization = randomization
-        self._rules = DrawerRules(
+        self._mdp = OpenCabinetMDP(
             samples_gripper=samples_gripper,
             noise_scale=self._observation.noise_scale,
-            reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.design),
+            reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
         self._reward_name = reward
         self._scene = scene
-        self._sensors = DrawerSensors(scene, drawer)
-        self._life_steps = 0
+        self._sensors = FeatureSensors(scene, drawer)
+        self._total_steps = 0
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     @property
-    def root_entity(self) -> CabinetArena:
+    def root_entity(self) -> OpenCabinetArena:
         return self._scene.arena
 
     @property
-    def scene(self) -> CabinetScene:
+    def scene(self) -> OpenCabinetScene:
         """Where the task takes place."""
         return self._scene
 
@@ -122,12 +122,12 @@ class OpenCabinetTask(SuiteTask):
         return self._reward_name
 
     @property
-    def rules(self) -> DrawerRules:
+    def mdp(self) -> OpenCabinetMDP:
         """The task's settings, and the mathematics of an episode under them."""
-        return self._rules
+        return self._mdp
 
     @property
-    def sensors(self) -> DrawerSensors:
+    def sensors(self) -> FeatureSensors:
         """What the task's snapshots are read from."""
         return self._sensors
 
@@ -137,7 +137,7 @@ class OpenCabinetTask(SuiteTask):
         return self._randomization is not None
 
     @property
-    def state(self) -> DrawerState:
+    def state(self) -> OpenCabinetState:
         """What the episode remembers; arrays without leading axes, not to be written to."""
         return self._state
 
@@ -153,7 +153,7 @@ class OpenCabinetTask(SuiteTask):
     @property
     def drawer_opening(self) -> float:
         """How far the drawer is open now [m]."""
-        return float(Snapshot(self._state.snapshot).drawer_position)
+        return float(Features(self._state.features).drawer_position)
 
     @property
     def is_success(self) -> bool:
@@ -161,13 +161,13 @@ class OpenCabinetTask(SuiteTask):
         return bool(self._state.is_success)
 
     @property
-    def life_steps(self) -> int:
+    def total_steps(self) -> int:
         """Control steps made since the task was set up; resets do not restart the count."""
-        return self._life_steps
+        return self._total_steps
 
-    @life_steps.setter
-    def life_steps(self, value: int) -> None:
-        self._life_steps = checks.whole_number(value, "life_steps", least=0)
+    @total_steps.setter
+    def total_steps(self, value: int) -> None:
+        self._total_steps = checks.integer(value, "total_steps", minimum=0)
 
     @property
     def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
@@ -193,7 +193,7 @@ class OpenCabinetTask(SuiteTask):
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         refresh(physics)
-        self._show(self._rules.start(self._sensors.read(physics), np.zeros(self._rules.noise_scale.shape)), physics)
+        self._show(self._mdp.initial_state(self._sensors.read(physics), np.zeros(self._mdp.noise_scale.shape)), physics)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         # The right finger has the left one's limits.
@@ -209,7 +209,7 @@ class OpenCabinetTask(SuiteTask):
             self._randomizer.set(drawn)
         self._random = random_state
         refresh(physics)
-        self._show(self._rules.start(self._sensors.read(physics), self._rules.draw_noise(random_state)), physics)
+        self._show(self._mdp.initial_state(self._sensors.read(physics), self._mdp.draw_noise(random_state)), physics)
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the servos' targets for the whole control step.
@@ -221,7 +221,7 @@ class OpenCabinetTask(SuiteTask):
         self._action = checks.vector(action, ACTION_SIZE, "action").copy()
         self._random = random_state
         positions = physics.data.qpos[self._sensors.joint_qpos]
-        self._target = self._rules.command(positions, self._action, self._rules.draw_gripper(random_state))
+        self._target = self._mdp.compute_control(positions, self._action, self._mdp.draw_gripper(random_state))
         physics.data.ctrl[self._sensors.ctrl] = self._target
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -229,15 +229,15 @@ class OpenCabinetTask(SuiteTask):
         if not physics.legacy_step:
             # MuJoCo's own step leaves positions in space where they were before it.
             refresh(physics)
-        state = self._rules.advance(
+        state = self._mdp.step(
             self._state,
             action=self._action,
             target=self._target,
-            life_steps=self._life_steps,
-            snapshot=self._sensors.read(physics),
-            noise=self._rules.draw_noise(random_state),
+            total_steps=self._total_steps,
+            features=self._sensors.read(physics),
+            noise=self._mdp.draw_noise(random_state),
         )
-        self._life_steps += 1
+        self._total_steps += 1
         self._show(state, physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
@@ -252,28 +252,28 @@ class OpenCabinetTask(SuiteTask):
         state = self._state
         return {
             "drawer": self._drawer,
-            "life_steps": self._life_steps,
+            "total_steps": self._total_steps,
             "previous_action": state.previous_action.copy(),
             "terminates": bool(state.terminates),
             "succeeded": bool(state.succeeded),
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
-            "snapshot": Snapshot(state.snapshot).arrays(),
+            "features": Features(state.features).arrays(),
             "randomization": dict(self._randomizer.values) if self._randomizer else {},
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        state = checks.like(state, self.get_state(), "task state")
-        life_steps = checks.whole_number(state["life_steps"].item(), "life_steps", least=0)
+        state = checks.matching(state, self.get_state(), "task state")
+        total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
         drawn = checked(state["randomization"])
-        self._life_steps = life_steps
+        self._total_steps = total_steps
         if self._randomizer:
             self._randomizer.set(drawn)
-        start = self._rules.start(Snapshot.of(**state["snapshot"]).values, state["noise"])
+        start = self._mdp.initial_state(Features.of(**state["features"]).values, state["noise"])
         arrays = {name: state[name] for name in ("previous_action", "terms", "terminates", "succeeded")}
         self._show(start._replace(**arrays))
 
-    def _show(self, state: DrawerState, physics: mjcf.Physics | None = None) -> None:
+    def _show(self, state: OpenCabinetState, physics: mjcf.Physics | None = None) -> None:
         """Takes up a state; the observation shows it, and with a physics the handle's colour."""
         self._state = state
         self._observation.show(state.observation, state.noise)

@@ -14,7 +14,7 @@ from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 @pytest.fixture(scope="module")
 def scene():
-    return entities.build_cabinet_scene(visuals=False)
+    return entities.build_open_cabinet_scene(visuals=False)
 
 
 @pytest.fixture
@@ -101,11 +101,11 @@ def test_doors_open_outwards(scene, physics, door):
 @pytest.mark.parametrize("drawer", DRAWERS)
 def test_a_drawer_weighs_what_its_design_says(scene, physics, drawer):
     body = scene.cabinet.drawer_joint(drawer).parent
-    np.testing.assert_allclose(physics.bind(body).mass, scene.cabinet.design.drawer_mass, rtol=1e-12)
+    np.testing.assert_allclose(physics.bind(body).mass, scene.cabinet.config.drawer_mass, rtol=1e-12)
 
 
 def test_a_design_moves_what_it_names():
-    design = entities.CabinetDesign(handle_height=-0.03, handle_clearance=0.05, drawer_friction=7.0)
+    design = entities.CabinetConfig(handle_height=-0.03, handle_clearance=0.05, drawer_friction=7.0)
     cabinet = entities.Cabinet(design, visuals=False)
     physics = mjcf.Physics.from_mjcf_model(cabinet.mjcf_model)
     np.testing.assert_allclose(physics.bind(cabinet.handle_site("top")).xpos, [0.318, 0, 0.22], atol=1e-12)
@@ -115,7 +115,7 @@ def test_a_design_moves_what_it_names():
 @pytest.mark.parametrize("change", [{"drawer_mass": 0.0}, {"drawer_damping": float("nan")}, {"size": (0.5, -1, 0.8)}])
 def test_a_design_refuses_what_cannot_be_built(change):
     with pytest.raises(ValueError, match=rf"{next(iter(change))} of a cabinet must be finite and positive, got"):
-        dataclasses.replace(entities.CabinetDesign(), **change)
+        dataclasses.replace(entities.CabinetConfig(), **change)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_a_design_refuses_what_cannot_be_built(change):
 )
 def test_a_design_refuses_by_name_what_does_not_fit(change, error):
     with pytest.raises(error, match=rf"{next(iter(change))} of a cabinet .*must"):
-        entities.CabinetDesign(**change)
+        entities.CabinetConfig(**change)
 
 
 def test_designs_at_the_edge_of_what_fits_can_be_built():
@@ -157,7 +157,7 @@ def test_designs_at_the_edge_of_what_fits_can_be_built():
         {"drawer_heights": (0.0, -0.22)},
     ]
     for design in designs:
-        mjcf.Physics.from_mjcf_model(entities.Cabinet(entities.CabinetDesign(**design), visuals=False).mjcf_model)
+        mjcf.Physics.from_mjcf_model(entities.Cabinet(entities.CabinetConfig(**design), visuals=False).mjcf_model)
 
 
 @pytest.mark.parametrize("which", DRAWERS)
@@ -208,7 +208,7 @@ def test_energy_does_not_grow_in_a_closed_idle_scene(physics):
 
 
 def test_visuals_change_no_physics(scene, physics):
-    seen = mjcf.Physics.from_mjcf_model(entities.build_cabinet_scene(visuals=True).arena.mjcf_model)
+    seen = mjcf.Physics.from_mjcf_model(entities.build_open_cabinet_scene(visuals=True).arena.mjcf_model)
     assert seen.model.ngeom > physics.model.ngeom
     random = np.random.default_rng(0)
     for each in (seen, physics):
@@ -225,6 +225,6 @@ def test_visuals_change_no_physics(scene, physics):
 
 @pytest.mark.rendering
 def test_every_camera_sees_something():
-    seen = mjcf.Physics.from_mjcf_model(entities.build_cabinet_scene().arena.mjcf_model)
+    seen = mjcf.Physics.from_mjcf_model(entities.build_open_cabinet_scene().arena.mjcf_model)
     for camera in ("overview", "handle", "franka/wrist"):
         assert seen.render(60, 80, camera_id=camera).std() > 10

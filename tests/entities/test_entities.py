@@ -74,7 +74,7 @@ def test_a_finger_closes_in_less_than_two_seconds():
 
 
 def test_without_visuals_only_what_collides_is_left():
-    kitchen = entities.build_kitchen(visuals=False)
+    kitchen = entities.build_kitchen_scene(visuals=False)
     model = mjcf.Physics.from_mjcf_model(kitchen.arena.mjcf_model).model
     rest = {model.geom(i).name for i in range(model.ngeom) if not model.geom_contype[i] | model.geom_conaffinity[i]}
     assert rest == {"far_above", "far_right"}
@@ -82,7 +82,7 @@ def test_without_visuals_only_what_collides_is_left():
 
 
 def test_the_kitchen_lists_its_things_in_the_order_of_the_observation():
-    kitchen = entities.build_kitchen(visuals=False)
+    kitchen = entities.build_kitchen_scene(visuals=False)
     assert [joint.full_identifier for joint in kitchen.object_joints][:2] == [
         "oven/knob_Joint_1",
         "oven/bottom_right_burner",

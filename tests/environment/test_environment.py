@@ -9,14 +9,14 @@ from dm_control.composer.variation import distributions, noises
 from dm_control.rl import control
 
 from kitchen_suite import suite
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.random_state import make_random_state
 from kitchen_suite.tasks import KitchenTask
 
 
 def make_task(cls=KitchenTask, **options):
-    return cls(build_kitchen(visuals=False), **options)
+    return cls(build_kitchen_scene(visuals=False), **options)
 
 
 def trajectory(environment, steps=20):
@@ -90,7 +90,7 @@ def test_an_observable_that_needs_them_sees_every_substep(settings):
 
 def test_an_observable_enabled_later_counts_from_the_next_reset():
     environment = Environment(make_task())
-    prop = environment.task.kitchen.props["microwave"].observables.joint_positions
+    prop = environment.task.scene.props["microwave"].observables.joint_positions
     prop.configure(enabled=True, buffer_size=2)
     assert environment.reset().observation["microwave/joint_positions"].shape == (2, 1)
     assert count_physics_calls(environment) == [1] * 40
@@ -198,7 +198,7 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil, error, words):
 def test_a_state_continues_the_stream_although_a_users_corruptor_draws():
     def make():
         environment = Environment(make_task(), random_state=1)
-        prop = environment.task.kitchen.props["microwave"].observables.joint_positions
+        prop = environment.task.scene.props["microwave"].observables.joint_positions
         prop.configure(enabled=True, corruptor=noises.Additive(distributions.Uniform(-1.0, 1.0)))
         environment.reset()
         return environment
@@ -218,7 +218,7 @@ def test_colours_follow_a_state():
     options = {"random": 0, "goals": {"microwave": [0.1]}, "terminate_on_tasks_completed": False}
     environment = suite.load("kitchen", "all", options, visualize_reward=True)
     environment.reset()
-    door = environment.physics.bind(environment.task.kitchen.props["microwave"].mjcf_model.find("geom", "door_visual"))
+    door = environment.physics.bind(environment.task.scene.props["microwave"].mjcf_model.find("geom", "door_visual"))
     state, plain = environment.get_state(), door.rgba.copy()
     environment.step(np.zeros(9))
     assert not np.array_equal(door.rgba, plain)

@@ -8,7 +8,7 @@ import pytest
 from dm_control import mjcf
 from reference import BODIES, colliding_geoms, reference_model, same_geoms
 
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import build_kitchen_scene
 
 FIELDS = ("dist", "pos", "frame", "includemargin", "friction", "solref", "solreffriction", "solimp", "dim")
 # Corners of a box that holds the room and some of what is beyond its walls and below its floor [m].
@@ -17,7 +17,7 @@ ROOM = ((-2.0, -1.5, -0.2), (2.0, 2.0, 3.2))
 
 @pytest.fixture(scope="module", params=[True, False], ids=["visuals", "no_visuals"])
 def ours(request):
-    return mjcf.Physics.from_mjcf_model(build_kitchen(visuals=request.param).arena.mjcf_model).model.ptr
+    return mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=request.param).arena.mjcf_model).model.ptr
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from dm_control import mjcf
 from reference import BODIES, colliding_geoms, reference_joint, reference_model, same_geoms
 
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import build_kitchen_scene
 
 JOINT_FIELDS = [
     "type",
@@ -52,7 +52,7 @@ SIZES = {"PLANE": 3, "SPHERE": 1, "CAPSULE": 2, "CYLINDER": 2, "BOX": 3, "MESH":
 
 @pytest.fixture(scope="module", params=[True, False], ids=["visuals", "no_visuals"])
 def ours(request):
-    return mjcf.Physics.from_mjcf_model(build_kitchen(visuals=request.param).arena.mjcf_model).model.ptr
+    return mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=request.param).arena.mjcf_model).model.ptr
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from dm_control import mjcf
 from reference import original_environment, random_actions, reference_model
 
 from kitchen_suite import suite
-from kitchen_suite.entities import build_kitchen
+from kitchen_suite.entities import build_kitchen_scene
 
 STEPS = 280
 OBSERVATION_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
@@ -94,7 +94,7 @@ def test_float32_actions_are_used_as_they_are():
 
 def test_one_step_from_a_thousand_states_is_equal():
     reference = reference_model()
-    ours = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=False).arena.mjcf_model).model.ptr
+    ours = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
     here, there = mujoco.MjData(ours), mujoco.MjData(reference)
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART | mujoco.mjtState.mjSTATE_CTRL
     state = np.empty(mujoco.mj_stateSize(reference, spec))
@@ -119,7 +119,7 @@ def test_rollouts_from_flung_states_are_equal(visuals):
     """All joints start anywhere, at great speed, and the kettle flies at the robot."""
     rng = np.random.default_rng(0)
     reference = reference_model()
-    ours = mjcf.Physics.from_mjcf_model(build_kitchen(visuals=visuals).arena.mjcf_model).model.ptr
+    ours = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=visuals).arena.mjcf_model).model.ptr
     touching = 0
     for _ in range(20):
         here, there = mujoco.MjData(ours), mujoco.MjData(reference)

@@ -71,10 +71,10 @@ def test_the_life_counter_survives_resets_and_travels_with_the_state():
     for action in actions(5):
         env.step(action)
     _, info = env.reset()
-    assert (env.environment.task.life_steps, info["episode_step"]) == (5, 0)
+    assert (env.environment.task.total_steps, info["episode_step"]) == (5, 0)
     other = FrankaOpenCabinetEnv()
     other.reset(options={"state": env.get_state()})
-    assert other.environment.task.life_steps == 5
+    assert other.environment.task.total_steps == 5
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

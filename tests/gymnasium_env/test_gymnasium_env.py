@@ -309,7 +309,7 @@ def test_a_state_brings_everything_back():
     expected = [env.step(action) for action in actions(10, seed=1)]
     observation = env.set_state(state)
     assert_same(observation, before[0])
-    assert_same(env.info(), before[4])
+    assert_same(env._get_info(), before[4])
     assert_same([env.step(action) for action in actions(10, seed=1)], expected)
     other = FrankaKitchenEnv(**EASY)
     assert_same(other.reset(options={"state": pickle.loads(pickle.dumps(state))}), (before[0], before[4]))

@@ -82,7 +82,7 @@ def test_observations_alone_are_enough():
 def test_instances_do_not_disturb_each_other(load):
     env = load("kettle")
     _, alone = episode(env, experts.make(env.task), 5)
-    other = experts.KitchenExpert(["microwave"], style=experts.Style(jitter=0.02))
+    other = experts.KitchenExpert(["microwave"], style=experts.MotionStyle(jitter=0.02))
 
     class Disturbed:
         def __init__(self):
@@ -98,7 +98,7 @@ def test_instances_do_not_disturb_each_other(load):
 
 
 def test_a_seed_fixes_all_actions_and_an_instance_serves_many_episodes(load):
-    env, style = load("kettle"), experts.Style(jitter=0.02, action_noise=0.05)
+    env, style = load("kettle"), experts.MotionStyle(jitter=0.02, action_noise=0.05)
     expert = experts.make(env.task, style=style)
     first, second, again = (episode(env, expert, seed)[1] for seed in (7, 8, 7))
     np.testing.assert_array_equal(first, again)
@@ -108,7 +108,7 @@ def test_a_seed_fixes_all_actions_and_an_instance_serves_many_episodes(load):
 
 def test_actions_are_single_precision_and_within_bounds(load):
     _, actions = episode(
-        load("microwave"), experts.KitchenExpert(["microwave"], style=experts.Style(action_noise=1)), 0
+        load("microwave"), experts.KitchenExpert(["microwave"], style=experts.MotionStyle(action_noise=1)), 0
     )
     assert actions.dtype == np.float32
     assert np.abs(actions).max() == 1.0
@@ -118,10 +118,10 @@ def test_actions_are_single_precision_and_within_bounds(load):
 
 
 STYLES = {
-    "slow": experts.Style(speed=0.6),
-    "noisy": experts.Style(action_noise=0.1),
-    "jittered": experts.Style(jitter=0.02),
-    "all": experts.Style(speed=0.8, action_noise=0.1, jitter=0.02),
+    "slow": experts.MotionStyle(speed=0.6),
+    "noisy": experts.MotionStyle(action_noise=0.1),
+    "jittered": experts.MotionStyle(jitter=0.02),
+    "all": experts.MotionStyle(speed=0.8, action_noise=0.1, jitter=0.02),
 }
 
 
@@ -147,7 +147,7 @@ def test_a_task_that_came_undone_is_done_again(load):
     env = load("slide_cabinet", terminate_on_tasks_completed=False, time_limit=12.0)
     env.random_state.seed(0)
     timestep, expert = env.reset(), experts.make(env.task)
-    slide = env.physics.bind(env.task.kitchen.props["slide_cabinet"].joints)
+    slide = env.physics.bind(env.task.scene.props["slide_cabinet"].joints)
     for step in range(110):
         if step == 60:
             assert slide.qpos > 0.07
@@ -206,15 +206,15 @@ def test_all_planned_poses_can_be_reached():
 
 
 REFUSED = {
-    "speed must be at most 1": lambda: experts.Style(speed=1.5),
-    "speed must be finite and positive": lambda: experts.Style(speed=0),
-    "action_noise must be finite and non-negative": lambda: experts.Style(action_noise=-1),
-    "jitter must be a number": lambda: experts.Style(jitter="much"),
+    "speed must be at most 1": lambda: experts.MotionStyle(speed=1.5),
+    "speed must be finite and positive": lambda: experts.MotionStyle(speed=0),
+    "action_noise must be finite and non-negative": lambda: experts.MotionStyle(action_noise=-1),
+    "jitter must be a number": lambda: experts.MotionStyle(jitter="much"),
     "did you mean 'light switch'": lambda: experts.KitchenExpert(["light_switch"]),
     "is empty": lambda: experts.KitchenExpert([]),
     "threshold must be finite and positive": lambda: experts.KitchenExpert(["kettle"], threshold=0),
     "in_order must be True or False": lambda: experts.KitchenExpert(["kettle"], in_order="yes"),
-    "style must be a Style": lambda: experts.KitchenExpert(["kettle"], style={"speed": 1}),
+    "style must be a MotionStyle": lambda: experts.KitchenExpert(["kettle"], style={"speed": 1}),
     "drawer 'middle' does not exist": lambda: experts.DrawerExpert("middle"),
     r"must have shape \(59,\)": lambda: experts.KitchenExpert(["kettle"]).act(np.zeros(25)),
     "must be finite": lambda: experts.KitchenExpert(["kettle"]).act(np.full(59, np.nan)),
@@ -269,10 +269,10 @@ def test_a_hundred_unseen_seeds(load, task_name, time_limit, least):
 
 # Styles, and how many of 20 episodes of all seven tasks must succeed within 450 steps.
 DEMANDING = {
-    "noisy": (experts.Style(action_noise=0.2), 18),
-    "jittered": (experts.Style(jitter=0.03), 19),
-    "mixed": (experts.Style(speed=0.75, action_noise=0.1, jitter=0.02), 19),
-    "slow": (experts.Style(speed=0.5), 20),
+    "noisy": (experts.MotionStyle(action_noise=0.2), 18),
+    "jittered": (experts.MotionStyle(jitter=0.03), 19),
+    "mixed": (experts.MotionStyle(speed=0.75, action_noise=0.1, jitter=0.02), 19),
+    "slow": (experts.MotionStyle(speed=0.5), 20),
 }
 
 

@@ -10,9 +10,9 @@ from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 
 DRAWERS = ("top", "bottom")
 STYLES = {
-    "slow": experts.Style(speed=0.6),
-    "noisy": experts.Style(action_noise=0.001),
-    "jittered": experts.Style(jitter=0.02),
+    "slow": experts.MotionStyle(speed=0.6),
+    "noisy": experts.MotionStyle(action_noise=0.001),
+    "jittered": experts.MotionStyle(jitter=0.02),
 }
 
 
@@ -67,7 +67,7 @@ def test_a_style_changes_the_way_and_opens_the_drawer(drawer, style):
 
 def test_a_seed_fixes_all_actions_at_the_cabinet():
     env = load()
-    expert = experts.make(env.task, style=experts.Style(jitter=0.02, action_noise=0.001))
+    expert = experts.make(env.task, style=experts.MotionStyle(jitter=0.02, action_noise=0.001))
     first, other, again = (opening(env, expert, seed)[1] for seed in (206, 207, 206))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)

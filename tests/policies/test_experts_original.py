@@ -13,7 +13,7 @@ TASKS = ["microwave", "kettle", "light switch", "slide cabinet"]
 @pytest.mark.parametrize("seed", [5, 2**33 + 1])
 def test_demonstrations_do_in_the_original_what_they_do_here(seed):
     ours = FrankaKitchenEnv(tasks_to_complete=TASKS)
-    expert = experts.KitchenExpert(TASKS, style=experts.Style(action_noise=0.05, jitter=0.01))
+    expert = experts.KitchenExpert(TASKS, style=experts.MotionStyle(action_noise=0.05, jitter=0.01))
     expert.reset(np.random.default_rng(seed))
     seen, _ = ours.reset(seed=seed)
     with original_environment(tasks_to_complete=TASKS) as original:

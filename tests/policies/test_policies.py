@@ -9,7 +9,7 @@ import pytest
 from dm_env import specs
 
 from kitchen_suite import policies, suite
-from kitchen_suite.rollouts.episode import Outcome
+from kitchen_suite.rollouts.episode import EpisodeStats
 from kitchen_suite.rollouts.report import Report
 
 START = dm_env.restart(observation={})
@@ -70,7 +70,7 @@ def test_importing_a_module_that_exits_does_not_exit(tmp_path, monkeypatch):
 
 
 def outcome(seed=0, **results):
-    return Outcome(seed=seed, steps=10, total_reward=-1234.5678, results=results, seconds=0.5)
+    return EpisodeStats(seed=seed, steps=10, total_reward=-1234.5678, results=results, seconds=0.5)
 
 
 def test_any_results_are_reported():

@@ -15,7 +15,7 @@ from kitchen_suite.cli import record
 from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.recordings.folder import Staging
+from kitchen_suite.recordings.folder import RecordingFolder
 from kitchen_suite.rollouts.episode_arrays import nested
 
 TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
@@ -300,7 +300,7 @@ def test_a_policy_can_be_recorded(domain, tmp_path):
     arguments += ["--num_episodes=2", "--max_episode_steps=5", f"--output={tmp_path / 'episodes'}"]
     assert record.main(arguments) == 0
     for index in range(2):
-        arrays = Staging.open(tmp_path / "episodes").load(index).arrays
+        arrays = RecordingFolder.open(tmp_path / "episodes").load(index).arrays
         seen = trained_policy.flat(nested(arrays, "observation"))[:-1]
         # Several observations are summed up in another order than one.
         np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)

@@ -110,7 +110,7 @@ def minari_versions(about):
 
 def test_a_dataset_can_be_made_of_a_recording_that_is_there(run, monkeypatch):
     assert run()[0] == 0
-    monkeypatch.setattr("kitchen_suite.recordings.spec.Recipe.environments", None)  # Nothing is played again.
+    monkeypatch.setattr("kitchen_suite.recordings.spec.RecordingSpec.environments", None)  # Nothing is played again.
     # Minari's ids need no namespace.
     assert run("--dataset=random-v1")[0] == 0
     assert minari.load_dataset("random-v1").total_episodes == 3

@@ -7,9 +7,9 @@ import pytest
 from cabinet_reference import HIGH, LOW, ROBOT_JOINTS, TERMS, RecomputedGrasp
 
 from kitchen_suite import suite
-from kitchen_suite.entities import CabinetDesign
+from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.gymnasium_env import CABINET_ID
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward, grip
 from kitchen_suite.tasks.open_cabinet.reward import opening
 
@@ -41,7 +41,7 @@ def test_every_term_recomputed_at_random_states(drawer):
     for _ in range(500):
         env.reset()
         life, action = int(random.integers(0, 16_000)), 0.01 * random.normal(size=8)
-        env.task.life_steps = life
+        env.task.total_steps = life
         random_state(env.physics, drawer, random)
         timestep = env.step(action)
         expected = RecomputedGrasp(env.physics, drawer, action, life)
@@ -65,8 +65,8 @@ def pulling_steps(env, act):
     while not timestep.last():
         timestep = env.step(act(timestep))
         if timestep.observation["drawer_velocity"][0] > 0.01:
-            snapshot = Snapshot(env.task.state.snapshot)
-            steps.append((snapshot, env.task.reward_terms, cabinet_expert.pads_on_bar(env)))
+            features = Features(env.task.state.features)
+            steps.append((features, env.task.reward_terms, cabinet_expert.pads_on_bar(env)))
     assert env.task.is_success
     return steps
 
@@ -77,7 +77,7 @@ def test_the_expert_earns_all_there_is_for_holding_while_it_pulls(task):
     env.reset()
     steps = pulling_steps(env, cabinet_expert.opening_policy(env))
     assert len(steps) > 150
-    assert np.mean([grip(snapshot, 0.006).holding for snapshot, _, _ in steps]) > 0.98
+    assert np.mean([grip(features, 0.006).holding for features, _, _ in steps]) > 0.98
     assert np.mean([terms["grasp"] for _, terms, _ in steps]) > 0.98 * 4
     paid = sum(terms["opening"] for _, terms, _ in steps)
     assert paid > 0.98 * sum(50 * s.drawer_position + 10 * s.drawer_velocity for s, _, _ in steps)
@@ -92,7 +92,7 @@ def test_a_hand_that_drags_the_bar_earns_nothing_for_opening():
     assert max(terms["opening"] for _, terms, _ in steps) < 0.01
     assert max(terms["grasp"] for _, terms, _ in steps) < 0
     # The original reward pays for that.
-    assert max(opening(snapshot) for snapshot, _, _ in steps) > 5
+    assert max(opening(features) for features, _, _ in steps) > 5
 
 
 @pytest.mark.parametrize(("gripper", "sign"), [(cabinet_expert.OPEN, 0), (-cabinet_expert.OPEN, -1)])
@@ -114,23 +114,23 @@ def test_closing_a_drawer_costs_whether_it_is_held_or_not():
     slide = env.physics.bind(env.task.scene.cabinet.drawer_joint("top"))
     slide.qpos, slide.qvel = 0.3, -1.0
     env.step(np.zeros(8))
-    velocity = float(Snapshot(env.task.state.snapshot).drawer_velocity)
+    velocity = float(Features(env.task.state.features).drawer_velocity)
     assert velocity < -0.4
     assert env.task.reward_terms["opening"] == pytest.approx(10 * velocity)
 
 
 def grips(shape):
     """Snapshots of aligned grippers with the bar in their middle, and the fingers' free space on either side [m]."""
-    snapshot = Snapshot(np.zeros((*shape, 36)))
-    snapshot.values[..., [21, 28]] = 1.0
+    features = Features(np.zeros((*shape, 36)))
+    features.values[..., [21, 28]] = 1.0
     spaces = np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
-    snapshot.values[..., [7, 8]] = 0.006 + spaces
-    return snapshot, spaces
+    features.values[..., [7, 8]] = 0.006 + spaces
+    return features, spaces
 
 
 def test_it_is_the_farther_pad_that_counts():
-    snapshot, spaces = grips((4, 5))
-    held = grip(snapshot, 0.006)
+    features, spaces = grips((4, 5))
+    held = grip(features, 0.006)
     np.testing.assert_allclose(held.gap, spaces.max(axis=-1), atol=1e-15)
     np.testing.assert_array_equal(held.enclosure, np.ones((4, 5)))
     np.testing.assert_allclose(held.holding, 1 / (1 + 1000 * spaces.max(axis=-1)), rtol=1e-12)
@@ -139,12 +139,12 @@ def test_it_is_the_farther_pad_that_counts():
 @pytest.mark.parametrize(("column", "end"), [(25, 0.03), (26, 0.006), (27, 0.0095)])
 def test_no_bar_is_held_beyond_the_pads(column, end):
     for side in (-1, 1):
-        snapshot, _ = grips(())
-        snapshot.values[[7, 8]] = 0.006
+        features, _ = grips(())
+        features.values[[7, 8]] = 0.006
         shares = []
         for place in np.linspace(0.0, 1.2 * end, 13):
-            snapshot.values[column] = side * place
-            shares.append(float(grip(Snapshot(snapshot.values), 0.006).enclosure))
+            features.values[column] = side * place
+            shares.append(float(grip(Features(features.values), 0.006).enclosure))
         assert shares[0] == 1.0
         assert 0.0 < shares[8] < 1.0
         assert max(shares[10:]) < 1e-9
@@ -152,11 +152,11 @@ def test_no_bar_is_held_beyond_the_pads(column, end):
 
 
 def test_no_bar_is_held_beside_fingers_that_open_along_it():
-    snapshot, _ = grips(())
-    snapshot.values[[7, 8]] = 0.006
-    snapshot.values[21:25] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)
-    snapshot.values[26] = 0.02
-    assert grip(snapshot, 0.006).enclosure == 0.0
+    features, _ = grips(())
+    features.values[[7, 8]] = 0.006
+    features.values[21:25] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)
+    features.values[26] = 0.02
+    assert grip(features, 0.006).enclosure == 0.0
 
 
 def test_a_batch_earns_what_its_rows_do():
@@ -166,22 +166,22 @@ def test_a_batch_earns_what_its_rows_do():
     batch.values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
     reward = GraspReward(handle_radius=0.006)
     gripper, change, life = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
-    terms = reward(batch, gripper=gripper, action_change=change, life_steps=life)
+    terms = reward(batch, gripper=gripper, action_change=change, total_steps=life)
     assert len(set(terms["opening"])) > 20
     for i in range(30):
-        row = Snapshot(batch.values[i])
-        single = reward(row, gripper=gripper[i], action_change=change[i], life_steps=int(life[i]))
+        row = Features(batch.values[i])
+        single = reward(row, gripper=gripper[i], action_change=change[i], total_steps=int(life[i]))
         for name, term in single.items():
             assert term.shape == ()
             np.testing.assert_allclose(term, terms[name][i], rtol=1e-13, atol=1e-15)
 
 
 def test_a_thicker_bar_is_held_by_fingers_farther_apart():
-    snapshot, _ = grips(())
-    snapshot.values[[7, 8]] = 0.01
-    assert grip(snapshot, 0.01).holding == 1.0
-    assert grip(snapshot, 0.006).holding == pytest.approx(0.2)
-    env = load(design=CabinetDesign(handle_radius=0.01))
+    features, _ = grips(())
+    features.values[[7, 8]] = 0.01
+    assert grip(features, 0.01).holding == 1.0
+    assert grip(features, 0.006).holding == pytest.approx(0.2)
+    env = load(cabinet_config=CabinetConfig(handle_radius=0.01))
     env.reset()
     steps = pulling_steps(env, cabinet_expert.opening_policy(env))
     assert np.mean([terms["grasp"] for _, terms, _ in steps]) > 0.98 * 4

@@ -6,7 +6,7 @@ import pytest
 from kitchen_suite.tasks.open_cabinet import action as drawer_control
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
-from kitchen_suite.tasks.open_cabinet.features import Snapshot
+from kitchen_suite.tasks.open_cabinet.features import Features
 
 
 def snapshots(shape, seed=0):
@@ -16,7 +16,7 @@ def snapshots(shape, seed=0):
         raw = random.normal(size=(*shape, 4))
         return raw / np.linalg.norm(raw, axis=-1, keepdims=True)
 
-    return Snapshot.of(
+    return Features.of(
         joint_positions=random.uniform(-3, 3, (*shape, 9)),
         joint_velocities=random.normal(size=(*shape, 9)) * 2,
         tcp_position=random.uniform(-0.02, 0.02, (*shape, 3)),
@@ -30,24 +30,26 @@ def snapshots(shape, seed=0):
     )
 
 
-def changed(snapshot, **parts):
-    return Snapshot.of(**{**snapshot.arrays(), **parts})
+def changed(features, **parts):
+    return Features.of(**{**features.arrays(), **parts})
 
 
 def row(batch, i):
-    return Snapshot(batch.values[i])
+    return Features(batch.values[i])
 
 
 def test_a_batch_gives_what_its_rows_give():
     batch = snapshots((50,))
     random = np.random.default_rng(1)
     gripper, change, life = random.choice([0.0, 0.04], 50), random.normal(size=(50, 8)), random.integers(0, 16_000, 50)
-    terms = drawer_reward.reward_terms(batch, gripper=gripper, action_change=change, life_steps=life)
+    terms = drawer_reward.reward_terms(batch, gripper=gripper, action_change=change, total_steps=life)
     for i in range(50):
         alone = row(batch, i)
         np.testing.assert_array_equal(drawer_observation.observe(alone), drawer_observation.observe(batch)[i])
         assert drawer_reward.terminates(alone) == drawer_reward.terminates(batch)[i]
-        single = drawer_reward.reward_terms(alone, gripper=gripper[i], action_change=change[i], life_steps=int(life[i]))
+        single = drawer_reward.reward_terms(
+            alone, gripper=gripper[i], action_change=change[i], total_steps=int(life[i])
+        )
         for name, term in single.items():
             assert term.shape == ()
             assert terms[name].shape == (50,)

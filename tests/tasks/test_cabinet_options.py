@@ -84,7 +84,7 @@ def test_a_bad_action_is_refused_before_anything_changes(action, error, message)
         ({"observation_noise": {"handle_offset": -0.1}}, ValueError, "observation_noise of 'handle_offset' must be"),
         ({"observation_noise": 0.1}, TypeError, "observation_noise must map parts"),
         ({"randomization": "yes"}, TypeError, "randomization must be a Randomization, got 'yes'"),
-        ({"design": "large"}, TypeError, "design must be a CabinetDesign, got 'large'"),
+        ({"cabinet_config": "large"}, TypeError, "cabinet_config must be a CabinetConfig, got 'large'"),
         ({"visuals": 1}, TypeError, "visuals must be True or False, got 1"),
         ({"time_limit": 0}, ValueError, "time_limit must be finite and positive, got 0"),
         ({"time_limit": float("nan")}, ValueError, "time_limit must be finite and positive, got nan"),
@@ -129,6 +129,6 @@ def test_no_limit_means_no_limit():
 
 
 def test_a_design_reaches_the_scene():
-    env = load(design=entities.CabinetDesign(drawer_friction=5.0, drawer_damping=20.0))
+    env = load(cabinet_config=entities.CabinetConfig(drawer_friction=5.0, drawer_damping=20.0))
     joint = env.physics.bind(env.task.scene.cabinet.drawer_joint("top"))
     assert (joint.frictionloss.item(), joint.damping.item()) == (5.0, 20.0)

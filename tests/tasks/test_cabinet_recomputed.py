@@ -30,7 +30,7 @@ def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
         env.reset()
         life = int(random.integers(0, 16_000))
         actions = 0.3 * random.normal(size=(2, 8))
-        env.task.set_state({**env.task.get_state(), "life_steps": life, "previous_action": actions[0]})
+        env.task.set_state({**env.task.get_state(), "total_steps": life, "previous_action": actions[0]})
         random_state(env.physics, random)
         timestep = env.step(actions[1])
         expected = Recomputed(env.physics, drawer, actions[1] - actions[0], life)

@@ -15,8 +15,8 @@ def load(task="top_drawer", **options):
 @pytest.mark.parametrize(
     ("change", "error"),
     [
-        ({"life_steps": -1}, ValueError),
-        ({"life_steps": 1.5}, TypeError),
+        ({"total_steps": -1}, ValueError),
+        ({"total_steps": 1.5}, TypeError),
         ({"previous_action": np.zeros(7)}, ValueError),
         ({"previous_action": np.full(8, np.nan)}, ValueError),
         ({"colour": 1}, ValueError),
@@ -40,7 +40,7 @@ def test_an_environment_goes_on_from_anothers_state(randomization):
     for action in actions[:20]:
         one.step(action)
     observation = other.set_state(one.get_state())
-    now = one.task.get_state()["snapshot"]["handle_position"] - one.task.get_state()["snapshot"]["tcp_position"]
+    now = one.task.get_state()["features"]["handle_position"] - one.task.get_state()["features"]["tcp_position"]
     np.testing.assert_allclose(observation["handle_offset"], now, atol=1e-6)
     assert other.task.reward_terms == one.task.reward_terms
     for action in actions[20:]:
@@ -61,7 +61,7 @@ def test_a_grasped_and_moving_drawer_goes_on_from_anothers_state(randomization):
         assert timestep.mid()
     other.set_state(one.get_state())
     assert cabinet_expert.pads_on_bar(one)
-    assert one.task.get_state()["snapshot"]["drawer_velocity"] > 0.05
+    assert one.task.get_state()["features"]["drawer_velocity"] > 0.05
     for _ in range(30):
         action = act(timestep)
         timestep, copy = one.step(action), other.step(action)
@@ -79,7 +79,7 @@ def test_a_state_of_the_other_drawer_is_refused():
     with pytest.raises(ValueError, match=r"\['drawer'\] must be 'bottom', got 'top'"):
         bottom.set_state(top.get_state())
     after = bottom.task.get_state()
-    np.testing.assert_array_equal(after["snapshot"]["handle_position"], before["snapshot"]["handle_position"])
+    np.testing.assert_array_equal(after["features"]["handle_position"], before["features"]["handle_position"])
 
 
 def test_a_state_with_a_negative_friction_is_refused_before_anything_changes():
@@ -87,8 +87,8 @@ def test_a_state_with_a_negative_friction_is_refused_before_anything_changes():
     state = task.get_state()
     state["randomization"]["drawer_friction"] = np.array(-1.0)
     with pytest.raises(ValueError, match="drawer_friction must be finite and non-negative, got -1"):
-        task.set_state({**state, "life_steps": 5})
-    assert task.life_steps == 0
+        task.set_state({**state, "total_steps": 5})
+    assert task.total_steps == 0
 
 
 @pytest.mark.filterwarnings("error")

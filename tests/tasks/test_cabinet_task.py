@@ -138,14 +138,14 @@ def test_penalties_grow_at_step_8000_of_life_and_resets_do_not_restart_the_count
     env = load()
     action, efforts = np.full(8, 0.02), []
     env.reset()
-    while env.task.life_steps < 8_004:
+    while env.task.total_steps < 8_004:
         # The action alternates, so that its change is the same in every step but an episode's first.
         action = -action
         timestep = env.step(action)
         if timestep.first():
             continue
         velocity = env.physics.data.qvel[:8]
-        efforts.append((env.task.reward_terms["effort"], (velocity**2).sum(), env.task.life_steps))
+        efforts.append((env.task.reward_terms["effort"], (velocity**2).sum(), env.task.total_steps))
     by_life = {life: (effort, squares) for effort, squares, life in efforts}
     assert len(by_life) == 8_004
     change = 8 * 0.04**2

@@ -117,7 +117,7 @@ def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off(par
 def test_noise_does_not_depend_on_what_is_enabled():
     plain, fuller = load(), load()
     for prop in ("microwave", "kettle", "oven"):
-        fuller.task.kitchen.props[prop].observables.enable_all()
+        fuller.task.scene.props[prop].observables.enable_all()
     for one, other in zip(run(plain, 3), run(fuller, 3), strict=True):
         np.testing.assert_array_equal(one.observation["object_positions"], other.observation["object_positions"])
 
@@ -187,9 +187,9 @@ def test_distances_are_euclidean_over_batches():
 
 def test_completions_are_booked_over_batches():
     within = np.random.default_rng(0).random((6, 50, 3)) < 0.1
-    progress, rewards = Progress.start((6, 3)), np.zeros(6)
+    progress, rewards = Progress.initial((6, 3)), np.zeros(6)
     for t in range(50):
-        progress = progress.advance(within[:, t], remove_task_when_completed=True)
+        progress = progress.update(within[:, t], remove_task_when_completed=True)
         rewards += progress.reward
         assert not (progress.completions & progress.remaining).any()
     first = np.where(within.any(axis=1), within.argmax(axis=1) + 1, -1)
@@ -209,7 +209,7 @@ def test_the_reset_writes_the_references_state_unnormalised():
 def test_the_reward_can_be_seen():
     options = {"random": 0, "goals": {"microwave": [0.1]}, "terminate_on_tasks_completed": False}
     environment = suite.load("kitchen", "all", options, visualize_reward=True)
-    door = environment.task.kitchen.props["microwave"].mjcf_model.find("geom", "door_visual")
+    door = environment.task.scene.props["microwave"].mjcf_model.find("geom", "door_visual")
     environment.reset()
     plain = environment.physics.bind(door).rgba.copy()
     environment.step(np.zeros(9))

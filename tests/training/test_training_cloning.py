@@ -108,15 +108,15 @@ ARGUMENTS = [
 
 
 def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
-    from kitchen_suite.training import behaviour_cloning as cloning
+    from kitchen_suite.training import behaviour_cloning
 
-    cloned, clone = [], cloning.clone
+    cloned, clone = [], behaviour_cloning.clone
 
     def noted(agent, observations, *rest):
         cloned.append(len(observations))
         clone(agent, observations, *rest)
 
-    monkeypatch.setattr(cloning, "clone", noted)
+    monkeypatch.setattr(behaviour_cloning, "clone", noted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 0
     assert cloned == [6 * 150]

@@ -154,8 +154,8 @@ def test_episodes_start_spread_over_their_length():
     known = learner(envs, num_envs=20)
     known.start(0)
     # Twenty episodes of 700 steps: one every 35.
-    assert sorted(envs.info()["episode_step"] % 35) == [34] * 20
-    assert len(set(envs.info()["episode_step"])) == 20
+    assert sorted(envs._get_info()["episode_step"] % 35) == [34] * 20
+    assert len(set(envs._get_info()["episode_step"])) == 20
     envs.close()
 
 
@@ -179,7 +179,7 @@ def test_the_penalties_age_with_the_steps_learned_from():
     known = learner(envs)
     known.steps = 8000 * SMALL["num_envs"]
     known.start(0)
-    assert (envs.life_steps == 8000 + 700).all()
+    assert (envs.total_steps == 8000 + 700).all()
     envs.close()
 
 
@@ -202,7 +202,7 @@ def test_an_evaluation_is_the_same_whatever_was_evaluated_before():
     evaluated = environments(3, AutoresetMode.NEXT_STEP)
     once = evaluate(random_policy(), evaluated, [7, 8, 9])
     # As after many evaluations: the penalties of an environment grow with its life.
-    evaluated.life_steps = np.full(3, 8000)
+    evaluated.total_steps = np.full(3, 8000)
     again = evaluate(random_policy(), evaluated, [7, 8, 9])
     evaluated.close()
     assert set(once) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}

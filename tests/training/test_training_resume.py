@@ -41,7 +41,7 @@ def trained_in():
 @pytest.fixture
 def attempt(trained_in, evaluated, tmp_path):
     """Makes attempts in one folder: each has a new learner, and takes up what the one before has left."""
-    from kitchen_suite.training.seed_run import Attempt, Schedule
+    from kitchen_suite.training.seed_run import Schedule, SeedRun
 
     def make(batches, every=2, seed=0):
         schedule = Schedule(
@@ -53,7 +53,7 @@ def attempt(trained_in, evaluated, tmp_path):
             least_progress=0.0,
         )
         new = learner(trained_in, seed=seed, kl_target=0.01)
-        return Attempt(tmp_path, seed, schedule, new, evaluated, METADATA), new
+        return SeedRun(tmp_path, seed, schedule, new, evaluated, METADATA), new
 
     return make
 

@@ -247,6 +247,6 @@ def test_the_life_of_an_environment_goes_on_over_its_episodes():
     env.step(np.zeros((2, 8)))
     env.reset(options={"reset_mask": np.array([True, False])})
     env.step(np.zeros((2, 8)))
-    assert env.life_steps.tolist() == [4, 4]
-    env.life_steps[:] = 0
-    assert env.life_steps.tolist() == [4, 4]
+    assert env.total_steps.tolist() == [4, 4]
+    env.total_steps[:] = 0
+    assert env.total_steps.tolist() == [4, 4]

@@ -134,12 +134,12 @@ def interrupt(*args, **kwargs):
 @pytest.mark.parametrize(
     ("vector", "place"),
     [
-        (FrankaKitchenVectorEnv, "apply_actions"),
-        (FrankaKitchenVectorEnv, "book_step"),
-        (FrankaOpenCabinetVectorEnv, "apply_actions"),
-        (FrankaOpenCabinetVectorEnv, "book_step"),
+        (FrankaKitchenVectorEnv, "_apply_actions"),
+        (FrankaKitchenVectorEnv, "_post_step"),
+        (FrankaOpenCabinetVectorEnv, "_apply_actions"),
+        (FrankaOpenCabinetVectorEnv, "_post_step"),
         (FrankaOpenCabinetVectorEnv, "_batch.step"),
-        (FrankaOpenCabinetVectorEnv, "_starter.environment.start_episode"),
+        (FrankaOpenCabinetVectorEnv, "_template_env.environment.start_episode"),
     ],
 )
 def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, monkeypatch):
@@ -152,7 +152,7 @@ def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, m
 
 
 @pytest.mark.parametrize("options", [None, {"reset_mask": np.array([False, True, False])}], ids=["all", "one"])
-@pytest.mark.parametrize("place", ["_batch.reset", "_starter.environment.start_episode"])
+@pytest.mark.parametrize("place", ["_batch.reset", "_template_env.environment.start_episode"])
 def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(place, options, monkeypatch):
     env = started(FrankaOpenCabinetVectorEnv, **SHORT)
     with monkeypatch.context() as patched:

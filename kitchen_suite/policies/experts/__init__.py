@@ -1,7 +1,7 @@
 """Scripted experts: they do the suite's tasks on nothing but what an agent sees. They need the extra `experts`."""
 
 from kitchen_suite.policies.experts.base import Expert as Expert
-from kitchen_suite.policies.experts.base import Style as Style
+from kitchen_suite.policies.experts.base import MotionStyle as MotionStyle
 from kitchen_suite.policies.experts.factory import make as make
 from kitchen_suite.policies.experts.factory import make_policy as make_policy
 from kitchen_suite.policies.experts.kitchen import KitchenExpert as KitchenExpert

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.policies.experts.trajectories import Path
+from kitchen_suite.policies.experts.trajectories import JointTrajectory
 
 # How far a joint may be behind before its path waits for it [rad], and for how long it waits [control steps].
 _MOST_LAG = 0.25
@@ -15,7 +15,7 @@ _PATIENCE = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Style:
+class MotionStyle:
     """How an expert moves; what makes demonstrations differ.
 
     Attributes:
@@ -46,10 +46,10 @@ class Expert(abc.ABC):
     _low: float
     _high: float
 
-    def __init__(self, style: Style | None) -> None:
-        if not isinstance(style, Style | None):
-            raise TypeError(f"style must be a Style, got {style!r}")
-        self._style = style or Style()
+    def __init__(self, style: MotionStyle | None) -> None:
+        if not isinstance(style, MotionStyle | None):
+            raise TypeError(f"style must be a MotionStyle, got {style!r}")
+        self._style = style or MotionStyle()
         self.reset(np.random.default_rng(0))
 
     def reset(self, generator: np.random.Generator) -> None:
@@ -59,7 +59,7 @@ class Expert(abc.ABC):
           generator: what jitter and noise are drawn from; without them nothing is.
         """
         self._generator = generator
-        self._path: Path | None = None
+        self._path: JointTrajectory | None = None
         self._time, self._waited = 0.0, 0
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
@@ -90,7 +90,7 @@ class Expert(abc.ABC):
         return np.clip(action, self._low, self._high).astype(np.float32)
 
     @property
-    def _current_path(self) -> Path:
+    def _current_path(self) -> JointTrajectory:
         assert self._path is not None, "the first observation makes a path"
         return self._path
 
@@ -109,7 +109,7 @@ class Expert(abc.ABC):
         """Positions `(7,)` of the arm's joints [rad]."""
 
     @abc.abstractmethod
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> Path | None:
+    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         """A path from where the joints are, if it is time for one, as at the first call; else None to go on."""
 
     @abc.abstractmethod

@@ -30,11 +30,11 @@ def make(task: composer.Task, **options: Any) -> Expert:
     if not isinstance(task, KitchenTask):
         raise ValueError(f"there is no expert for {type(task).__name__}; there are for KitchenTask and OpenCabinetTask")
     settings = {
-        "tasks": task.rules.goals.tasks,
+        "tasks": task.mdp.goals.tasks,
         "goals": task.goals,
         "threshold": task.threshold,
-        "velocity_scale": task.rules.velocity_scale,
-        "feedback": task.rules.feedback,
+        "velocity_scale": task.mdp.velocity_scale,
+        "feedback": task.mdp.feedback,
     }
     return KitchenExpert(**{**settings, **options})
 

@@ -8,7 +8,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import PANDA, CabinetArena, Franka, KitchenArena
+from kitchen_suite.entities import PANDA, Franka, KitchenArena, OpenCabinetArena
 
 # The arm's joints among those of the robot; the fingers' come after them.
 ARM = slice(0, 7)
@@ -32,13 +32,13 @@ def _model(domain: str) -> tuple[mujoco.MjModel, str]:
         kitchen.place(robot)
         room = kitchen.mjcf_model
     else:
-        cabinet_room, robot = CabinetArena(visuals=False), Franka(PANDA, visuals=False)
-        cabinet_room.attach(robot, cabinet_room.robot_place)
+        cabinet_room, robot = OpenCabinetArena(visuals=False), Franka(PANDA, visuals=False)
+        cabinet_room.attach(robot, cabinet_room.robot_site)
         room = cabinet_room.mjcf_model
     return mjcf.Physics.from_mjcf_model(room).model.ptr, robot.end_effector.full_identifier
 
 
-class Arm:
+class ArmKinematics:
     """Forward and inverse kinematics of the arm's seven joints, and the torques that hold it up."""
 
     def __init__(self, domain: str) -> None:
@@ -51,7 +51,7 @@ class Arm:
         self._low, self._high = self._model.jnt_range[ARM].T
         self._bias = np.zeros(self._model.nv)
 
-    def pose(self, joints: NDArray[np.float64]) -> mink.SE3:
+    def forward(self, joints: NDArray[np.float64]) -> mink.SE3:
         """Where the hand's site is in the world, for joint positions `(7,)` [rad]."""
         self._configuration.update(self._positions(joints))
         return self._configuration.get_transform_frame_to_world(self._site, "site")
@@ -62,7 +62,7 @@ class Arm:
         mujoco.mj_rne(self._model, self._configuration.data, 0, self._bias)
         return self._bias[ARM].copy()
 
-    def reach(self, pose: mink.SE3, *, start: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse(self, pose: mink.SE3, *, start: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint positions `(7,)` that bring the site to a pose, not far from `start` [rad]."""
         positions = self._positions(np.clip(start, self._low, self._high))
         self._configuration.update(positions)

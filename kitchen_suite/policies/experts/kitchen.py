@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN
-from kitchen_suite.policies.experts.base import Expert, Style
-from kitchen_suite.policies.experts.kinematics import ARM, Arm
+from kitchen_suite.entities import KITCHEN_FRANKA
+from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
-from kitchen_suite.policies.experts.trajectories import Pace, Path, plan, retreat
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, retreat
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import position_target
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD, GoalSet
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP, FEEDBACKS
 
-_SERVOS = tuple(link.servo for link in KITCHEN.links)
+_SERVOS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
 _GAINS = np.array([servo.gain for servo in _SERVOS])
 # Share of its error that a servo makes up in a control step: gain and damping of the joint make a lag of first order.
 _RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([servo.damping for servo in _SERVOS]))
@@ -62,7 +62,7 @@ class KitchenExpert(Expert):
         in_order: bool = False,
         velocity_scale: float = _SCALE,
         feedback: str = "observed",
-        style: Style | None = None,
+        style: MotionStyle | None = None,
     ) -> None:
         """Prepares for a set of tasks.
 
@@ -82,12 +82,12 @@ class KitchenExpert(Expert):
         """
         self._goals = GoalSet.build(tasks, goals)
         self._threshold = checks.number(threshold, "threshold", positive=True)
-        order = tuple(tasks) if checks.flag(in_order, "in_order") else tuple(SKILLS)
+        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
         self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
         self._pace = _pace(self._velocity_scale)
-        self._arm = Arm("kitchen")
+        self._arm = ArmKinematics("kitchen")
         super().__init__(style)
 
     def reset(self, generator: np.random.Generator) -> None:
@@ -108,7 +108,7 @@ class KitchenExpert(Expert):
     def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
         return observation[_ROBOT][ARM]
 
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> Path | None:
+    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         things = observation[_THINGS]
         distances = self._goals.distances(things[self._goals.elements]) / self._threshold
         distance = dict(zip(self._goals.tasks, distances.tolist(), strict=True))
@@ -127,15 +127,15 @@ class KitchenExpert(Expert):
         start = self._leave(before, joints, via_home=failed)
         return start if self._task is None else start.then(self._plan(SKILLS[self._task], things), self._pace)
 
-    def _leave(self, task: str | None, joints: NDArray[np.float64], *, via_home: bool) -> Path:
+    def _leave(self, task: str | None, joints: NDArray[np.float64], *, via_home: bool) -> JointTrajectory:
         """The way out of a task, if there is one."""
         if task is None:
-            return Path.still(joints, OPEN)
+            return JointTrajectory.still(joints, OPEN)
         _, fingers = self._current_path.at(self._time)
         path = retreat(self._arm, self._pace, SKILLS[task], joints=joints, fingers=fingers)
-        return path.then(Path.still(_HOME, OPEN), self._pace) if via_home else path
+        return path.then(JointTrajectory.still(_HOME, OPEN), self._pace) if via_home else path
 
-    def _plan(self, skill: Skill, things: NDArray[np.float64]) -> Path:
+    def _plan(self, skill: Skill, things: NDArray[np.float64]) -> JointTrajectory:
         values = things[list(skill.thing.elements)] if skill.thing else None
         if self._style.jitter:
             offsets = self._offsets(sum(isinstance(step, Move) and step.free for step in skill.steps))
@@ -157,11 +157,13 @@ class KitchenExpert(Expert):
 
 
 @functools.lru_cache(maxsize=1024)
-def _planned(skill: Skill, values: tuple[float, ...] | None, velocity_scale: float) -> Path:
+def _planned(skill: Skill, values: tuple[float, ...] | None, velocity_scale: float) -> JointTrajectory:
     """The path of a skill without jitter; the same in nearly all episodes, hence kept."""
-    return plan(Arm("kitchen"), _pace(velocity_scale), skill, values=None if values is None else np.array(values))
+    return plan(
+        ArmKinematics("kitchen"), _pace(velocity_scale), skill, values=None if values is None else np.array(values)
+    )
 
 
-def _pace(velocity_scale: float) -> Pace:
+def _pace(velocity_scale: float) -> JointSpeedLimits:
     """How fast the arm may move where a unit of action is so much [rad/s]."""
-    return Pace(joint_speed=_JOINT_SPEED * min(1.0, velocity_scale / _SCALE), timestep=CONTROL_TIMESTEP)
+    return JointSpeedLimits(joint_speed=_JOINT_SPEED * min(1.0, velocity_scale / _SCALE), timestep=CONTROL_TIMESTEP)

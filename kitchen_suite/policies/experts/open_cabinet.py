@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.props.cabinet import DRAWERS
-from kitchen_suite.policies.experts.base import Expert, Style
-from kitchen_suite.policies.experts.kinematics import ARM, Arm
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Hand, Move, Skill, Vector
-from kitchen_suite.policies.experts.trajectories import Pace, Path, plan, retreat
+from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, retreat
 from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
-_GAINS = np.array([link.servo.gain for link in PANDA.links])
+_GAINS = np.array([link.actuator.gain for link in PANDA.links])
 
 # Speed of every joint on the way [rad / control step]: 1.2 rad/s, where an episode ends at 5.
-_PACE = Pace(joint_speed=np.full(7, 0.012), timestep=CONTROL_TIMESTEP)
+_PACE = JointSpeedLimits(joint_speed=np.full(7, 0.012), timestep=CONTROL_TIMESTEP)
 # Speeds of the hand before the handle and with the drawer [m/s]; faster, the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
 # Control steps to close on the handle, and to let go of it.
@@ -50,7 +50,7 @@ def _skill(drawer: str) -> Skill:
     """How to open a drawer, in its handle's frame: z points into the cabinet, y up."""
     tilt = math.radians(_TILTS[drawer])
     approach: Vector = (0.0, -math.sin(tilt), math.cos(tilt))
-    hand = Hand(approach=approach, spread=(0.0, 1.0, 0.0))
+    hand = HandOrientation(approach=approach, spread=(0.0, 1.0, 0.0))
     return Skill(
         steps=(
             Move(to=(0.0, 0.0, -_STANDOFF), fingers=OPEN, free=True, hand=hand),
@@ -74,7 +74,7 @@ class DrawerExpert(Expert):
     observation_size = SIZE
     _low, _high = -np.inf, np.inf
 
-    def __init__(self, drawer: str = "top", *, style: Style | None = None) -> None:
+    def __init__(self, drawer: str = "top", *, style: MotionStyle | None = None) -> None:
         """Prepares for a drawer.
 
         Args:
@@ -86,7 +86,7 @@ class DrawerExpert(Expert):
           ValueError: there is no such drawer.
         """
         self._skill = _skill(checks.choice(drawer, DRAWERS, "drawer"))
-        self._arm = Arm("open_cabinet")
+        self._arm = ArmKinematics("open_cabinet")
         super().__init__(style)
 
     def reset(self, generator: np.random.Generator) -> None:
@@ -98,10 +98,10 @@ class DrawerExpert(Expert):
         share = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
         return (JOINT_LOW + share * (JOINT_HIGH - JOINT_LOW))[ARM]
 
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> Path | None:
+    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         first = self._path is None
         if self._looks:
-            self._sightings.append(_handle(observation, self._arm.pose(joints)).wxyz_xyz)
+            self._sightings.append(_handle(observation, self._arm.forward(joints)).wxyz_xyz)
         if not first and not self._has_ended(0 if self._looks else _LINGER) and not self._has_slipped(observation):
             return None
         if not first and observation[SLICES["drawer_position"]][0] >= _ENOUGH:
@@ -110,13 +110,13 @@ class DrawerExpert(Expert):
         if not self._looks:
             mean = np.mean(self._sightings, axis=0)
             handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
-            return Path.still(joints, OPEN).then(plan(self._arm, _PACE, self._skill, frame=handle), _PACE)
-        handle = _handle(observation, self._arm.pose(joints))
+            return JointTrajectory.still(joints, OPEN).then(plan(self._arm, _PACE, self._skill, frame=handle), _PACE)
+        handle = _handle(observation, self._arm.forward(joints))
         self._sightings = [handle.wxyz_xyz]
         approach = dataclasses.replace(self._skill, steps=self._skill.steps[:1])
         way = plan(self._arm, _PACE, approach, frame=handle, offsets=self._offsets(1))
         if first:
-            return Path.still(joints, OPEN).then(way, _PACE)
+            return JointTrajectory.still(joints, OPEN).then(way, _PACE)
         return retreat(self._arm, _PACE, self._skill, joints=joints, fingers=CLOSED).then(way, _PACE)
 
     def _has_slipped(self, observation: NDArray[np.float64]) -> bool:

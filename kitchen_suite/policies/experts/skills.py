@@ -16,7 +16,7 @@ UNLIMITED = 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Hand:
+class HandOrientation:
     """How the hand is turned, in the frame of its skill.
 
     Attributes:
@@ -55,7 +55,7 @@ class Move:
     """
 
     to: Vector
-    hand: Hand
+    hand: HandOrientation
     fingers: float = CLOSED
     speed: float = UNLIMITED
     settle: int = 0
@@ -68,7 +68,7 @@ class Move:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Swing:
+class ArcMove:
     """Leads the site round the axis of the thing that is to be turned.
 
     Attributes:
@@ -85,7 +85,7 @@ class Swing:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Hinge:
+class Revolute:
     """How a thing turns.
 
     Attributes:
@@ -105,7 +105,7 @@ class Hinge:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Shift:
+class Prismatic:
     """How a thing shifts: along x, or along x, y and z.
 
     Attributes:
@@ -126,15 +126,15 @@ class Skill:
     """What the hand does to one thing.
 
     Attributes:
-      steps: the motions, one after the other; a `Swing` needs a hinge to go round.
+      steps: the motions, one after the other; a `ArcMove` needs a hinge to go round.
       posture: joint positions near which those of the first step are sought, and from there those of the others [rad].
       thing: how the thing moves; places move along with it. None for a thing that is always found where it was.
       retreat: displacement of the site when it leaves, in the world [m].
       release: control steps to open the fingers before that; 0 where they hold nothing.
     """
 
-    steps: tuple[Move | Swing, ...]
+    steps: tuple[Move | ArcMove, ...]
     posture: tuple[float, ...]
-    thing: Hinge | Shift | None = None
+    thing: Revolute | Prismatic | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
     release: int = 0

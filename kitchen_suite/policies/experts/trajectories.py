@@ -8,8 +8,8 @@ import mink
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.policies.experts.kinematics import Arm
-from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, Hinge, Move, Skill, Swing
+from kitchen_suite.policies.experts.kinematics import ArmKinematics
+from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move, Revolute, Skill
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which joint positions are sought; between them the
 # joints move evenly, and the site leaves the line by less than a millimetre.
@@ -21,7 +21,7 @@ _LEAST_TIME = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Pace:
+class JointSpeedLimits:
     """How fast an arm may move.
 
     Attributes:
@@ -42,7 +42,7 @@ class Pace:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Path:
+class JointTrajectory:
     """Joint positions over time.
 
     Attributes:
@@ -74,7 +74,7 @@ class Path:
         joints = self.knots[right - 1] + share * (self.knots[right] - self.knots[right - 1])
         return joints, float(self.fingers[right])
 
-    def then(self, after: Self, pace: Pace) -> Self:
+    def then(self, after: Self, pace: JointSpeedLimits) -> Self:
         """This path, the shortest way of the joints to the beginning of another, and the other one."""
         gap = max(pace.steps_between(self.knots[-1], after.knots[0]), _LEAST_TIME)
         return dataclasses.replace(
@@ -86,14 +86,14 @@ class Path:
 
 
 def plan(
-    arm: Arm,
-    pace: Pace,
+    arm: ArmKinematics,
+    pace: JointSpeedLimits,
     skill: Skill,
     *,
     frame: mink.SE3 | None = None,
     values: NDArray[np.float64] | None = None,
     offsets: Iterable[NDArray[np.float64]] = (),
-) -> Path:
+) -> JointTrajectory:
     """Plans all steps of a skill; the path begins where the first one ends.
 
     Args:
@@ -107,40 +107,42 @@ def plan(
     frame = frame or mink.SE3.identity()
     if skill.thing is not None and values is not None:
         frame = frame @ skill.thing.displacement(values)
-    trail, offsets = _Trail(arm, pace, np.array(skill.posture)), iter(offsets)
+    trail, offsets = _TrajectoryBuilder(arm, pace, np.array(skill.posture)), iter(offsets)
     for step in skill.steps:
         if isinstance(step, Move):
             offset = next(offsets, np.zeros(3)) if step.free else np.zeros(3)
             trail.move(mink.SE3.from_translation(offset) @ frame @ step.pose, step.fingers, step.speed)
             trail.wait(step.settle)
-        elif isinstance(skill.thing, Hinge) and values is not None:
+        elif isinstance(skill.thing, Revolute) and values is not None:
             trail.swing(step, skill.thing, float(values[0]))
     return trail.path
 
 
-def retreat(arm: Arm, pace: Pace, skill: Skill, *, joints: NDArray[np.float64], fingers: float) -> Path:
+def retreat(
+    arm: ArmKinematics, pace: JointSpeedLimits, skill: Skill, *, joints: NDArray[np.float64], fingers: float
+) -> JointTrajectory:
     """Plans to leave the place of a skill, from joint positions `(7,)` [rad] and with fingers open so far [m]."""
-    here, away = arm.pose(joints), mink.SE3.from_translation(np.array(skill.retreat))
-    trail = _Trail(arm, pace, joints)
+    here, away = arm.forward(joints), mink.SE3.from_translation(np.array(skill.retreat))
+    trail = _TrajectoryBuilder(arm, pace, joints)
     trail.move(here, OPEN if skill.release else fingers, UNLIMITED)
     trail.wait(skill.release)
     trail.move(away @ here, OPEN if skill.release else fingers, UNLIMITED)
     return trail.path
 
 
-class _Trail:
+class _TrajectoryBuilder:
     """Knots laid so far, each at the time at which the arm can be there."""
 
-    def __init__(self, arm: Arm, pace: Pace, start: NDArray[np.float64]) -> None:
+    def __init__(self, arm: ArmKinematics, pace: JointSpeedLimits, start: NDArray[np.float64]) -> None:
         """Starts at joint positions `(7,)` [rad], which are no knot themselves."""
         self._arm, self._pace = arm, pace
-        self._joints, self._pose = start, arm.pose(start)
+        self._joints, self._pose = start, arm.forward(start)
         self._knots: list[tuple[float, NDArray[np.float64], float]] = []
 
     @property
-    def path(self) -> Path:
+    def path(self) -> JointTrajectory:
         times, knots, fingers = zip(*self._knots, strict=True)
-        return Path(times=np.array(times), knots=np.array(knots), fingers=np.array(fingers))
+        return JointTrajectory(times=np.array(times), knots=np.array(knots), fingers=np.array(fingers))
 
     def move(self, target: mink.SE3, fingers: float, speed: float) -> None:
         """Lays a straight line to a pose; if it is the first, only its end."""
@@ -153,7 +155,7 @@ class _Trail:
             pose = mink.SE3.from_rotation_and_translation(rotation, here + share * (there - here))
             self._reach(pose, fingers, self._pace.steps(distance / count, speed))
 
-    def swing(self, step: Swing, hinge: Hinge, angle: float) -> None:
+    def swing(self, step: ArcMove, hinge: Revolute, angle: float) -> None:
         """Lays the way round a hinge that is at an angle [rad]."""
         start, way = self._pose, step.to - angle
         count = max(1, int(np.ceil(abs(way) / _ARC_SPACING)))
@@ -170,7 +172,7 @@ class _Trail:
             self._lay(steps, joints, fingers)
 
     def _reach(self, pose: mink.SE3, fingers: float, least: float) -> None:
-        joints = self._arm.reach(pose, start=self._joints)
+        joints = self._arm.inverse(pose, start=self._joints)
         self._lay(max(self._pace.steps_between(self._joints, joints), least), joints, fingers)
         self._joints, self._pose = joints, pose
 
