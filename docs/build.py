@@ -1,4 +1,4 @@
-"""Makes what in these pages comes from the code: tables and pictures.
+"""Generates the tables and pictures of these pages from the code.
 
 python docs/build.py tables     rewrites the tables between their markers in docs/*.md
 python docs/build.py pictures   renders the scene from every camera into docs/pictures/
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from dm_control import mjcf
+from tabulate import tabulate
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import report as benchmark_report
@@ -30,8 +31,8 @@ from kitchen_suite.training.hyperparameters import DEFAULTS, Hyperparameters
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-# Joints of the robot [rad, m] and opening of the top drawer [m]: at the start, with the handle grasped, pulled.
-CABINET_MOMENTS = (
+# Joint positions of the robot [rad, m] and opening of the top drawer [m]: initial state, grasp, open drawer.
+CABINET_STATES = (
     (DEFAULT_POSE, 0.0),
     ((0, 0.064, 0, -1.899, 0, 3.534, -0.785, 0.006, 0.006), 0.0),
     ((0, -1.187, 0, -2.862, 0, 3.246, -0.785, 0.006, 0.006), 0.358),
@@ -42,13 +43,12 @@ _FREE_VELOCITIES = [(f"v{part}", "m/s") for part in "xyz"] + [(f"ω{part} in its
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table in markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
+    """Returns a table in markdown."""
+    return tabulate([[*map(str, row)] for row in rows], header, tablefmt="github", disable_numparse=True) + "\n"
 
 
 def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, str]]:
-    """Name and unit of each number that a joint contributes to the observation."""
+    """Returns the name and unit of each element of the observation that belongs to a joint."""
     if joint.tag == "freejoint":
         prefix = joint.parent.full_identifier.strip("/")
         return [(f"{prefix} {part}", unit) for part, unit in (_FREE_VELOCITIES if velocity else _FREE_POSITIONS)]
@@ -57,9 +57,9 @@ def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, st
 
 
 def observation_table() -> str:
-    """The 59 numbers of the kitchen's observation."""
+    """Returns the table of the 59 elements of the kitchen's observation."""
     kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
-    greatest = noise.scale(robot_ratio=0.01, object_ratio=0.0005)
+    noise_scale = noise.scale(robot_ratio=0.01, object_ratio=0.0005)
     parts = (
         ("franka/joint_positions", kitchen.robot.joints, False),
         ("franka/joint_velocities", kitchen.robot.joints, True),
@@ -74,23 +74,23 @@ def observation_table() -> str:
     ]
     rows = [
         (number, f"`{key}`", name, unit, f"±{size:.3g}")
-        for number, ((key, name, unit), size) in enumerate(zip(elements, greatest, strict=True))
+        for number, ((key, name, unit), size) in enumerate(zip(elements, noise_scale, strict=True))
     ]
     return markdown(("number", "key", "element", "unit", "noise by default"), rows)
 
 
 def goal_table() -> str:
-    """The seven goals of the kitchen."""
+    """Returns the table of the seven goals of the kitchen."""
     names = [f"{9 + i}" for i in range(21)]
     rows = [
         (f"`{task}`", goal.description, ", ".join(names[i] for i in goal.elements), ", ".join(map(str, goal.value)))
         for task, goal in GOALS.items()
     ]
-    return markdown(("task", "what is to be done", "qpos", "goal"), rows)
+    return markdown(("task", "goal state", "qpos", "goal"), rows)
 
 
 def suite_table() -> str:
-    """The kitchen's tasks in the suite with what they ask for."""
+    """Returns the table of the kitchen's tasks in the suite."""
     rows = []
     for name in suite.TASKS_BY_DOMAIN["kitchen"]:
         environment = suite.load("kitchen", name, {"visuals": False})
@@ -100,23 +100,23 @@ def suite_table() -> str:
 
 
 def cabinet_observation_table() -> str:
-    """The parts of the cabinet's observation."""
+    """Returns the table of the parts of open_cabinet's observation."""
     rows = []
     for name, part in drawer_observation.PARTS.items():
-        place = drawer_observation.SLICES[name]
-        index = str(place.start) if part.size == 1 else f"{place.start}-{place.stop - 1}"
+        part_slice = drawer_observation.SLICES[name]
+        index = str(part_slice.start) if part.size == 1 else f"{part_slice.start}-{part_slice.stop - 1}"
         rows.append((index, f"`{name}`", first_line(part.compute).split(": ", 1)[1]))
     return markdown(("index", "key", "content"), rows)
 
 
 def cabinet_reward_table() -> str:
-    """The terms of the cabinet's reward."""
+    """Returns the table of the terms of open_cabinet's original reward."""
     rows = [(i, f"`{name}`", first_line(getattr(drawer_reward, name))) for i, name in enumerate(drawer_reward.TERMS, 1)]
     return markdown(("term", "name", "value"), rows)
 
 
 def cabinet_grasp_reward_table() -> str:
-    """The terms that the reward for grasping has of its own."""
+    """Returns the table of the terms in which the grasp reward differs from the original one."""
     rows = [
         (i, f"`{name}`", first_line(getattr(drawer_grasp_reward, name)))
         for i, name in enumerate(drawer_reward.TERMS, 1)
@@ -125,31 +125,35 @@ def cabinet_grasp_reward_table() -> str:
     return markdown(("term", "name", "value"), rows)
 
 
-def cabinet_design_table() -> str:
-    """The parameters of the cabinet."""
+def cabinet_config_table() -> str:
+    """Returns the table of the parameters of the cabinet."""
     meanings = attributes(CabinetConfig)
     rows = [(f"`{each.name}`", each.default, meanings[each.name]) for each in dataclasses.fields(CabinetConfig)]
     return markdown(("parameter", "default", "meaning"), rows)
 
 
 def cabinet_randomization_table() -> str:
-    """What a reset before the cabinet may draw."""
+    """Returns the table of the randomization options of open_cabinet."""
     rows = [(f"`{name}`", meaning) for name, meaning in attributes(Randomization).items()]
-    return markdown(("option", "what it draws"), rows)
+    return markdown(("option", "meaning"), rows)
 
 
 def hyperparameter_table() -> str:
-    """What a training run is tuned by."""
+    """Returns the table of the hyperparameters with their defaults."""
     meanings, domains = attributes(Hyperparameters), list(DEFAULTS)
     rows = [
-        (f"`{each.name}`", meanings[each.name], *(shown(getattr(DEFAULTS[domain], each.name)) for domain in domains))
+        (
+            f"`{each.name}`",
+            meanings[each.name],
+            *(format_value(getattr(DEFAULTS[domain], each.name)) for domain in domains),
+        )
         for each in dataclasses.fields(Hyperparameters)
     ]
     return markdown(("name", "meaning", *(f"`{domain}`" for domain in domains)), rows)
 
 
-def shown(value: object) -> str:
-    """A number, or numbers with those that repeat told once."""
+def format_value(value: object) -> str:
+    """Returns the text of a number or a tuple of numbers; a tuple of equal numbers as their count and value."""
     if not isinstance(value, tuple):
         return f"{value:g}"
     if len(set(value)) == 1 and len(value) > 2:
@@ -158,12 +162,12 @@ def shown(value: object) -> str:
 
 
 def first_line(documented: object) -> str:
-    """The first line of a docstring, fit for a cell."""
+    """Returns the first line of a docstring, with the bars escaped for a cell of a table."""
     return (inspect.getdoc(documented) or "").splitlines()[0].replace("|", "\\|")
 
 
 def attributes(documented: type) -> dict[str, str]:
-    """Names and texts of the section `Attributes` of a docstring."""
+    """Returns the names and texts of the section `Attributes` of a docstring."""
     section = (inspect.getdoc(documented) or "").split("Attributes:\n", 1)[1]
     entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
     return {name: re.sub(r"\s+", " ", text) for name, text in entries}
@@ -176,14 +180,14 @@ TABLES: dict[str, Callable[[], str]] = {
     "cabinet_observation": cabinet_observation_table,
     "cabinet_reward": cabinet_reward_table,
     "cabinet_grasp_reward": cabinet_grasp_reward_table,
-    "cabinet_design": cabinet_design_table,
+    "cabinet_config": cabinet_config_table,
     "cabinet_randomization": cabinet_randomization_table,
     "hyperparameters": hyperparameter_table,
 }
 
 
 def benchmark_table(name: str) -> str:
-    """What `kitchen-benchmark --json` gave, as kept in docs/benchmarks/."""
+    """Returns the tables of a result of `kitchen-benchmark --json`, as kept in docs/benchmarks/."""
     return benchmark_report.markdown(json.loads((DOCS / "benchmarks" / f"{name}.json").read_text(encoding="utf-8")))
 
 
@@ -195,7 +199,7 @@ TABLES |= {
 
 
 def with_tables(page: str) -> str:
-    """A page with its tables made anew."""
+    """Returns a page with its tables regenerated."""
     return _MARKED.sub(lambda match: f"{match[1]}\n{TABLES[match[2]]()}\n{match[3]}", page)
 
 
@@ -206,29 +210,29 @@ def write_tables() -> None:
 
 
 def write_pictures() -> None:
-    """Renders both domains."""
+    """Renders the pictures of both domains."""
     write_kitchen_pictures()
     write_cabinet_picture()
 
 
 def write_cabinet_picture() -> None:
-    """Renders the start, the grasp and the open drawer, from every camera before the cabinet."""
+    """Renders the initial state, the grasp and the open drawer from every camera of open_cabinet."""
     from PIL import Image
 
     environment = suite.load("open_cabinet", "top_drawer", {"random": 0})
     environment.reset()
-    moments = []
-    for pose, opening in CABINET_MOMENTS:
+    columns = []
+    for pose, opening in CABINET_STATES:
         with environment.physics.reset_context():
             environment.physics.bind(environment.task.scene.robot.joints).qpos = pose
             environment.physics.bind(environment.task.scene.cabinet.drawer_joint("top")).qpos = opening
         cameras = ("overview", "handle", "franka/wrist")
-        moments.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
-    Image.fromarray(np.hstack(moments)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
+        columns.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
+    Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
 
 
 def write_kitchen_pictures() -> None:
-    """Renders the kitchen as it stands at the start of an episode."""
+    """Renders the kitchen at the start of an episode."""
     from PIL import Image
 
     environment = suite.load("kitchen", "all", {"random": 0})
@@ -248,13 +252,13 @@ def write_kitchen_pictures() -> None:
 
 
 def depth_picture(depth: np.ndarray) -> np.ndarray:
-    """Depth [m] as shades of grey: white at 1 m, black at 4 m."""
+    """Returns depth [m] as shades of grey: white at 1 m, black at 4 m."""
     shade = np.clip((4.0 - depth) / 3.0, 0.0, 1.0) * 255
     return np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2)
 
 
 def class_picture(segmentation: np.ndarray) -> np.ndarray:
-    """A colour for each geom."""
+    """Returns a segmentation with a colour for each geom."""
     colours = np.random.default_rng(1).integers(40, 256, (segmentation[..., 0].max() + 2, 3), dtype=np.uint8)
     colours[-1] = 0
     return colours[segmentation[..., 0]]

@@ -1,10 +1,10 @@
-"""Pictures of the scripted experts at work, and of the trained policies.
+"""Film strips and a video of the scripted experts and the trained policies.
 
 python docs/films.py strips    a film strip of each task into docs/pictures/
-python docs/films.py trained   one of each policy that comes with the package
-python docs/films.py video     all tasks side by side, docs/pictures/experts.mp4 (needs the extra `video`)
+python docs/films.py trained   a film strip of each policy that comes with the package
+python docs/films.py video     all tasks side by side: docs/pictures/experts.mp4 (needs the extra `video`)
 
-All need a GL library, and all but the second the extra `experts`.
+All need a GL library; `strips` and `video` need the extra `experts`.
 """
 
 import sys
@@ -20,33 +20,35 @@ from kitchen_suite import policies, suite
 from kitchen_suite.rendering import video
 
 PICTURES = Path(__file__).parent / "pictures"
-# Pictures in a strip, and tiles in a row of the video.
-FRAMES, COLUMNS = 6, 3
+FRAMES = 6  # In a strip.
+COLUMNS = 3  # Tiles in a row of the video.
 HEIGHT, WIDTH = 210, 280
-# Frames of the video in a second, and control steps of either domain that a frame stands for.
-RATE, PACE = 12.5, {"kitchen": 1, "open_cabinet": 8}
-SINGLE = [(domain, task) for domain, task in suite.ALL_TASKS if task not in ("complete", "partial", "mixed", "all")]
+FRAMES_PER_SECOND = 12.5
+STEPS_PER_FRAME = {"kitchen": 1, "open_cabinet": 8}  # Control steps, by domain.
+SINGLE_TASKS = [
+    (domain, task) for domain, task in suite.ALL_TASKS if task not in ("complete", "partial", "mixed", "all")
+]
 
 
 class Film:
-    """An episode until its task is done; pictures of it are made when they are asked for."""
+    """The frames of an episode until the success of its task; each is rendered when it is accessed."""
 
     def __init__(self, domain: str, task: str, policy_name: str = "expert", **task_kwargs: Any) -> None:
-        """Plays the episode, and notes the state of the physics at each frame of the video."""
+        """Plays the episode, and stores the physics state of each frame."""
         self._environment = suite.load(domain, task, {"random": 0, **task_kwargs})
         policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
         timestep, step = self._environment.reset(), 0
         self._states = [self._environment.physics.get_state()]
-        while not timestep.last() and not self._environment.task.episode_results["success"]:
+        while not timestep.last() and not self._environment.task.episode_metrics["success"]:
             timestep, step = self._environment.step(policy(timestep)), step + 1
-            if step % PACE[domain] == 0:
+            if step % STEPS_PER_FRAME[domain] == 0:
                 self._states.append(self._environment.physics.get_state())
 
     def __len__(self) -> int:
         return len(self._states)
 
     def __getitem__(self, frame: int) -> NDArray[np.uint8]:
-        """A picture `(height, width, 3)`."""
+        """Renders a frame `(height, width, 3)`."""
         physics = self._environment.physics
         with physics.reset_context():
             physics.set_state(self._states[frame])
@@ -54,33 +56,33 @@ class Film:
 
 
 def write_strips() -> None:
-    """Writes pictures from the beginning to the end of an episode, side by side, for each task."""
-    for domain, task in [*SINGLE, ("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]:
+    """Writes a film strip of the expert for each task."""
+    for domain, task in [*SINGLE_TASKS, ("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]:
         write_strip(f"expert_{task}", Film(domain, task))
 
 
 def write_trained_strips() -> None:
-    """The same for the policies that come with the package."""
+    """Writes a film strip of each policy that comes with the package."""
     for name, reward in (("top_drawer", "original"), ("top_drawer_grasp", "grasp")):
         write_strip(f"trained_{name}", Film("open_cabinet", "top_drawer", "trained", reward=reward))
 
 
 def write_strip(name: str, film: Film) -> None:
-    """Writes a strip of pictures, evenly spread over a film."""
+    """Writes frames evenly spread over a film, side by side."""
     chosen = np.linspace(0, len(film) - 1, FRAMES).round().astype(int)
     Image.fromarray(np.hstack([film[i] for i in chosen])).save(PICTURES / f"{name}.png", optimize=True)
     print(f"{name}: {len(film)} frames")
 
 
 def write_video() -> None:
-    """Films all tasks side by side; each waits at its end for the longest."""
-    films = [Film(domain, task) for domain, task in SINGLE]
+    """Films all tasks side by side; each shows its last frame until the longest has ended."""
+    films = [Film(domain, task) for domain, task in SINGLE_TASKS]
     size = {"height": HEIGHT * (len(films) // COLUMNS), "width": WIDTH * COLUMNS}
-    with video.open_video(PICTURES / "experts.mp4", **size, frames_per_second=RATE) as add:
+    with video.open_video(PICTURES / "experts.mp4", **size, frames_per_second=FRAMES_PER_SECOND) as add_frame:
         for i in tqdm(range(max(map(len, films)))):
             tiles = [film[min(i, len(film) - 1)] for film in films]
             rows = [np.hstack(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
-            add(np.vstack(rows))
+            add_frame(np.vstack(rows))
 
 
 if __name__ == "__main__":

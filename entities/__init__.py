@@ -1,4 +1,4 @@
-"""What exists: the Franka, the things in the kitchen, the cabinet, the rooms; each usable and viewable alone."""
+"""Entities: the Franka, the props of kitchen and open_cabinet, and the arenas; each usable and viewable alone."""
 
 from kitchen_suite.entities.props.cabinet import Cabinet as Cabinet
 from kitchen_suite.entities.props.cabinet_config import CabinetConfig as CabinetConfig

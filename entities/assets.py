@@ -1,7 +1,7 @@
-"""Reads this package's MJCF, with meshes and textures from the installed gymnasium-robotics.
+"""Loads this package's MJCF, with meshes and textures from the installed gymnasium-robotics.
 
-Nothing is copied out of gymnasium-robotics and nothing is fetched: the paths in our MJCF are relative to its folder of
-kitchen assets, which is found without importing it (an import would register environments and print warnings).
+Paths in our MJCF are relative to the folder of kitchen assets in gymnasium-robotics, so nothing is copied or
+downloaded. The folder is found without importing the package, which would register environments and print warnings.
 """
 
 import importlib.util
@@ -14,18 +14,21 @@ _REQUIREMENT = "gymnasium-robotics==1.4.2"
 _ASSETS = Path("envs", "assets", "kitchen_franka")
 _XML_DIR = Path(__file__).parent / "xml"
 
+# Three numbers along x, y and z.
+Vector = tuple[float, float, float]
+
 
 def asset_dir() -> Path:
-    """The folder of the Franka kitchen's assets inside the installed gymnasium-robotics.
+    """Returns the folder of the Franka kitchen's assets in the installed gymnasium-robotics.
 
     Raises:
-      FileNotFoundError: gymnasium-robotics is not installed, or carries no such folder.
+      FileNotFoundError: gymnasium-robotics is not installed, or has no such folder.
     """
     spec = importlib.util.find_spec(_PACKAGE)
     for location in (spec.submodule_search_locations or ()) if spec else ():
         if (path := Path(location) / _ASSETS).is_dir():
             return path
-    problem = f"carries no folder {_ASSETS}" if spec else "is not installed"
+    problem = f"has no folder {_ASSETS}" if spec else "is not installed"
     raise FileNotFoundError(
         f"the meshes and textures of the Franka kitchen come with the package gymnasium-robotics, which {problem}: "
         f"pip install '{_REQUIREMENT}'"
@@ -37,10 +40,11 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
 
     Args:
       name: file name without its ending.
-      visuals: `False` drops what only the eye needs (see `remove_visuals`), `True` sets it apart from what collides.
+      visuals: `False` removes the visual geoms (see `remove_visuals`); `True` moves them to bodies of their own (see
+        `split_visual_geoms`).
 
     Raises:
-      FileNotFoundError: the file, or the package that holds the meshes and textures, is missing.
+      FileNotFoundError: the file, or the package with the meshes and textures, is missing.
     """
     model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
     if visuals:
@@ -51,17 +55,17 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
 
 
 def new_model(name: str) -> mjcf.RootElement:
-    """An empty model with the compiler settings that all of the suite's files have, for entities built in Python."""
+    """Returns an empty model with the compiler settings of the suite's MJCF files, for entities built in Python."""
     model = mjcf.RootElement(model=name, model_dir=str(asset_dir()))
     model.compiler.set_attributes(angle="radian", inertiagrouprange=[3, 5])
     return model
 
 
 def remove_visuals(model: mjcf.RootElement) -> None:
-    """Removes geoms that neither collide nor weigh anything, and every mesh, material and texture left unused.
+    """Removes the visual geoms, and every mesh, material and texture left unused.
 
-    Visual geoms are those of group 0 to 2 in the default class `visual` or one nested in it; they lie outside the
-    groups that inertia is computed from, so the physics is the same to the bit with and without them.
+    Visual geoms neither collide nor have mass, and are outside the geom groups from which MuJoCo computes inertia: the
+    physics is the same to the bit with and without them.
     """
     for geom in model.find_all("geom", exclude_attachments=True):
         if is_visual(geom):
@@ -75,21 +79,21 @@ def remove_visuals(model: mjcf.RootElement) -> None:
 
 
 def split_visual_geoms(model: mjcf.RootElement) -> None:
-    """Moves the visual geoms of each body that collides to a weightless body of their own inside it.
+    """Moves the visual geoms of each colliding body to a massless child body.
 
-    In search of contacts MuJoCo goes through all geoms of a body that collides; bodies in which nothing does it leaves
-    alone. The physics is the same to the bit.
+    MuJoCo's collision detection visits all geoms of a body with at least one colliding geom, and skips other bodies.
+    The physics is the same to the bit.
     """
     for body in model.find_all("body", exclude_attachments=True):
         visual = [geom for geom in body.geom if is_visual(geom)]
         if 0 < len(visual) < len(body.geom):
-            apart = body.add("body", name=f"{body.name}_visuals")
+            child = body.add("body", name=f"{body.name}_visuals")
             for geom in visual:
                 attributes = geom.get_attributes()
                 geom.remove()
-                apart.add("geom", **attributes)
+                child.add("geom", **attributes)
 
 
 def is_visual(geom: mjcf.Element) -> bool:
-    """Whether a geom is drawn only: its default class is `visual` or one whose name begins so."""
+    """Whether a geom is only for rendering: the name of its default class begins with `visual`."""
     return geom.dclass is not None and geom.dclass.dclass.startswith("visual")

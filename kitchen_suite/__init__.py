@@ -1,12 +1,14 @@
 """Kitchen Suite: the Franka kitchen as dm_control composer tasks.
 
-`kitchen_suite.suite.load` makes an environment; `kitchen_suite.entities` and `kitchen_suite.tasks` are its parts.
+`kitchen_suite.suite.load` builds an environment; `kitchen_suite.entities` and `kitchen_suite.tasks` are its parts.
 """
 
-from pathlib import Path
+import pathlib as _pathlib
 
 __version__ = "0.1.0"
 
-# In a checkout, `entities` and `tasks` stand beside this folder, not inside it; an installed copy has them inside.
-if (_checkout := Path(__file__).resolve().parent.parent).joinpath("setup.cfg").is_file():
-    __path__.append(str(_checkout))
+# An installed copy contains `entities` and `tasks`. In a checkout they stand beside this folder, in which case their
+# parent folder is added to where subpackages are searched for.
+_parent = _pathlib.Path(__file__).resolve().parent.parent
+if (_parent / "setup.cfg").is_file():
+    __path__.append(str(_parent))

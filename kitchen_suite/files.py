@@ -1,6 +1,7 @@
 """Files that are written atomically: whole or not at all."""
 
 import contextlib
+import io
 import json
 import os
 import shutil
@@ -57,8 +58,16 @@ def check_writable(folder: Path) -> None:
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
     everything: dict[str, Any] = {**arrays, "metadata": np.array(json.dumps(metadata))}
-    with whole_file(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, **everything)
+    buffer = io.BytesIO()
+    try:
+        np.savez_compressed(buffer, **everything)
+    except ValueError as error:
+        # zipfile raises it where an interrupt came while it began an array.
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise error.__context__ from None
+        raise
+    with whole_file(path) as partial:
+        partial.write_bytes(buffer.getvalue())
     return path
 
 

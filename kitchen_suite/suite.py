@@ -1,4 +1,4 @@
-"""Environments by domain and task name, loaded as dm_control's suite loads its own."""
+"""The domains and tasks of the suite, and `load`, with the interface of `dm_control.suite`."""
 
 import functools
 import math
@@ -33,9 +33,9 @@ def kitchen(
     Args:
       tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`.
       time_limit: length of an episode [s]; `None` for no limit.
-      random: seed, or state to draw from.
-      visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
-      sleep: whether objects at rest may sleep: faster, but trajectories are only nearly the same; see
+      random: seed, or random state to draw from.
+      visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+      sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
         `build_kitchen_scene`.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `KitchenTask`.
@@ -60,14 +60,14 @@ def open_cabinet(
     environment_kwargs: Mapping[str, Any] | None = None,
     **task_options: Any,
 ) -> Environment:
-    """Builds an environment in which a drawer is to be opened.
+    """Builds an environment of a cabinet whose drawer is to be opened.
 
     Args:
       drawer: `top` or `bottom`.
       time_limit: length of an episode [s]; `None` for no limit.
-      random: seed, or state to draw from.
-      visuals: `False` leaves out what only the eye needs; trajectories are the same to the bit.
-      cabinet_config: sizes and resistances of the cabinet; the default design when omitted.
+      random: seed, or random state to draw from.
+      visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+      cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `OpenCabinetTask`.
 
@@ -130,12 +130,12 @@ ALL_TASKS: tuple[tuple[str, str], ...] = tuple(
     (domain, task) for domain, tasks in TASKS_BY_DOMAIN.items() for task in tasks
 )
 
-# Those that papers report: the three task sets of D4RL's Franka kitchen.
+# The tasks that papers report: the three task sets of D4RL's Franka kitchen.
 BENCHMARKING: tuple[tuple[str, str], ...] = (("kitchen", "complete"), ("kitchen", "partial"), ("kitchen", "mixed"))
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
-    """What makes a task of the suite this one: arguments of the domain's builder, and of its Gymnasium environment.
+    """Returns the arguments that define a named task: of the domain's builder, and of its Gymnasium environment.
 
     Raises:
       TypeError: a name is no string.
@@ -145,10 +145,10 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
-    """Refuses arguments that would make another task of it.
+    """Checks that arguments leave the definition of a named task unchanged, except for `tasks_to_complete`.
 
     Raises:
-      ValueError: there are such among them.
+      ValueError: an argument is fixed by the task.
     """
     fixed = task_arguments(domain_name, task_name).keys() - {"tasks_to_complete"}
     if clash := sorted(fixed & task_kwargs.keys()):
@@ -167,14 +167,14 @@ def load(
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
 ) -> Environment:
-    """Builds an environment of the suite; called as `dm_control.suite.load` is.
+    """Builds an environment of the suite; the arguments are those of `dm_control.suite.load`.
 
     Args:
       domain_name: a key of `TASKS_BY_DOMAIN`.
       task_name: one of that domain's tasks.
       task_kwargs: arguments of the domain's builder (`kitchen` or `open_cabinet`), among them `random`, `time_limit`.
       environment_kwargs: further arguments of `Environment`.
-      visualize_reward: whether things show by their colour that they pay.
+      visualize_reward: whether objects change their colour while the task rewards their position.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -191,10 +191,11 @@ def load(
 
 
 def default_task(domain_name: str) -> str:
-    """The domain's first benchmark task, or else its first task.
+    """Returns the name of a domain's first task in `BENCHMARKING`, or of its first task if it has none there.
 
     Raises:
-      ValueError: there is no such domain.
+      TypeError: the name is no string.
+      ValueError: an unknown domain.
     """
     checks.choice(domain_name, TASKS_BY_DOMAIN.keys(), "domain")
     return next(task for domain, task in (*BENCHMARKING, *ALL_TASKS) if domain == domain_name)

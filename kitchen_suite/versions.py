@@ -1,4 +1,4 @@
-"""Versions of the packages that decide what an episode looks like."""
+"""Versions of the packages that the course of an episode depends on."""
 
 import importlib.metadata
 
@@ -8,7 +8,7 @@ PACKAGES = ("dm-control", "gymnasium", "gymnasium-robotics", "mujoco", "numpy")
 
 
 def installed_versions() -> dict[str, str]:
-    """Returns the version of the suite and of each of `PACKAGES`, by name."""
+    """Returns the versions of the suite and of `PACKAGES`, by name."""
     return {
         "kitchen-suite": kitchen_suite.__version__,
         **{name: importlib.metadata.version(name) for name in PACKAGES},

@@ -1,4 +1,4 @@
-"""What is asked: the tasks, each with its observables, reward and termination."""
+"""The tasks, by domain: observables, actions, rewards, termination and the start of episodes."""
 
 from kitchen_suite.tasks.kitchen.goals import GOALS as GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask as KitchenTask

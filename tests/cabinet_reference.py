@@ -1,4 +1,4 @@
-"""Observation and reward of the open_cabinet domain, from MuJoCo's arrays by name: by other means than the task's."""
+"""Observation and reward of the open_cabinet domain, computed independently of the task from MuJoCo's named arrays."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,7 @@ def flat(timestep):
 
 
 class Recomputed:
-    def __init__(self, physics, drawer, change, life):
+    def __init__(self, physics, drawer, change, total_steps):
         named = physics.named.data
         self.q, self.v = named.qpos[ROBOT_JOINTS], named.qvel[ROBOT_JOINTS]
         self.tcp = named.site_xpos["franka/gripper"].copy()
@@ -26,7 +26,7 @@ class Recomputed:
         self.open = named.qpos[f"cabinet/drawer_{drawer}_joint"].item()
         self.speed = named.qvel[f"cabinet/drawer_{drawer}_joint"].item()
         self.gripper = named.ctrl["franka/finger_joint1"].item()
-        self.change, self.life = change, life
+        self.change, self.total_steps = change, total_steps
         self.distance = np.sqrt(((self.handle - self.tcp) ** 2).sum())
 
     @property
@@ -46,7 +46,7 @@ class Recomputed:
         opened = min(max(self.open, 0), 1)
         opening = 0 if opened > 0 and self.distance > 0.03 else 20 * (np.exp(opened) - 1)
         angle = (self.handle_turn * self.tcp_turn.inv()).magnitude()
-        action, velocity = (1e-3, 0) if self.life < 8000 else (2e-3, 2e-7)
+        action, velocity = (1e-3, 0) if self.total_steps < 8000 else (2e-3, 2e-7)
         return {
             "approach": 10 * (1 - np.tanh(self.distance / 0.1)),
             "orientation": 1 if opening > 0 else np.cos(angle),
@@ -59,7 +59,7 @@ class Recomputed:
 
 
 class RecomputedGrasp(Recomputed):
-    """With the reward that pays for opening by a grasp."""
+    """Recomputes the reward `grasp`."""
 
     @property
     def terms(self):
@@ -89,13 +89,13 @@ class RecomputedGrasp(Recomputed):
 
     @property
     def nearest(self):
-        """The point of the bar's axis that is nearest to the gripper."""
+        """Point of the bar's axis that is nearest to the gripper."""
         bar = self.handle_turn.as_matrix()[:, 0]
         return self.handle + bar * (bar @ (self.tcp - self.handle))
 
     @property
     def spaces(self):
-        """Between the inner face of either pad and the bar, across the gripper."""
+        """Gaps between the inner faces of the pads and the bar, across the gripper."""
         inwards = [-self.tcp_turn.as_matrix()[:, 1], self.tcp_turn.as_matrix()[:, 1]]
         faces = [pad + 0.005 * inward for pad, inward in zip(self.pad_positions, inwards, strict=True)]
         return [inward @ (self.nearest - face) - 0.006 for face, inward in zip(faces, inwards, strict=True)]

@@ -88,7 +88,7 @@ def play_dm_env(
             timestep = environment.step(action)
             rows.append(flat("", {**observed._asdict(), **state, "action": action}))
         rows.append(flat("", timestep._replace(observation=dict(timestep.observation))._asdict()))
-    results = json.dumps(environment.task.episode_results)
+    results = json.dumps(getattr(environment.task, "episode_metrics", None) or environment.task.episode_results)
     return {**stacked(rows), "results": np.array(results), "random": environment.random_state.uniform(size=3)}
 
 
@@ -355,6 +355,15 @@ def compare(before: dict[str, Arrays], after: dict[str, Arrays]) -> bool:
     return all_equal
 
 
+def extract(revision: str, work: Path) -> Path:
+    """Writes the tree of a revision to a folder in `work`."""
+    folder = work / "tree"
+    folder.mkdir()
+    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive.stdout, check=True)
+    return folder
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", help="revision of git to compare this tree with")
@@ -365,10 +374,7 @@ def main() -> int:
         play_all(Path(arguments.play), arguments.only)
         return 0
     with tempfile.TemporaryDirectory() as work:
-        trees = {"before": Path(work, "tree"), "after": ROOT}
-        trees["before"].mkdir()
-        archive = subprocess.run(["git", "archive", arguments.revision], cwd=ROOT, check=True, capture_output=True)
-        subprocess.run(["tar", "-x", "-C", str(trees["before"])], input=archive.stdout, check=True)
+        trees = {"before": extract(arguments.revision, Path(work)), "after": ROOT}
         running = {}
         for name, folder in trees.items():
             environ = {"MUJOCO_GL": "disable", **os.environ, "PYTHONPATH": str(folder), "COMPARED_TREE": str(folder)}

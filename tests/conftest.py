@@ -1,4 +1,4 @@
-"""Chooses a GL library before MuJoCo is imported; leaves rendering tests out, loudly, where there is none."""
+"""Chooses a GL library before MuJoCo is imported; where there is none, deselects the rendering tests and warns."""
 
 import ctypes.util
 import os
@@ -7,6 +7,7 @@ import pytest
 
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 _ADVICE = "install a GL library (Debian: libegl1 libgl1-mesa-dri, or libosmesa6) to run them"
+_DESELECTED = pytest.StashKey[int]()
 
 if "MUJOCO_GL" not in os.environ:
     os.environ["MUJOCO_GL"] = next(
@@ -17,15 +18,12 @@ if "MUJOCO_GL" not in os.environ:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if os.environ["MUJOCO_GL"] != "disable":
         return
-    left_out = [item for item in items if item.get_closest_marker("rendering")]
-    items[:] = [item for item in items if item not in left_out]
-    config.hook.pytest_deselected(items=left_out)
-    config.stash[_LEFT_OUT] = len(left_out)
+    deselected = [item for item in items if item.get_closest_marker("rendering")]
+    items[:] = [item for item in items if item not in deselected]
+    config.hook.pytest_deselected(items=deselected)
+    config.stash[_DESELECTED] = len(deselected)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    if count := config.stash.get(_LEFT_OUT, 0):
+    if count := config.stash.get(_DESELECTED, 0):
         terminalreporter.write_line(f"WARNING: {count} rendering tests were left out; {_ADVICE}", yellow=True)
-
-
-_LEFT_OUT = pytest.StashKey[int]()

@@ -1,12 +1,17 @@
-"""The original: FrankaKitchen-v1 of the installed gymnasium-robotics, its model and its code."""
+"""The original: model and environment of FrankaKitchen-v1 in the installed gymnasium-robotics."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+from unittest import mock
 
 import mujoco
 import numpy as np
 
-from kitchen_suite.benchmarks.baselines import original_environment as original_environment
 from kitchen_suite.benchmarks.baselines import original_model as reference_model  # noqa: F401
+from kitchen_suite.benchmarks.baselines import patched_kitchen_env
 
-# What the reference calls the bodies that move, by what we call them.
+# The reference's names of the moving bodies, by ours.
 BODIES = {
     **{f"franka/link{i}": f"panda0_link{i}" for i in range(1, 8)},
     "franka/left_finger": "panda0_leftfinger",
@@ -27,8 +32,17 @@ BODIES = {
 }
 
 
+@contextlib.contextmanager
+def original_environment(threshold: float = 0.3, **kwargs: Any) -> Iterator[Any]:
+    """Yields FrankaKitchen-v1, in which a task is complete below `threshold` [rad, m]; `kwargs` are its arguments."""
+    with patched_kitchen_env() as kitchen_env, mock.patch.object(kitchen_env, "BONUS_THRESH", threshold):
+        environment = kitchen_env.KitchenEnv(**kwargs)
+        yield environment
+        environment.close()
+
+
 def reference_joint(name: str) -> str:
-    """What the reference calls one of our joints."""
+    """Returns the reference's name of one of our joints."""
     entity, _, joint = name.partition("/")
     return {"franka": f"robot:{joint}", "kettle": "kettle"}.get(entity, joint)
 
@@ -38,23 +52,23 @@ def colliding_geoms(model: mujoco.MjModel) -> list[int]:
 
 
 def same_geoms(ours: mujoco.MjModel, reference: mujoco.MjModel) -> dict[int, int]:
-    """The reference's colliding geom for each of ours: the one at the very same place, to the last bit.
+    """Returns the reference's colliding geom for each of ours: the one with the same pose, to the last bit.
 
     Raises:
-      KeyError: the reference has no geom there.
+      KeyError: the reference has no geom with that pose.
     """
-    numbers = {place: number for number, place in _places(reference).items()}
-    return {number: numbers[place] for number, place in _places(ours).items()}
+    numbers = {pose: number for number, pose in _geom_poses(reference).items()}
+    return {number: numbers[pose] for number, pose in _geom_poses(ours).items()}
 
 
-def _places(model: mujoco.MjModel) -> dict[int, tuple[float, ...]]:
-    """Position and orientation in the world of all colliding geoms, joints at zero."""
+def _geom_poses(model: mujoco.MjModel) -> dict[int, tuple[float, ...]]:
+    """Returns the poses of all colliding geoms in the world, joints at zero."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return {i: (*data.geom_xpos[i], *data.geom_xmat[i]) for i in colliding_geoms(model)}
 
 
 def random_actions(rng: np.random.Generator, steps: int) -> np.ndarray:
-    """Actions of a random walk that gets about and touches things: some held for a while, some drawn anew each step."""
+    """Returns actions of a random walk that touches objects: some are held for a while, some drawn at every step."""
     held = np.repeat(rng.uniform(-1.0, 1.0, (-(-steps // 14), 9)), 14, axis=0)[:steps]
     return np.where(rng.random((steps, 1)) < 0.7, held, rng.uniform(-1.0, 1.0, (steps, 9)))

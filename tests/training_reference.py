@@ -1,9 +1,9 @@
-"""Small learners for the tests of training: seconds, not minutes."""
+"""Small environments and learners for the tests of training, which run in seconds."""
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 
 SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}
 BATCH = 64
@@ -12,19 +12,19 @@ KITCHEN = {"tasks_to_complete": ["kettle"], "goal_format": "flat", "info_format"
 
 
 def environments(count, mode=AutoresetMode.SAME_STEP, domain="open_cabinet", **settings):
-    """Vectorised environments as a training run makes them."""
-    name, own = {"open_cabinet": (CABINET_ID, {}), "kitchen": (KITCHEN_ID, KITCHEN)}[domain]
+    """Returns vectorised environments as a training run makes them."""
+    name, own = {"open_cabinet": (OPEN_CABINET_ID, {}), "kitchen": (KITCHEN_ID, KITCHEN)}[domain]
     arguments = {"num_threads": 1, "autoreset_mode": mode, **own, **settings}
     return gymnasium.make_vec(name, count, vectorization_mode="vector_entry_point", **arguments)
 
 
 def learner(envs, seed=0, domain="open_cabinet", **changes):
-    """A new learner of the environments."""
+    """Returns a new learner in the environments."""
     import torch
 
     from kitchen_suite.training.hyperparameters import Hyperparameters
     from kitchen_suite.training.learner import Learner
 
-    # As a training run does.
+    # As in a training run.
     torch.set_num_threads(1)
-    return Learner(envs, Hyperparameters.of(domain, {**SMALL, **changes}), seed)
+    return Learner(envs, Hyperparameters.for_domain(domain, {**SMALL, **changes}), seed)

@@ -1,1 +1,1 @@
-"""Objects that a scene is furnished with."""
+"""Objects of the scenes."""

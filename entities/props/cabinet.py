@@ -3,27 +3,29 @@
 import math
 
 from dm_control import composer, mjcf
-from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetConfig, Vector
+from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetConfig
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
 
-# MuJoCo's dry friction gives way a little below its limit: by 1 mm in a second under 2 N with the usual 0.9.
+# `solimpfriction` of slides and hinges. With MuJoCo's default of 0.9 a drawer creeps by 1 mm in a second under 2 N,
+# which is less than its dry friction.
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
 class Cabinet(composer.Entity):
-    """The cabinet; its frame sits in its middle, x pointing out of its front."""
+    """The cabinet; the origin of its frame is its centre, x points out of its front."""
 
     def _build(self, config: CabinetConfig | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
         """Builds the cabinet.
 
         Args:
           config: sizes and resistances; the default config when omitted.
-          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
           name: prefix of the cabinet's elements in a scene.
         """
         self._config = config or CabinetConfig()
@@ -54,31 +56,29 @@ class Cabinet(composer.Entity):
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
         """Top and bottom drawer's slide, left and right door's hinge; 0 is closed, opening is positive."""
-        return (*(self.drawer_joint(drawer) for drawer in DRAWERS), *(self._find("joint", door) for door in DOORS))
+        drawers = (self.drawer_joint(drawer) for drawer in DRAWERS)
+        doors = (self._mjcf_root.find("joint", f"door_{door}_joint") for door in DOORS)
+        return (*drawers, *doors)
 
     def drawer_joint(self, drawer: str) -> mjcf.Element:
         """The slide of the `top` or `bottom` drawer."""
-        return self._find("joint", drawer)
+        return self._mjcf_root.find("joint", f"drawer_{drawer}_joint")
 
     def handle_site(self, drawer: str) -> mjcf.Element:
-        """The middle of a drawer's bar: z points into the cabinet, y up, as a gripper's frame does that holds it."""
-        return self._find("site", drawer)
+        """The centre of a drawer's bar, in the orientation of a gripper that holds it: z into the cabinet, y up."""
+        return self._mjcf_root.find("site", f"drawer_{drawer}_handle")
 
     def handle_geoms(self, drawer: str) -> tuple[mjcf.Element, ...]:
-        """The geoms of a drawer's handle, first the bar that is touched; then its posts and what is only seen."""
-        bar = self._find("geom", drawer)
+        """The geoms of a drawer's handle: first the colliding bar, then the posts and the visual geoms."""
+        bar = self._mjcf_root.find("geom", f"drawer_{drawer}_handle_bar")
         others = (geom for geom in bar.parent.geom if f"drawer_{drawer}_handle_" in geom.name and geom != bar)
         return (bar, *others)
-
-    def _find(self, kind: str, part: str) -> mjcf.Element:
-        stem = f"drawer_{part}" if part in DRAWERS else f"door_{part}"
-        return self._mjcf_root.find(kind, stem + {"joint": "_joint", "site": "_handle", "geom": "_handle_bar"}[kind])
 
     def _add_defaults(self) -> None:
         top = self._mjcf_root.default
         visual = top.add("default", dclass="visual")
         visual.geom.set_attributes(group=1, contype=0, conaffinity=0, mass=0)
-        # Contype 0: parts of the cabinet do not touch each other, nor the floor; the robot touches them all the same.
+        # Contype 0: no contacts among parts of the cabinet and the floor. The robot, of contype 1, still collides.
         collision = top.add("default", dclass="collision")
         collision.geom.set_attributes(group=4, contype=0, conaffinity=1, mass=0)
 
@@ -94,21 +94,21 @@ class Cabinet(composer.Entity):
     def _add_carcass(self) -> None:
         (depth, width, height), panel, worktop = self._config.size, self._config.panel, self._config.worktop
         body = self._mjcf_root.worldbody.add("body", name="carcass")
-        # What stands behind the fronts, and the worktop that covers them too.
+        # The carcass is behind the fronts; the worktop covers the fronts as well.
         middle, half_depth = -panel / 2, (depth - panel) / 2
         half_width, top = width / 2, height / 2 - worktop
         side_z, side_half = (top - height / 2) / 2, (top + height / 2) / 2
         for name, sign in (("left", -1), ("right", 1)):
-            place = (middle, sign * (half_width - panel / 2), side_z)
-            self._add_box(body, f"{name}_side", place, (half_depth, panel / 2, side_half), "carcass")
+            pos = (middle, sign * (half_width - panel / 2), side_z)
+            self._add_box(body, f"{name}_side", pos, (half_depth, panel / 2, side_half), "carcass")
         inner = half_width - panel
         self._add_box(body, "back", (-(depth - panel) / 2, 0, side_z), (panel / 2, inner, side_half), "carcass")
         self._add_box(body, "plinth", (middle, 0, 0.03 - height / 2), (half_depth - panel, inner, 0.03), "carcass")
         low, high = self._config.door_span
         for name, z in (("floor", low), ("shelf", high)):
             self._add_box(body, name, (middle, 0, z), (half_depth, inner, panel / 2), "carcass")
-        place = (0.005, 0, height / 2 - worktop / 2)
-        self._add_box(body, "worktop", place, (depth / 2 + 0.005, half_width + 0.01, worktop / 2), "worktop")
+        pos = (0.005, 0, height / 2 - worktop / 2)
+        self._add_box(body, "worktop", pos, (depth / 2 + 0.005, half_width + 0.01, worktop / 2), "worktop")
 
     def _add_drawer(self, drawer: str, height: float) -> None:
         config = self._config
@@ -123,13 +123,13 @@ class Cabinet(composer.Entity):
             solimpfriction=_STIFF_FRICTION,
             damping=config.drawer_damping,
         )
-        for name, (place, half_size, mass) in self._drawer_panels().items():
+        for name, (pos, half_size, mass) in self._drawer_panels().items():
             material = "front" if name == "front" else "tray"
-            self._add_box(body, f"drawer_{drawer}_{name}", place, half_size, material, mass)
+            self._add_box(body, f"drawer_{drawer}_{name}", pos, half_size, material, mass)
         self._add_handle(body, f"drawer_{drawer}", config.handle_position, upright=False)
 
     def _drawer_panels(self) -> dict[str, tuple[Vector, Vector, float]]:
-        """Places and half sizes in the drawer's frame [m], masses [kg]; the mass follows the volume."""
+        """Returns positions and half sizes in the drawer's frame [m], and masses [kg], proportional to the volumes."""
         config = self._config
         thin, inner = config.panel / 2, config.size[1] / 2 - 2 * config.panel
         back, front = -config.front + 3 * config.panel, config.front - config.panel
@@ -142,11 +142,11 @@ class Cabinet(composer.Entity):
             "back": ((back, 0, 0), (thin / 2, inner, rim)),
         }
         volume = sum(math.prod(half_size) for _, half_size in panels.values())
-        share = config.drawer_mass / volume
-        return {name: (place, half, share * math.prod(half)) for name, (place, half) in panels.items()}
+        density = config.drawer_mass / volume
+        return {name: (pos, half, density * math.prod(half)) for name, (pos, half) in panels.items()}
 
     def _add_door(self, door: str, side: int) -> None:
-        """Adds the door on the -y (`side` -1) or the +y (1) half, hinged at its outer edge."""
+        """Adds the door on the -y (`side` -1) or the +y (`side` 1) half, hinged at its outer edge."""
         config = self._config
         (low, high), half_width = config.door_span, config.size[1] / 4 - DOOR_GAP
         hinge = (config.front - config.panel / 2, side * (config.size[1] / 2 - DOOR_GAP), (low + high) / 2)
@@ -169,12 +169,12 @@ class Cabinet(composer.Entity):
     def _add_box(
         self, body: mjcf.Element, name: str, pos: Vector, half_size: Vector, material: str, mass: float = 0.0
     ) -> None:
-        """Adds a panel: one geom to touch, which carries the mass [kg], and one to see."""
+        """Adds a panel: a colliding geom with the mass [kg], and a visual geom."""
         body.add("geom", name=name, dclass="collision", type="box", pos=pos, size=half_size, mass=mass)
         body.add("geom", name=f"{name}_visual", dclass="visual", type="box", pos=pos, size=half_size, material=material)
 
     def _add_handle(self, body: mjcf.Element, stem: str, pos: Vector, *, upright: bool) -> None:
-        """Adds a bar on two posts, and the site in its middle."""
+        """Adds a bar on two posts, and the site at its centre."""
         config, (x, y, z) = self._config, pos
         along = (0, 0, config.handle_half_length) if upright else (0, config.handle_half_length, 0)
         parts = {"bar": (x, y - along[1], z - along[2], x, y + along[1], z + along[2])}
@@ -186,20 +186,20 @@ class Cabinet(composer.Entity):
             shape = {"type": "capsule", "size": (config.handle_radius,), "fromto": ends}
             body.add("geom", name=f"{stem}_handle_{name}", dclass="collision", friction=friction, **shape)
             body.add("geom", name=f"{stem}_handle_{name}_visual", dclass="visual", material="metal", **shape)
-        # Right angles about several axes: a quaternion of halves is exact, and its w is far from changing sign.
+        # The quaternion is exact for these right angles, and its w is far from zero, where its sign would flip.
         frame = {"xyaxes": (0, 0, 1, 0, 1, 0)} if upright else {"quat": (0.5, 0.5, -0.5, -0.5)}
         body.add("site", name=f"{stem}_handle", pos=pos, size=(0.008,), group=3, **frame)
 
 
 class CabinetObservables(composer.Observables):
-    """What a cabinet shows of itself; disabled by default."""
+    """Positions and velocities of drawers and doors; disabled by default."""
 
     @composer.observable
-    def joint_positions(self) -> observable.MJCFFeature:
+    def joint_positions(self) -> JointPositions:
         """Openings: `(4,)` float64, drawers top and bottom [m], doors left and right [rad]; qpos; no noise."""
-        return observable.MJCFFeature("qpos", self._entity.joints)
+        return JointPositions(lambda: self._entity.joints)
 
     @composer.observable
-    def joint_velocities(self) -> observable.MJCFFeature:
+    def joint_velocities(self) -> JointVelocities:
         """Rates of opening: `(4,)` float64, drawers [m/s], doors [rad/s]; qvel; no noise."""
-        return observable.MJCFFeature("qvel", self._entity.joints)
+        return JointVelocities(lambda: self._entity.joints)

@@ -1,4 +1,4 @@
-"""The things in the kitchen: each one an Entity with an MJCF file of its own in `xml/`, usable and viewable alone.
+"""Objects of the kitchen: each is an Entity with its own MJCF file in `xml/`, usable and viewable alone.
 
 Sizes, masses and joint parameters are those of the FrankaKitchen-v1 model in gymnasium-robotics 1.4.2.
 """
@@ -8,20 +8,20 @@ from collections.abc import Sequence
 from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
 
 
 class KitchenProp(composer.Entity):
-    """A thing with a fixed list of joints, described by one MJCF file."""
+    """An object with a fixed list of joints, described by one MJCF file."""
 
     xml_name: str
     joint_names: Sequence[str] = ()
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
-        """Reads the prop's MJCF.
+        """Loads the prop's MJCF.
 
         Args:
-          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
           name: prefix of the prop's elements in a scene; its own name when omitted.
         """
         self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
@@ -41,7 +41,7 @@ class KitchenProp(composer.Entity):
 
 
 class KitchenPropObservables(composer.Observables):
-    """What a prop shows of itself; disabled by default."""
+    """Positions and velocities of a prop's joints; disabled by default."""
 
     @composer.observable
     def joint_positions(self) -> JointPositions:
@@ -55,7 +55,7 @@ class KitchenPropObservables(composer.Observables):
 
 
 class Counter(KitchenProp):
-    """The L-shaped counter with drawers, sink and faucet; nothing of it moves."""
+    """The L-shaped counter with drawers, sink and faucet; without joints."""
 
     xml_name = "counter"
 
@@ -111,13 +111,13 @@ class Microwave(KitchenProp):
 
 
 class Kettle(KitchenProp):
-    """The kettle; it moves freely once `composer.Arena.add_free_entity` or `KitchenArena.place` has attached it."""
+    """The kettle; `composer.Arena.add_free_entity` or `KitchenArena.attach_at_site` adds its free joint."""
 
     xml_name = "kettle"
     joint_names = ("kettle",)
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        """The free joint that the arena gave the kettle: 7 positions, 6 velocities. Empty while it stands alone."""
+        """The free joint that the arena added: 7 positions, 6 velocities. Empty while the kettle is not attached."""
         freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
         return () if freejoint is None else (freejoint,)

@@ -1,6 +1,6 @@
 """The Franka Emika Panda with its two-finger hand: nine joints, each with a position actuator.
 
-A `FrankaSpec` holds what tells one model of this robot from another; the entity builds any of them the same way.
+The entity builds any model of this robot from its `FrankaSpec`.
 """
 
 from typing import Any
@@ -9,20 +9,20 @@ from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
-from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator, Link
+from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
 
 
 class Franka(composer.Entity):
-    """The arm with its hand, on a base that stands at the entity's origin and faces +x."""
+    """The arm with its hand; its base is at the entity's origin and faces +x."""
 
     def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:
         """Builds the robot.
 
         Args:
-          specification: which model of the Panda.
-          visuals: `False` leaves out the geoms that only the eye needs; the physics stays the same to the bit.
+          specification: parameters of the robot.
+          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
           name: prefix of the robot's elements in a scene.
         """
         self._specification = specification
@@ -45,14 +45,13 @@ class Franka(composer.Entity):
 
     @property
     def specification(self) -> FrankaSpec:
-        """Which model of the Panda this is."""
+        """Parameters of the robot."""
         return self._specification
 
     @property
     def joint_actuators(self) -> tuple[JointActuator, ...]:
-        """The nine joints with their joint_actuators: the arm's from the base outwards, then the two fingers'."""
-        parts: tuple[Link | Finger, ...] = (*self._specification.links, *self._specification.fingers)
-        return tuple(part.actuator for part in parts)
+        """The nine joints with their actuators: the arm's from the base outwards, then the two fingers'."""
+        return self._specification.joint_actuators
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
@@ -80,7 +79,7 @@ class Franka(composer.Entity):
         visual.geom.set_attributes(group=1, contype=0, conaffinity=0, type="mesh", rgba=(0.95, 0.99, 0.92, 1), mass=0)
         link = top.add("default", dclass="link")
         link.geom.set_attributes(group=3, contype=1, conaffinity=1, type="mesh", rgba=(0.5, 0.6, 0.7, 1))
-        # Conaffinity 0: fingers do not touch what is itself only touched (walls, counters touch them all the same).
+        # Conaffinity 0: no contacts among fingers. Geoms of the surroundings have conaffinity 1, so they still collide.
         finger = top.add("default", dclass="finger")
         finger.geom.set_attributes(group=3, contype=1, conaffinity=0, rgba=(0.5, 0.6, 0.7, 0.4))
         finger.geom.set_attributes(**self._specification.finger_contact)
@@ -117,31 +116,31 @@ class Franka(composer.Entity):
         body = link7.add(
             "body", name=f"{finger.side}_finger", pos=specification.finger_pos, quat=specification.hand_quat
         )
-        body.add("inertial", mass=finger.inertia.mass, **finger.inertia.spread)
+        body.add("inertial", mass=finger.inertia.mass, **finger.inertia.inertial)
         self._add_joint(body, finger.actuator, type="slide", axis=finger.axis)
-        # The mesh is a left finger's.
-        facing = {} if finger.side == "left" else {"quat": (0, 0, 0, 1)}
-        body.add("geom", name=f"{finger.side}_finger_visual", dclass="visual", mesh="finger_visual", **facing)
+        # The mesh is that of a left finger.
+        orientation = {} if finger.side == "left" else {"quat": (0, 0, 0, 1)}
+        body.add("geom", name=f"{finger.side}_finger_visual", dclass="visual", mesh="finger_visual", **orientation)
         for geom in finger.geoms:
             body.add("geom", dclass="finger", **geom)
 
     def _add_part(self, body: mjcf.Element, part: str, inertia: Inertia, **pose: Any) -> None:
-        """Adds a part's meshes and mass; one with a pose and an `inertial` of its own gets a body of its own."""
-        if pose and inertia.spread:
+        """Adds a part's meshes and mass, in a new body if the part has both a pose and `inertial` attributes."""
+        if pose and inertia.inertial:
             body, pose = body.add("body", name=part, **pose), {}
-        if inertia.spread:
-            body.add("inertial", mass=inertia.mass, **inertia.spread)
+        if inertia.inertial:
+            body.add("inertial", mass=inertia.mass, **inertia.inertial)
         body.add("geom", name=f"{part}_visual", dclass="visual", mesh=f"{part}_visual", **pose)
         body.add("geom", name=part, dclass="link", mesh=f"{part}_collision", mass=inertia.mass, **pose)
 
-    def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **kind: Any) -> None:
+    def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **attributes: Any) -> None:
         joint = body.add(
             "joint",
             name=actuator.joint,
             range=actuator.range,
             damping=actuator.damping,
             armature=actuator.armature,
-            **kind,
+            **attributes,
         )
         self._mjcf_root.actuator.add(
             "position",
@@ -155,7 +154,7 @@ class Franka(composer.Entity):
 
 
 class FrankaObservables(composer.Observables):
-    """What the robot senses of itself; disabled by default."""
+    """Joint positions and velocities, and the end effector's position; disabled by default."""
 
     @composer.observable
     def joint_positions(self) -> JointPositions:
@@ -169,5 +168,5 @@ class FrankaObservables(composer.Observables):
 
     @composer.observable
     def end_effector_position(self) -> observable.MJCFFeature:
-        """Position of `end_effector` in the world: `(3,)` float64 [m]; site_xpos; no noise."""
+        """Position of `end_effector` in the world: `(3,)` float64 [m]; site_xpos; no noise; no task enables it."""
         return observable.MJCFFeature("xpos", self._entity.end_effector)

@@ -1,9 +1,10 @@
 """The robot of FrankaKitchen-v1, gymnasium-robotics 1.4.2 (after vikashplus/franka).
 
-Joint 6 is counted from a frame turned by a right angle against the Panda's own, hence its limits; right angles are
-written 1.57, as there.
+The zero of joint 6 is a right angle from the Panda's own, hence its limits. Right angles are rounded to 1.57, as in
+the original.
 """
 
+from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.robots.specification import (
     Attributes,
     Finger,
@@ -12,11 +13,10 @@ from kitchen_suite.entities.robots.specification import (
     JointActuator,
     Limits,
     Link,
-    Vector,
 )
 
-# The inner side of a finger is a ladder of crossed capsules that narrows towards the tip, above a box.
-# radius [m], y of the near and of the far end [m], z [m]; each rung is two capsules that cross.
+# A finger collides with a box, and above it six pairs of crossed capsules that narrow towards the tip.
+# Radius [m], y of the near and of the far end [m], z [m] of each pair.
 _RUNGS = (
     (0.007, 0.006, 0.009, 0.0875),
     (0.0075, 0.007, 0.010, 0.0775),
@@ -32,7 +32,7 @@ def _links() -> tuple[Link, ...]:
     turn, turn_back = {"quat": (0.707107, -0.707107, 0.0, 0.0)}, {"quat": (0.707107, 0.707107, 0.0, 0.0)}
     shoulder = {"damping": 100.0, "gain": 870.0, "force": 87.0}
     wrist = {"damping": 10.0, "gain": 120.0, "force": 12.0}
-    # pos [m], rotation, mass [kg], joint range [rad], control range [rad], servo
+    # pos [m], rotation, mass [kg], joint range [rad], control range [rad], actuator parameters
     rows: tuple[tuple[Vector, Attributes, float, Limits, Limits, Attributes], ...] = (
         ((0, 0, 0.333), {}, 2.7063, (-2.8973, 2.8973), (-2.9671, 2.9671), shoulder),
         ((0, 0, 0), turn, 2.73046, (-1.7628, 1.7628), (-1.8326, 1.8326), shoulder),
@@ -48,10 +48,10 @@ def _links() -> tuple[Link, ...]:
             rotation=rotation,
             inertia=Inertia(mass=mass),
             actuator=JointActuator(
-                joint=f"panda0_joint{number}", range=joint_range, control_range=control_range, **servo
+                joint=f"panda0_joint{number}", range=joint_range, control_range=control_range, **actuator
             ),
         )
-        for number, (pos, rotation, mass, joint_range, control_range, servo) in enumerate(rows, start=1)
+        for number, (pos, rotation, mass, joint_range, control_range, actuator) in enumerate(rows, start=1)
     )
 
 
@@ -77,12 +77,12 @@ def _finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
 
 
 def _finger(side: str, number: int, sign: int) -> Finger:
-    spread = {
+    inertial = {
         "pos": (sign * -1.57863e-05, sign * 0.0118731, 0.0434103),
         "quat": (0.705868, sign * 0.0310348, sign * -0.0314925, 0.706962),
         "diaginertia": (6.57134e-05, 6.09611e-05, 1.09932e-05),
     }
-    servo = JointActuator(
+    actuator = JointActuator(
         joint=f"panda0_finger_joint{number}",
         range=(0, 0.04),
         damping=100,
@@ -94,8 +94,8 @@ def _finger(side: str, number: int, sign: int) -> Finger:
     return Finger(
         side=side,
         axis=(0, sign, 0),
-        inertia=Inertia(mass=0.0927059, spread=spread),
-        actuator=servo,
+        inertia=Inertia(mass=0.0927059, inertial=inertial),
+        actuator=actuator,
         geoms=_finger_geoms(side, sign),
     )
 

@@ -4,15 +4,15 @@ Poses and limits: the manufacturer's (frankaemika.github.io/docs/control_paramet
 and fingers as in franka_description. Inertial parameters of the arm: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo
 Giordano, A. De Luca, "Dynamic Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters
 Using Penalty-Based Optimization", IEEE RA-L 4(4), 2019, as franka_ros publishes them
-(franka_description/robots/common/inertial.yaml, Apache-2.0), which also gives base, hand and fingers.
-Gains and force limits of the actuators, armature and joint damping of the arm: those of the Panda in MuJoCo Menagerie
-(Apache-2.0).
-Fingers: chosen here; a bar of 12 mm held between the pads slips at a pull of about 20 N, four times what a drawer
-asks for.
+(franka_description/robots/common/inertial.yaml, Apache-2.0), the source for base, hand and fingers as well.
+Gains and force limits of the actuators, armature and joint damping of the arm: MuJoCo Menagerie's Panda (Apache-2.0).
+Fingers: chosen here. A bar of 12 mm held between the pads slips at a pull of about 20 N, four times the force that
+opens a drawer.
 """
 
 import math
 
+from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.robots.specification import (
     Attributes,
     Finger,
@@ -21,13 +21,13 @@ from kitchen_suite.entities.robots.specification import (
     JointActuator,
     Limits,
     Link,
-    Vector,
 )
 
-# Half sizes of a pad: along the bar it holds, across, and along the fingers [m]. Its inner face is the finger's.
+# Half sizes of a finger pad: along the bar that it holds, in the direction of closing, along the finger [m].
 PAD_HALF_SIZE = (0.0105, 0.005, 0.0095)
 
-# From the hand's frame to the fingers', and to the middle of the pads [m].
+# Offsets along z [m]: from the hand to the fingers' frames, from the hand to the middle of the pads, from link 7 to the
+# hand.
 _FINGER_Z = 0.0584
 _TOOL_Z = 0.1034
 _HAND_Z = 0.107
@@ -41,7 +41,7 @@ _WRIST = {**_JOINT, "gain": 2000.0, "velocity_gain": 200.0, "force": 12.0}
 
 _TURN, _TURN_BACK = {"quat": (math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)}, {"quat": (math.sqrt(0.5),) * 2 + (0.0, 0.0)}
 
-# Origin [m], rotation, joint range [rad], servo of links 1 to 7.
+# Origin [m], rotation, joint range [rad] and actuator parameters of links 1 to 7.
 _KINEMATICS: tuple[tuple[Vector, Attributes, Limits, Attributes], ...] = (
     ((0, 0, 0.333), {}, (-2.8973, 2.8973), _SHOULDER),
     ((0, 0, 0), _TURN, (-1.7628, 1.7628), _SHOULDER),
@@ -54,11 +54,11 @@ _KINEMATICS: tuple[tuple[Vector, Attributes, Limits, Attributes], ...] = (
 
 
 def _inertia(mass: float, centre: Vector, moments: tuple[float, ...]) -> Inertia:
-    """From a mass [kg], its centre [m], and the moments xx, yy, zz, xy, xz, yz about that [kg m^2]."""
-    return Inertia(mass=mass, spread={"pos": centre, "fullinertia": moments})
+    """Returns the inertia for a mass [kg], its centre [m], and the moments xx, yy, zz, xy, xz, yz about it [kg m^2]."""
+    return Inertia(mass=mass, inertial={"pos": centre, "fullinertia": moments})
 
 
-# Of links 0 to 7.
+# Inertias of links 0 to 7.
 _INERTIAS = (
     _inertia(
         0.629769,
@@ -111,16 +111,16 @@ def _links() -> tuple[Link, ...]:
             pos=pos,
             rotation=rotation,
             inertia=inertia,
-            actuator=JointActuator(joint=f"joint{number}", range=joint_range, control_range=joint_range, **servo),
+            actuator=JointActuator(joint=f"joint{number}", range=joint_range, control_range=joint_range, **actuator),
         )
-        for number, ((pos, rotation, joint_range, servo), inertia) in enumerate(
+        for number, ((pos, rotation, joint_range, actuator), inertia) in enumerate(
             zip(_KINEMATICS, _INERTIAS[1:], strict=True), start=1
         )
     )
 
 
 def _finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
-    """The pad around the tip, and the shank between it and the hand."""
+    """Returns the pad at the tip, and the shank between pad and hand."""
     pad = {
         "name": f"{side}_finger_pad",
         "type": "box",
@@ -137,7 +137,7 @@ def _finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
 
 
 def _finger(side: str, number: int, sign: int) -> Finger:
-    servo = JointActuator(
+    actuator = JointActuator(
         joint=f"finger_joint{number}",
         range=(0, 0.04),
         damping=5.0,
@@ -148,7 +148,7 @@ def _finger(side: str, number: int, sign: int) -> Finger:
         control_range=(0, 0.04),
     )
     return Finger(
-        side=side, axis=(0, sign, 0), inertia=_FINGER_INERTIA, actuator=servo, geoms=_finger_geoms(side, sign)
+        side=side, axis=(0, sign, 0), inertia=_FINGER_INERTIA, actuator=actuator, geoms=_finger_geoms(side, sign)
     )
 
 
@@ -161,7 +161,7 @@ PANDA = FrankaSpec(
     fingers=(_finger("left", 1, 1), _finger("right", 2, -1)),
     finger_pos=(0, 0, _HAND_Z + _FINGER_Z),
     finger_scale=(1, 1, 1),
-    # Torsion about the contact's normal keeps a bar from turning between the pads.
+    # Torsional friction about the contact normal keeps a bar from turning between the pads.
     finger_contact={"condim": 4, "friction": (1.5, 0.005, 0.0001)},
     end_effector={"name": "gripper", "pos": (0, 0, _HAND_Z + _TOOL_Z), "quat": _HAND_QUAT},
     # Beside the hand, looking along the fingers, upright while the left finger is above the right one.

@@ -1,10 +1,11 @@
-"""What tells one model of the Franka Panda from another; `Franka` builds any of them the same way."""
+"""Specification of a Franka Panda: the parameters in which its models differ; `Franka` builds any of them."""
 
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-Vector = tuple[float, float, float]
+from kitchen_suite.entities.assets import Vector
+
 Limits = tuple[float, float]
 
 # Attributes of an MJCF element by name.
@@ -13,15 +14,15 @@ Attributes = Mapping[str, Any]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointActuator:
-    """A joint and the position servo that drives it.
+    """A joint and the position actuator that drives it.
 
     Attributes:
       joint: name of the joint, and of the actuator.
       range: joint limits [rad] or [m].
-      damping: [N m s/rad] or [N s/m].
-      armature: rotor inertia felt at the joint [kg m^2] or [kg].
-      gain: servo stiffness, `kp` of MuJoCo's position actuator [N m/rad] or [N/m].
-      velocity_gain: damping by the servo, `kv` there [N m s/rad] or [N s/m].
+      damping: damping of the joint [N m s/rad] or [N s/m].
+      armature: rotor inertia at the joint [kg m^2] or [kg].
+      gain: stiffness of the actuator, `kp` of MuJoCo's position actuator [N m/rad] or [N/m].
+      velocity_gain: damping by the actuator, `kv` of MuJoCo's position actuator [N m s/rad] or [N s/m].
       force: greatest torque or force [N m] or [N].
       control_range: limits of the target [rad] or [m].
     """
@@ -38,16 +39,16 @@ class JointActuator:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Inertia:
-    """The mass of a part, and how it is spread.
+    """Mass of a part and its distribution.
 
     Attributes:
-      mass: [kg].
-      spread: MJCF attributes of the part's `inertial`: centre of mass `pos` [m] and the moments about it [kg m^2];
-        empty where the mass is spread evenly over the convex hull of the part's collision mesh.
+      mass: mass [kg].
+      inertial: MJCF attributes of the part's `inertial` beside the mass: centre of mass `pos` [m] and the moments of
+        inertia about it [kg m^2]; empty where MuJoCo computes them from the convex hull of the collision mesh.
     """
 
     mass: float
-    spread: Attributes = dataclasses.field(default_factory=dict)
+    inertial: Attributes = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,10 +56,10 @@ class Link:
     """A moving link of the arm.
 
     Attributes:
-      pos: origin of the link in the frame of the link before it [m].
-      rotation: the link's orientation there, as one MJCF attribute (`quat` or `euler`).
-      inertia: its mass, in its own frame.
-      servo: what moves it, about its z axis.
+      pos: origin of the link in the frame of the previous link [m].
+      rotation: orientation of the link in the frame of the previous link, as one MJCF attribute (`quat` or `euler`).
+      inertia: mass and its distribution in the link's frame.
+      actuator: the joint about the link's z axis, with its actuator.
     """
 
     pos: Vector
@@ -69,13 +70,13 @@ class Link:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Finger:
-    """One of the two fingers, in a frame that is the hand's moved along z.
+    """One of the two fingers; its frame is the hand's frame shifted along z.
 
     Attributes:
       side: `left` or `right`.
       axis: direction in which it opens.
-      inertia: its mass; always with a `spread`.
-      servo: what moves it.
+      inertia: mass and its distribution; always with `inertial` attributes.
+      actuator: the finger's joint with its actuator.
       geoms: MJCF attributes of its colliding geoms, names included.
     """
 
@@ -88,17 +89,18 @@ class Finger:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrankaSpec:
-    """Everything that tells one model of the Panda from another.
+    """All parameters in which models of the Panda differ.
 
     Attributes:
-      base_inertia: mass of link 0.
+      base_inertia: inertia of link 0.
       links: links 1 to 7, from the base outwards.
-      hand_inertia: mass of the hand.
+      hand_inertia: inertia of the hand.
       hand_pos: origin of the hand in the frame of link 7 [m].
-      hand_quat: the hand's orientation there; its z axis is the direction of approach, y the one of the fingers.
+      hand_quat: orientation of the hand in the frame of link 7; its z axis is the direction of approach, its y axis
+        points to the left finger.
       fingers: the left finger, which opens towards the hand's +y, then the right one.
-      finger_pos: where the fingers' frames sit in the frame of link 7 [m].
-      finger_scale: scale of the mesh that shows a finger.
+      finger_pos: origin of the fingers' frames in the frame of link 7 [m].
+      finger_scale: scale of the finger's visual mesh.
       finger_contact: MJCF attributes that all colliding geoms of the fingers share.
       end_effector: MJCF attributes of the site between the fingers, in the frame of link 7, name included.
       wrist_camera: MJCF attributes of the camera beside the hand, in the frame of link 7.
@@ -115,3 +117,8 @@ class FrankaSpec:
     finger_contact: Attributes
     end_effector: Attributes
     wrist_camera: Attributes
+
+    @property
+    def joint_actuators(self) -> tuple[JointActuator, ...]:
+        """The nine joints with their actuators: the arm's from the base outwards, then the two fingers'."""
+        return (*(link.actuator for link in self.links), *(finger.actuator for finger in self.fingers))

@@ -1,1 +1,1 @@
-"""Arenas, and scenes put together from an arena, a robot and props."""
+"""Arenas, and scenes of an arena, a robot and props."""

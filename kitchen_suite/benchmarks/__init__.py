@@ -1,1 +1,1 @@
-"""Speed and memory of the suite beside bare MuJoCo and the baselines."""
+"""Benchmarks of speed and memory against bare MuJoCo and other implementations."""

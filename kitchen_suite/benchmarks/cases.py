@@ -1,97 +1,94 @@
-"""What a benchmark measures: things that run an episode, by domain."""
+"""Benchmark cases: simulations and environments that run one episode with given actions."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
-from dm_control import composer
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import Environment
+from kitchen_suite.gymnasium_env import IDS
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 
+# Names of cases that every domain has.
 BARE = "bare mj_step"
 SUITE = "suite.load, without visuals"
 ADAPTER = "Gymnasium adapter, without visuals"
-THREADS = (1, 2)
 
-# Runs one episode with the given actions: (steps, n) of one environment, (steps, environments, n) of many.
-Episode = Callable[[NDArray[np.float64]], None]
-Builder = Callable[[int, int], gymnasium.vector.VectorEnv]
+NUM_THREADS = (1, 2)
 
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Contender:
-    """Something that is measured.
-
-    Attributes:
-      episode: runs one episode.
-      environments: how many it steps at once; 0 for one that is no vectorised environment.
-      threads: on how many threads.
-    """
-
-    episode: Episode
-    environments: int = 0
-    threads: int = 1
+# Builds a vectorised environment of (num_envs, num_threads).
+VectorEnvFactory = Callable[[int, int], gymnasium.vector.VectorEnv]
+# Draws actions of a leading shape; the last axis is the action's.
+DrawActions = Callable[[np.random.Generator, tuple[int, ...]], NDArray[np.float64]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Domain:
-    """What is compared in a domain.
+class Case:
+    """A simulation or environment whose speed is measured.
 
     Attributes:
-      steps: control steps of an episode.
-      draw: makes the actions of an episode, of a shape.
-      contenders: makes all that is compared, by name, the vectorised ones with a number of environments; the first is
-        what the others are measured against.
-      comparisons: further ratios, by name: which contender's rate over which one's.
-      own: builds the suite's environment, without a time limit, and an adapter over another one.
-      builders: build vectorised environments of so many environments and threads, by name; the suite's own first.
+      episode: runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised.
+      num_envs: number of environments stepped together; 0 if not vectorised.
+      num_threads: number of threads that step them.
     """
 
-    steps: int
-    draw: Callable[[np.random.Generator, tuple[int, ...]], NDArray[np.float64]]
-    contenders: Callable[[int], dict[str, Contender]]
-    comparisons: Callable[[int], dict[str, tuple[str, str]]]
-    own: Callable[[], tuple[Environment, SuiteEnv]]
-    builders: Mapping[str, Builder]
+    episode: Callable[[NDArray[np.float64]], None]
+    num_envs: int = 0
+    num_threads: int = 1
 
 
-def vector_name(what: str, environments: int, threads: int) -> str:
-    """Name of a vectorised contender."""
-    return f"{what}, {environments} environments, {threads} {'thread' if threads == 1 else 'threads'}"
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BenchmarkDomain:
+    """Cases of a domain and what they are compared by.
+
+    Attributes:
+      max_episode_steps: control steps of an episode.
+      draw_actions: draws the actions of an episode.
+      cases: builds the cases, by name, the vectorised ones with `num_envs` environments; the first is the denominator
+        of every case's ratio.
+      ratios: named ratios as (numerator case, denominator case), for `num_envs` environments.
+      environments: builds the suite's environment and a Gymnasium environment, both without a time limit.
+      vector_envs: name -> f(num_envs, num_threads); the suite's first.
+    """
+
+    max_episode_steps: int
+    draw_actions: DrawActions
+    cases: Callable[[int], dict[str, Case]]
+    ratios: Callable[[int], dict[str, tuple[str, str]]]
+    environments: Callable[[], tuple[Environment, SuiteEnv]]
+    vector_envs: Mapping[str, VectorEnvFactory]
 
 
-def dm_env_contender(environment: composer.Environment) -> Contender:
-    """Steps an environment of dm_env's interface."""
+def registered_episode_steps(domain_name: str) -> int:
+    """Returns the control steps of an episode that the domain's Gymnasium id is registered with."""
+    return cast(int, gymnasium.spec(IDS[domain_name]).max_episode_steps)
+
+
+def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 1) -> Case:
+    """Returns the case of an environment with dm_env's or Gymnasium's interface."""
 
     def episode(actions: NDArray[np.float64]) -> None:
         environment.reset()
         for action in actions:
             environment.step(action)
 
-    return Contender(episode=episode)
+    return Case(episode=episode, num_envs=num_envs, num_threads=num_threads)
 
 
-def gymnasium_contender(environment: Any, environments: int = 0, threads: int = 1) -> Contender:
-    """Steps an environment of Gymnasium's interface, or many at once."""
-
-    def episode(actions: NDArray[np.float64]) -> None:
-        environment.reset()
-        for action in actions:
-            environment.step(action)
-
-    return Contender(episode=episode, environments=environments, threads=threads)
+def vector_case_name(name: str, num_envs: int, num_threads: int) -> str:
+    """Returns the name of the case of a vectorised environment."""
+    return f"{name}, {num_envs} environments, {num_threads} {'thread' if num_threads == 1 else 'threads'}"
 
 
-def vectorised_contenders(builders: Mapping[str, Builder], environments: int) -> dict[str, Contender]:
-    """Everything that steps many environments, on each number of threads."""
+def vector_cases(vector_envs: Mapping[str, VectorEnvFactory], num_envs: int) -> dict[str, Case]:
+    """Builds the cases of vectorised environments, with each of `NUM_THREADS`."""
     return {
-        vector_name(what, environments, threads): gymnasium_contender(
-            build(environments, threads), environments, threads
+        vector_case_name(name, num_envs, num_threads): environment_case(
+            build(num_envs, num_threads), num_envs=num_envs, num_threads=num_threads
         )
-        for threads in THREADS
-        for what, build in builders.items()
+        for num_threads in NUM_THREADS
+        for name, build in vector_envs.items()
     }

@@ -1,4 +1,4 @@
-"""What `kitchen-benchmark` compares in the kitchen."""
+"""Benchmark cases of the kitchen; none of their episodes terminates."""
 
 import functools
 from typing import Any
@@ -9,129 +9,148 @@ from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import baselines as peers
+from kitchen_suite.benchmarks import baselines
 from kitchen_suite.benchmarks.cases import (
     ADAPTER,
     BARE,
     SUITE,
-    Builder,
-    Contender,
-    Domain,
-    dm_env_contender,
-    gymnasium_contender,
-    vector_name,
-    vectorised_contenders,
+    BenchmarkDomain,
+    Case,
+    VectorEnvFactory,
+    environment_case,
+    registered_episode_steps,
+    vector_case_name,
+    vector_cases,
 )
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.kitchen import mdp as kitchen_rules
+from kitchen_suite.tasks.kitchen import mdp
 from kitchen_suite.tasks.kitchen.action import position_target
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"
 
+_ACTION_SIZE = 9
+_MAX_EPISODE_STEPS = registered_episode_steps("kitchen")
 
-def bare_kitchen(model: mujoco.MjModel) -> Contender:
-    """Bare physics steps of a model, controls computed as the task does."""
+
+def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Draws uniform actions `(*shape, 9)`."""
+    return rng.uniform(-1.0, 1.0, (*shape, _ACTION_SIZE))
+
+
+def load(*, visuals: bool) -> Environment:
+    """Builds the suite's environment, without a time limit."""
+    task_kwargs = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, "visuals": visuals}
+    return suite.load("kitchen", "all", task_kwargs)
+
+
+def environments() -> tuple[Environment, FrankaKitchenEnv]:
+    """Builds the suite's environment and a Gymnasium environment, without visuals or a time limit."""
+    return load(visuals=False), FrankaKitchenEnv(terminate_on_tasks_completed=False)
+
+
+def vectorised_kitchen(num_envs: int, num_threads: int, *, sleep: bool = False) -> FrankaKitchenVectorEnv:
+    """Builds the suite's vectorised environment."""
+    return FrankaKitchenVectorEnv(
+        num_envs,
+        num_threads=num_threads,
+        max_episode_steps=_MAX_EPISODE_STEPS,
+        terminate_on_tasks_completed=False,
+        sleep=sleep,
+    )
+
+
+VECTOR_ENVS: dict[str, VectorEnvFactory] = {
+    "vectorised": vectorised_kitchen,
+    "vectorised, sleeping": functools.partial(vectorised_kitchen, sleep=True),
+}
+if baselines.has_envpool():
+    VECTOR_ENVS["EnvPool"] = baselines.envpool_kitchen
+
+
+def bare_case(model: mujoco.MjModel) -> Case:
+    """Returns the case of bare physics steps of a model, with controls computed as the task does."""
     data = mujoco.MjData(model)
-    timestep = kitchen_rules.CONTROL_TIMESTEP
-    substeps = round(timestep / kitchen_rules.PHYSICS_TIMESTEP)
+    substeps = round(mdp.CONTROL_TIMESTEP / mdp.PHYSICS_TIMESTEP)
 
     def episode(actions: NDArray[np.float64]) -> None:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = INITIAL_QPOS
         for action in actions:
-            data.ctrl[:] = position_target(data.qpos[:9], action, velocity_scale=2.0, timestep=timestep)
+            positions = data.qpos[:_ACTION_SIZE]
+            data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=mdp.CONTROL_TIMESTEP)
             mujoco.mj_step(model, data, substeps)
 
-    return Contender(episode=episode)
+    return Case(episode=episode)
 
 
-def original_contender() -> Contender:
-    """Steps Gymnasium-Robotics' own environment."""
-    with peers.helper_replaced() as kitchen_env:
-        steps = gymnasium_contender(kitchen_env.KitchenEnv(terminate_on_tasks_completed=False))
+def original_case() -> Case:
+    """Builds the case of Gymnasium-Robotics' environment."""
+    with baselines.patched_kitchen_env() as kitchen_env:
+        case = environment_case(kitchen_env.KitchenEnv(terminate_on_tasks_completed=False))
 
     def episode(actions: NDArray[np.float64]) -> None:
-        with peers.helper_replaced():
-            steps.episode(actions)
+        with baselines.patched_kitchen_env():
+            case.episode(actions)
 
-    return Contender(episode=episode)
-
-
-def vectorised_kitchen(environments: int, threads: int, **settings: Any) -> FrankaKitchenVectorEnv:
-    """The suite's vectorised kitchen; its episodes do not terminate."""
-    settings |= {"max_episode_steps": 280, "terminate_on_tasks_completed": False}
-    return FrankaKitchenVectorEnv(environments, num_threads=threads, **settings)
+    return Case(episode=episode)
 
 
-def builders() -> dict[str, Builder]:
-    """The suite's vectorised kitchens, and EnvPool's where it is installed."""
-    known: dict[str, Builder] = {
-        "vectorised": vectorised_kitchen,
-        "vectorised, sleeping": functools.partial(vectorised_kitchen, sleep=True),
-    }
-    return known | ({"EnvPool": peers.envpool_kitchen} if peers.has_envpool() else {})
-
-
-def own() -> tuple[Environment, FrankaKitchenEnv]:
-    """The suite's own environment and adapter, without visuals; their episodes do not terminate."""
-    quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, "visuals": False}
-    return suite.load("kitchen", "all", quiet), FrankaKitchenEnv(terminate_on_tasks_completed=False)
-
-
-def contenders(environments: int) -> dict[str, Contender]:
-    """Bare MuJoCo on the original's model, the suite in all its forms, and its peers."""
-    quiet = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None}
-    environment, adapter = own()
-    own_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
+def stock_composer_case() -> Case:
+    """Builds the case of the suite's task in composer's own environment."""
     task = KitchenTask(build_kitchen_scene(), terminate_on_tasks_completed=False)
-    stock = composer.Environment(
-        task, random_state=0, strip_singleton_obs_buffer_dim=True, recompile_mjcf_every_episode=False
-    )
-    measured: dict[str, Contender] = {
-        BARE: bare_kitchen(peers.original_model()),
-        "bare mj_step, the suite's model": bare_kitchen(own_model),
-        SUITE: dm_env_contender(environment),
-        ADAPTER: gymnasium_contender(adapter),
-        "suite.load, with visuals": dm_env_contender(suite.load("kitchen", "all", quiet)),
-        "Gymnasium adapter, with visuals": gymnasium_contender(
-            FrankaKitchenEnv(terminate_on_tasks_completed=False, visuals=True)
-        ),
-        "the same task in stock composer": dm_env_contender(stock),
-        ORIGINAL: original_contender(),
+    settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
+    return environment_case(composer.Environment(task, random_state=0, **settings))
+
+
+def cases(num_envs: int) -> dict[str, Case]:
+    """Builds the cases: bare MuJoCo on the original's model, the suite in all its forms, and the baselines."""
+    environment, adapter = environments()
+    suite_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
+    adapter_with_visuals = FrankaKitchenEnv(terminate_on_tasks_completed=False, visuals=True)
+    return {
+        BARE: bare_case(baselines.original_model()),
+        "bare mj_step, the suite's model": bare_case(suite_model),
+        SUITE: environment_case(environment),
+        ADAPTER: environment_case(adapter),
+        "suite.load, with visuals": environment_case(load(visuals=True)),
+        "Gymnasium adapter, with visuals": environment_case(adapter_with_visuals),
+        "the same task in stock composer": stock_composer_case(),
+        ORIGINAL: original_case(),
+        **vector_cases(VECTOR_ENVS, num_envs),
     }
-    return measured | vectorised_contenders(builders(), environments)
 
 
-def comparisons(environments: int) -> dict[str, tuple[str, str]]:
-    """What the adapter costs, what a second thread brings, and the peers."""
+def ratios(num_envs: int) -> dict[str, tuple[str, str]]:
+    """Returns named ratios as (numerator case, denominator case)."""
 
-    def name(what: str, threads: int = 1) -> str:
-        return vector_name(what, environments, threads)
+    def name(vector_env: str, num_threads: int) -> str:
+        return vector_case_name(vector_env, num_envs, num_threads)
 
-    ratios = {
+    named = {
         "Gymnasium adapter / suite.load": (ADAPTER, SUITE),
-        "vectorised, two threads / one": (name("vectorised", 2), name("vectorised")),
-        "vectorised, one thread / Gymnasium-Robotics": (name("vectorised"), ORIGINAL),
+        "vectorised, two threads / one": (name("vectorised", 2), name("vectorised", 1)),
+        "vectorised, one thread / Gymnasium-Robotics": (name("vectorised", 1), ORIGINAL),
     }
-    if peers.has_envpool():
-        ratios |= {
-            "vectorised / EnvPool, one thread each": (name("vectorised"), name("EnvPool")),
-            "vectorised, sleeping / EnvPool, one thread each": (name("vectorised, sleeping"), name("EnvPool")),
-            "EnvPool, two threads / one": (name("EnvPool", 2), name("EnvPool")),
+    if baselines.has_envpool():
+        envpool = name("EnvPool", 1)
+        named |= {
+            "vectorised / EnvPool, one thread each": (name("vectorised", 1), envpool),
+            "vectorised, sleeping / EnvPool, one thread each": (name("vectorised, sleeping", 1), envpool),
+            "EnvPool, two threads / one": (name("EnvPool", 2), envpool),
         }
-    return ratios
+    return named
 
 
-KITCHEN = Domain(
-    steps=280,
-    draw=lambda rng, shape: rng.uniform(-1.0, 1.0, (*shape, 9)),
-    contenders=contenders,
-    comparisons=comparisons,
-    own=own,
-    builders=builders(),
+KITCHEN = BenchmarkDomain(
+    max_episode_steps=_MAX_EPISODE_STEPS,
+    draw_actions=draw_actions,
+    cases=cases,
+    ratios=ratios,
+    environments=environments,
+    vector_envs=VECTOR_ENVS,
 )

@@ -1,6 +1,8 @@
-"""Measures memory: what each further environment takes, and whether a long run leaves anything behind."""
+"""Measures memory: of each further environment, and in the course of a long run."""
 
 import concurrent.futures
+import functools
+import itertools
 import multiprocessing
 import resource
 from collections.abc import Sequence
@@ -10,78 +12,98 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import THREADS
-from kitchen_suite.benchmarks.domains import DOMAINS
+from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, DrawActions, VectorEnvFactory
 from kitchen_suite.benchmarks.speed import throughput
+from kitchen_suite.rendering import gl
 
 _MEBIBYTE = 2**20
-# How often a long run is looked at.
-_SAMPLES = 20
+_SOAK_SAMPLES = 20
 
-# Environments of EnvPool that still fit into the memory of common machines.
-_MOST_ENVPOOL = 128
+# Number of EnvPool's environments that still fit into the memory of common machines.
+_MAX_ENVPOOL = 128
 
 
 def resident_memory() -> float:
-    """Memory that this process holds in RAM [MiB]; Linux only."""
+    """Returns the memory that this process holds in RAM [MiB]; Linux only."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize() / _MEBIBYTE
 
 
-def memory_of(domain_name: str, builder: str, environments: int) -> float:
-    """Memory [MiB] that this process holds with so many environments in use."""
-    domain = DOMAINS[domain_name]
-    environment = domain.builders[builder](environments, 1)
-    environment.reset()
-    for actions in domain.draw(np.random.default_rng(0), (5, environments)):
-        environment.step(actions)
+def memory_in_use(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+    """Returns the memory that this process holds with vectorised environments that have made a few steps [MiB]."""
+    environments = build(num_envs, 1)
+    environments.reset()
+    for actions in draw_actions(np.random.default_rng(0), (5, num_envs)):
+        environments.step(actions)
     return resident_memory()
 
 
-def memory_per_environment(domain_name: str, builder: str, environments: int) -> float:
-    """Memory [MiB] of each environment beyond the first; either number of them in a process of its own."""
-    context = multiprocessing.get_context("spawn")
-    held = []
-    for count in (1, environments):
-        with concurrent.futures.ProcessPoolExecutor(1, mp_context=context) as executor:
-            held.append(executor.submit(memory_of, domain_name, builder, count).result())
-    return (held[1] - held[0]) / (environments - 1)
+def memory_per_environment(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+    """Measures the memory of each environment beyond the first [MiB].
+
+    One environment and `num_envs` of them are built in a new process each.
+    """
+    one, many = (_in_new_process(build, draw_actions, count) for count in (1, num_envs))
+    return (many - one) / (num_envs - 1)
 
 
-def scaling(domain_name: str, sizes: Sequence[int], *, control_steps: int) -> list[dict[str, Any]]:
-    """Throughput and memory by number of environments and threads; memory [MiB] of one of many, on one thread."""
-    rows, domain = [], DOMAINS[domain_name]
-    cases = [
-        (name, size, threads)
-        for name in domain.builders
-        for size in sizes
-        for threads in THREADS
-        if not (name == "EnvPool" and size > _MOST_ENVPOOL)
-    ]
-    for builder, size, threads in tqdm(cases, disable=None):
-        environment = domain.builders[builder](size, threads)
-        row = {"builder": builder, "environments": size, "threads": threads, "memory": None}
-        row["steps_per_second"] = throughput(domain, environment, control_steps=control_steps)
-        environment.close()
-        if size > 1 and threads == 1:
-            row["memory"] = memory_per_environment(domain_name, builder, size)
-        rows.append(row)
+def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+    executor = concurrent.futures.ProcessPoolExecutor(
+        1,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=functools.partial(gl.prepare, rendering=False),
+    )
+    with executor:
+        return executor.submit(memory_in_use, build, draw_actions, num_envs).result()
+
+
+def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], *, num_steps: int) -> list[dict[str, Any]]:
+    """Measures throughput by number of environments and threads, and memory per environment [MiB] on one thread.
+
+    Args:
+      domain: has the vectorised environments.
+      num_envs: numbers of environments.
+      num_steps: control steps of each measurement, over all environments.
+    """
+    rows = []
+    for name, count, threads in tqdm([*itertools.product(domain.vector_envs, num_envs, NUM_THREADS)], disable=None):
+        if name == "EnvPool" and count > _MAX_ENVPOOL:
+            continue
+        rate = _throughput_of(domain, name, count, threads, num_steps)
+        memory = None
+        if count > 1 and threads == 1:
+            memory = memory_per_environment(domain.vector_envs[name], domain.draw_actions, count)
+        sizes = {"num_envs": count, "num_threads": threads}
+        rows.append({"vector_env": name, **sizes, "memory": memory, "steps_per_second": rate})
     return rows
 
 
-def soak(domain_name: str, *, environments: int, control_steps: int) -> dict[str, list[float]]:
-    """Memory [MiB] in the course of a long run with episodes of the usual length, by control steps made."""
-    domain = DOMAINS[domain_name]
-    environment = domain.builders["vectorised"](environments, THREADS[-1])
+def _throughput_of(domain: BenchmarkDomain, name: str, num_envs: int, num_threads: int, num_steps: int) -> float:
+    environments = domain.vector_envs[name](num_envs, num_threads)
+    try:
+        return throughput(domain.draw_actions, environments, num_steps=num_steps)
+    finally:
+        environments.close()
+
+
+def soak(domain: BenchmarkDomain, *, num_envs: int, num_steps: int) -> dict[str, list[float]]:
+    """Samples the memory [MiB] in the course of a long run of the suite's vectorised environments.
+
+    Args:
+      domain: has the vectorised environments; their episodes have the usual length.
+      num_envs: number of environments.
+      num_steps: control steps in total, rounded up to a multiple of the number of samples and environments.
+    """
+    environments = domain.vector_envs["vectorised"](num_envs, NUM_THREADS[-1])
     rng = np.random.default_rng(0)
-    per_sample = -(-control_steps // (_SAMPLES * environments))
-    environment.reset(seed=0)
-    made, memory = [0.0], [resident_memory()]
-    with tqdm(total=_SAMPLES * per_sample * environments, unit="steps", disable=None) as bar:
-        for _ in range(_SAMPLES):
-            for _ in range(per_sample):
-                environment.step(domain.draw(rng, (environments,)))
-                bar.update(environments)
-            made.append(made[-1] + per_sample * environments)
+    steps_per_sample = -(-num_steps // (_SOAK_SAMPLES * num_envs))
+    environments.reset(seed=0)
+    done, memory = [0.0], [resident_memory()]
+    with tqdm(total=_SOAK_SAMPLES * steps_per_sample * num_envs, unit="steps", disable=None) as bar:
+        for _ in range(_SOAK_SAMPLES):
+            for _ in range(steps_per_sample):
+                environments.step(domain.draw_actions(rng, (num_envs,)))
+                bar.update(num_envs)
+            done.append(done[-1] + steps_per_sample * num_envs)
             memory.append(resident_memory())
-    return {"control_steps": made, "memory": memory}
+    return {"num_steps": done, "memory": memory}

@@ -1,7 +1,6 @@
-"""What `kitchen-benchmark` compares before the cabinet."""
+"""Benchmark cases of open_cabinet."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -12,51 +11,75 @@ from kitchen_suite import suite
 from kitchen_suite.benchmarks.cases import (
     ADAPTER,
     BARE,
+    NUM_THREADS,
     SUITE,
-    THREADS,
-    Builder,
-    Contender,
-    Domain,
-    dm_env_contender,
-    gymnasium_contender,
-    vector_name,
-    vectorised_contenders,
+    BenchmarkDomain,
+    Case,
+    VectorEnvFactory,
+    environment_case,
+    registered_episode_steps,
+    vector_case_name,
+    vector_cases,
 )
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet import mdp as drawer_rules
-from kitchen_suite.tasks.open_cabinet import task as open_cabinet
+from kitchen_suite.tasks.open_cabinet import mdp
+from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
+_MAX_EPISODE_STEPS = registered_episode_steps("open_cabinet")
+_ARM = slice(7)
 
-def bare_cabinet() -> Contender:
-    """Bare physics steps of the suite's own model of the cabinet, the arm's servos following the actions."""
-    environment = suite.load("open_cabinet", "top_drawer", {"random": 0, "visuals": False})
+
+def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Draws actions `(*shape, 8)` with joint offsets so small that the episode does not terminate."""
+    return rng.normal(0.0, 0.01, (*shape, mdp.ACTION_SIZE))
+
+
+def load(*, visuals: bool) -> Environment:
+    """Builds the suite's environment, without a time limit."""
+    return suite.load("open_cabinet", "top_drawer", {"random": 0, "time_limit": None, "visuals": visuals})
+
+
+def environments() -> tuple[Environment, FrankaOpenCabinetEnv]:
+    """Builds the suite's environment and a Gymnasium environment, without visuals or a time limit."""
+    return load(visuals=False), FrankaOpenCabinetEnv()
+
+
+def vectorised_open_cabinet(num_envs: int, num_threads: int) -> FrankaOpenCabinetVectorEnv:
+    """Builds the suite's vectorised environment."""
+    return FrankaOpenCabinetVectorEnv(num_envs, num_threads=num_threads, max_episode_steps=_MAX_EPISODE_STEPS)
+
+
+VECTOR_ENVS: Mapping[str, VectorEnvFactory] = {"vectorised": vectorised_open_cabinet}
+
+
+def bare_case() -> Case:
+    """Builds the case of bare physics steps of the suite's model, with joint offsets as the arm's controls."""
+    environment = load(visuals=False)
     environment.reset()
     model, data = environment.physics.model.ptr, mujoco.MjData(environment.physics.model.ptr)
-    start = environment.physics.data.qpos.copy()
-    substeps = round(drawer_rules.CONTROL_TIMESTEP / drawer_rules.PHYSICS_TIMESTEP)
+    initial_qpos = environment.physics.data.qpos.copy()
+    substeps = round(mdp.CONTROL_TIMESTEP / mdp.PHYSICS_TIMESTEP)
 
     def episode(actions: NDArray[np.float64]) -> None:
         mujoco.mj_resetData(model, data)
-        data.qpos[:] = start
+        data.qpos[:] = initial_qpos
         for action in actions:
-            data.ctrl[:7] = data.qpos[:7] + action[:7]
+            data.ctrl[_ARM] = data.qpos[_ARM] + action[_ARM]
             mujoco.mj_step(model, data, substeps)
 
-    return Contender(episode=episode)
+    return Case(episode=episode)
 
 
 class EmptyTask(composer.Task):
-    """What composer itself costs: a task that observes nothing and pays nothing, and only sets the servos' targets."""
+    """A task without observations or rewards, which only sets controls; its speed is that of composer itself."""
 
     def __init__(self, scene: OpenCabinetScene) -> None:
         """Sets the task up in a scene."""
         self._scene = scene
-        self.set_timesteps(
-            control_timestep=drawer_rules.CONTROL_TIMESTEP, physics_timestep=drawer_rules.PHYSICS_TIMESTEP
-        )
+        self.set_timesteps(control_timestep=mdp.CONTROL_TIMESTEP, physics_timestep=mdp.PHYSICS_TIMESTEP)
 
     @property
     def root_entity(self) -> composer.Entity:
@@ -65,59 +88,47 @@ class EmptyTask(composer.Task):
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         del random_state
         self._ctrl, self._qpos = physics.data.ctrl, physics.data.qpos
-        self._qpos[: open_cabinet.DEFAULT_POSE.size] = open_cabinet.DEFAULT_POSE
+        self._qpos[: DEFAULT_POSE.size] = DEFAULT_POSE
 
     def before_step(self, physics: mjcf.Physics, action: NDArray, random_state: np.random.RandomState) -> None:
         del physics, random_state
-        self._ctrl[:7] = self._qpos[:7] + action[:7]
+        self._ctrl[_ARM] = self._qpos[_ARM] + action[_ARM]
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
         return 0.0
 
 
-def vectorised_cabinet(environments: int, threads: int) -> FrankaOpenCabinetVectorEnv:
-    """The suite's vectorised cabinet."""
-    return FrankaOpenCabinetVectorEnv(environments, num_threads=threads, max_episode_steps=700)
+def empty_task_case() -> Case:
+    """Builds the case of `EmptyTask` in composer's own environment."""
+    task = EmptyTask(build_open_cabinet_scene(visuals=False))
+    return environment_case(composer.Environment(task, recompile_mjcf_every_episode=False))
 
 
-BUILDERS: Mapping[str, Builder] = MappingProxyType({"vectorised": vectorised_cabinet})
-
-
-def own() -> tuple[Environment, FrankaOpenCabinetEnv]:
-    """The suite's own environment and adapter, without visuals."""
-    quiet = {"random": 0, "time_limit": None, "visuals": False}
-    return suite.load("open_cabinet", "top_drawer", quiet), FrankaOpenCabinetEnv()
-
-
-def contenders(environments: int) -> dict[str, Contender]:
-    """Bare MuJoCo on the suite's own model, and the suite."""
-    environment, adapter = own()
-    quiet = {"random": 0, "time_limit": None}
-    measured = {
-        BARE: bare_cabinet(),
-        SUITE: dm_env_contender(environment),
-        ADAPTER: gymnasium_contender(adapter),
-        "suite.load, with visuals": dm_env_contender(suite.load("open_cabinet", "top_drawer", quiet)),
-        "a task without observations or rewards": dm_env_contender(
-            composer.Environment(EmptyTask(build_open_cabinet_scene(visuals=False)), recompile_mjcf_every_episode=False)
-        ),
+def cases(num_envs: int) -> dict[str, Case]:
+    """Builds the cases: bare MuJoCo on the suite's own model, the suite in all its forms, and composer itself."""
+    environment, adapter = environments()
+    return {
+        BARE: bare_case(),
+        SUITE: environment_case(environment),
+        ADAPTER: environment_case(adapter),
+        "suite.load, with visuals": environment_case(load(visuals=True)),
+        "a task without observations or rewards": empty_task_case(),
+        **vector_cases(VECTOR_ENVS, num_envs),
     }
-    return measured | vectorised_contenders(BUILDERS, environments)
 
 
-def comparisons(environments: int) -> dict[str, tuple[str, str]]:
-    """What the adapter costs, and what a second thread brings."""
-    one, two = (vector_name("vectorised", environments, threads) for threads in THREADS)
+def ratios(num_envs: int) -> dict[str, tuple[str, str]]:
+    """Returns named ratios as (numerator case, denominator case)."""
+    one, two = (vector_case_name("vectorised", num_envs, num_threads) for num_threads in NUM_THREADS)
     return {"Gymnasium adapter / suite.load": (ADAPTER, SUITE), "vectorised, two threads / one": (two, one)}
 
 
-CABINET = Domain(
-    steps=700,
-    # Offsets so small that the episode does not terminate.
-    draw=lambda rng, shape: rng.normal(0.0, 0.01, (*shape, drawer_rules.ACTION_SIZE)),
-    contenders=contenders,
-    comparisons=comparisons,
-    own=own,
-    builders=BUILDERS,
+OPEN_CABINET = BenchmarkDomain(
+    max_episode_steps=_MAX_EPISODE_STEPS,
+    draw_actions=draw_actions,
+    cases=cases,
+    ratios=ratios,
+    environments=environments,
+    vector_envs=VECTOR_ENVS,
 )

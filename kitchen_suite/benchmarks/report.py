@@ -1,63 +1,65 @@
-"""Results of `kitchen-benchmark` as tables, in plain text and in markdown."""
+"""Tables of benchmark results, in plain text and in markdown."""
 
-import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import metadata
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-Table = list[Sequence[str]]
-
-_PACKAGES = ("mujoco", "dm_control", "numpy", "gymnasium", "gymnasium-robotics", "envpool")
+from tabulate import tabulate
 
 
-def versions() -> dict[str, str]:
-    """Versions of what decides the speed, of packages that are installed."""
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of strings; the first column is left-aligned, the others right-aligned."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def format(self, style: str) -> str:
+        """Returns the table's text in one of tabulate's formats."""
+        alignment = ["left", *["right"] * (len(self.header) - 1)]
+        return tabulate(self.rows, self.header, tablefmt=style, colalign=alignment, disable_numparse=True)
 
 
 def speed_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Ratios of the contenders, the further ones, and what stands above physics."""
-    rows = [
-        (name, *_spread(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}")
+    """Returns tables of the cases' ratios to bare MuJoCo, of the named ratios, and of the overhead beyond physics."""
+    cases = [
+        (name, *_statistics(row), f"{row['ratio_per_thread']:.2f}", f"{row['steps_per_second']:.0f}")
         for name, row in results["results"].items()
     ]
-    above = [(name, f"{cost:.1f}") for name, cost in results["overhead"].items()]
-    compared = [(name, *_spread(row)) for name, row in results["comparisons"].items()]
+    ratios = [(name, *_statistics(row)) for name, row in results["ratios"].items()]
+    overhead = [(name, f"{microseconds:.1f}") for name, microseconds in results["overhead"].items()]
     return [
-        [("ratio to bare mj_step", "median", "least", "greatest", "a thread", "steps/s"), *rows],
-        [("further ratios", "median", "least", "greatest"), *compared],
-        [("above physics, without visuals", "us a control step"), *above],
+        Table(("ratio to bare mj_step", "median", "min", "max", "per thread", "steps/s"), cases),
+        Table(("other ratios", "median", "min", "max"), ratios),
+        Table(("overhead beyond physics, without visuals", "us per control step"), overhead),
     ]
+
+
+def _statistics(row: Mapping[str, float]) -> tuple[str, ...]:
+    return tuple(f"{row[key]:.2f}" for key in ("ratio", "min", "max"))
 
 
 def scaling_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Throughput by number of environments and threads, and memory."""
-    header = ("environments", "threads", "steps/s", "MiB an environment")
+    """Returns a table of throughput and memory by number of environments and threads."""
     rows = [
         (
-            f"{row['builder']}, {row['environments']}",
-            str(row["threads"]),
+            f"{row['vector_env']}, {row['num_envs']}",
+            str(row["num_threads"]),
             f"{row['steps_per_second']:.0f}",
             "" if row["memory"] is None else f"{row['memory']:.2f}",
         )
         for row in results["results"]
     ]
-    return [[header, *rows]]
+    return [Table(("environments", "threads", "steps/s", "MiB per environment"), rows)]
 
 
 def soak_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Memory in the course of a long run."""
-    rows = zip(results["results"]["control_steps"], results["results"]["memory"], strict=True)
-    return [[("control steps", "MiB"), *((f"{steps:.0f}", f"{memory:.1f}") for steps, memory in rows)]]
+    """Returns a table of memory in the course of a long run."""
+    samples = zip(results["results"]["num_steps"], results["results"]["memory"], strict=True)
+    return [Table(("control steps", "MiB"), [(f"{steps:.0f}", f"{memory:.1f}") for steps, memory in samples])]
 
 
-# What makes tables of the results of each kind of measurement.
+# By measure.
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
     "speed": speed_tables,
     "scaling": scaling_tables,
@@ -66,35 +68,16 @@ TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
 
 
 def plain(results: Mapping[str, Any]) -> str:
-    """All tables and the versions, in columns."""
-    tables = TABLES[results["measure"]](results)
-    return "\n\n".join([*map(_columns, tables), _described(results)])
+    """Returns all tables for a terminal, with the command and the versions."""
+    return _document(results, "simple")
 
 
 def markdown(results: Mapping[str, Any]) -> str:
-    """All tables and the versions, for a page."""
+    """Returns all tables in markdown, with the command and the versions."""
+    return f"{_document(results, 'pipe')}.\n"
+
+
+def _document(results: Mapping[str, Any], style: str) -> str:
     tables = TABLES[results["measure"]](results)
-    return "\n".join([*map(_piped, tables), f"{_described(results)}.\n"])
-
-
-def _spread(row: Mapping[str, float]) -> tuple[str, str, str]:
-    return f"{row['ratio']:.2f}", f"{row['least']:.2f}", f"{row['greatest']:.2f}"
-
-
-def _columns(table: Table) -> str:
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return "\n".join(
-        "  ".join(
-            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        )
-        for row in table
-    )
-
-
-def _piped(table: Table) -> str:
-    lines: Iterable[Sequence[str]] = [table[0], ["---", *["--:"] * (len(table[0]) - 1)], *table[1:]]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
-def _described(results: Mapping[str, Any]) -> str:
-    return f"`{results['command']}`: " + ", ".join(f"{name} {version}" for name, version in results["versions"].items())
+    versions = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
+    return "\n\n".join([*(table.format(style) for table in tables), f"`{results['command']}`: {versions}"])

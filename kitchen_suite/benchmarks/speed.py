@@ -1,108 +1,131 @@
-"""Measures control steps per second, and makes ratios of them round by round."""
+"""Measures control steps per second, and the time that a control step takes beyond physics."""
 
-import itertools
 import statistics
 import time
 import timeit
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from unittest import mock
 
 import gymnasium
 import numpy as np
 from dm_control import mjcf
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import Contender, Domain
+from kitchen_suite.benchmarks.cases import BenchmarkDomain, Case, DrawActions
 from kitchen_suite.environment import Environment
 
+# Control steps per second in each round, by name of the case.
 Rates = dict[str, list[float]]
 
+# Control steps that one measurement of the overhead times.
+_OVERHEAD_STEPS = 2_000
 
-def measure(domain: Domain, contenders: Mapping[str, Contender], *, rounds: int, steps: int) -> Rates:
-    """Control steps per second of each contender in each round; a first round to warm up is not counted.
 
-    In a round all contenders make one episode with the same actions; vectorised ones go on to further columns of them.
+def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:
+    """Measures the control steps per second of each case in each round.
+
+    In a round every case runs one episode with the same actions; a vectorised case also uses actions of its own for its
+    further environments. One more round, for warming up, comes first and does not count.
+
+    Args:
+      domain: draws the actions.
+      cases: by name.
+      rounds: number of rounds that count.
+      steps: control steps of an episode.
     """
-    rates: Rates = {name: [] for name in contenders}
     rng = np.random.default_rng(0)
-    most = max(max(one.environments, 1) for one in contenders.values())
-    work = tqdm(itertools.product(range(rounds + 1), contenders), total=(rounds + 1) * len(contenders), disable=None)
-    for number, name in work:
-        work.set_description(name)
-        if name == next(iter(contenders)):
-            actions = domain.draw(rng, (steps, most))
-        contender = contenders[name]
-        own = actions[:, : contender.environments].copy() if contender.environments else actions[:, 0].copy()
-        start = time.perf_counter()
-        contender.episode(own)
-        if number:
-            rates[name].append(steps * max(contender.environments, 1) / (time.perf_counter() - start))
-    return rates
+    max_num_envs = max(max(case.num_envs, 1) for case in cases.values())
+    rates: Rates = {name: [] for name in cases}
+    with tqdm(total=(rounds + 1) * len(cases), disable=None) as bar:
+        for _ in range(rounds + 1):
+            actions = domain.draw_actions(rng, (steps, max_num_envs))
+            for name, case in cases.items():
+                bar.set_description(name)
+                rates[name].append(episode_rate(case, actions))
+                bar.update()
+    return {name: values[1:] for name, values in rates.items()}
 
 
-def spread(ratios: Sequence[float]) -> dict[str, float]:
-    """Median, least and greatest of some ratios."""
-    return {"ratio": statistics.median(ratios), "least": min(ratios), "greatest": max(ratios)}
+def episode_rate(case: Case, actions: NDArray[np.float64]) -> float:
+    """Measures the control steps per second of one episode, over all environments of a case.
+
+    Args:
+      case: to run.
+      actions: `(steps, m, n)`, of which the case uses the first columns of the second axis.
+    """
+    used = actions[:, : case.num_envs].copy() if case.num_envs else actions[:, 0].copy()
+    start = time.perf_counter()
+    case.episode(used)
+    return len(actions) * max(case.num_envs, 1) / (time.perf_counter() - start)
 
 
-def ratios(rates: Rates, above: str, below: str) -> list[float]:
-    """Rate of one contender over that of another, round by round."""
-    return [one / other for one, other in zip(rates[above], rates[below], strict=True)]
+def round_ratios(rates: Rates, numerator: str, denominator: str) -> list[float]:
+    """Returns the ratio of two cases' rates in each round."""
+    return [above / below for above, below in zip(rates[numerator], rates[denominator], strict=True)]
 
 
-def summarize(rates: Rates, contenders: Mapping[str, Contender]) -> dict[str, dict[str, float]]:
-    """For each contender: ratio to the first one, the same for one of its threads, steps per second (median)."""
-    baseline = next(iter(rates))
-    return {
-        name: {
-            **spread(ratios(rates, name, baseline)),
-            "ratio_per_thread": statistics.median(ratios(rates, name, baseline)) / contenders[name].threads,
-            "steps_per_second": statistics.median(values),
-        }
-        for name, values in rates.items()
-    }
+def statistics_of(ratios: Sequence[float]) -> dict[str, float]:
+    """Returns the median, minimum and maximum of ratios."""
+    return {"ratio": statistics.median(ratios), "min": min(ratios), "max": max(ratios)}
 
 
-def compare(rates: Rates, comparisons: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, float]]:
-    """The domain's further ratios."""
-    return {name: spread(ratios(rates, above, below)) for name, (above, below) in comparisons.items()}
+def summarize(rates: Rates, cases: Mapping[str, Case]) -> dict[str, dict[str, float]]:
+    """Returns for each case its ratio to the first case, in total and per thread, and its median rate."""
+    first = next(iter(rates))
+    summary = {}
+    for name, values in rates.items():
+        ratio = statistics_of(round_ratios(rates, name, first))
+        per_thread = {"ratio_per_thread": ratio["ratio"] / cases[name].num_threads}
+        summary[name] = ratio | per_thread | {"steps_per_second": statistics.median(values)}
+    return summary
 
 
-def overhead(environment: Environment, adapter: gymnasium.Env, *, steps: int = 2_000) -> dict[str, float]:
-    """What a control step costs above physics, which is left out here: least of some runs [us].
+def named_ratios(rates: Rates, ratios: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, float]]:
+    """Returns statistics of named ratios, given as (numerator case, denominator case)."""
+    return {name: statistics_of(round_ratios(rates, *pair)) for name, pair in ratios.items()}
+
+
+def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) -> dict[str, float]:
+    """Measures the time of a control step without its physics [us]: the minimum over `repeats`.
 
     Args:
       environment: the suite's, without a time limit.
-      adapter: over another one of its kind.
-      steps: control steps of a run.
+      adapter: a Gymnasium environment, which has another such environment.
+      repeats: number of measurements.
     """
-    for reset in (environment.reset, adapter.reset):
-        reset()
+    environment.reset()
+    adapter.reset()
     action = np.zeros(environment.action_spec().shape)
     task, physics, random_state = environment.task, environment.physics, environment.random_state
 
-    def hooks() -> None:
+    def run_hooks() -> None:
         task.before_step(physics, action, random_state)
         task.after_step(physics, random_state)
         task.get_reward(physics)
         task.should_terminate_episode(physics)
 
-    measured = {
-        "the task's hooks": hooks,
+    measured: dict[str, Callable[[], object]] = {
+        "the task's hooks": run_hooks,
         "suite.load": lambda: environment.step(action),
         "Gymnasium adapter": lambda: adapter.step(action),
     }
     with mock.patch.object(mjcf.Physics, "step"):
-        return {name: 1e6 * min(timeit.repeat(step, number=steps, repeat=9)) / steps for name, step in measured.items()}
+        return {name: _minimum_time(step, repeats) for name, step in measured.items()}
 
 
-def throughput(domain: Domain, environment: gymnasium.vector.VectorEnv, *, control_steps: int) -> float:
-    """Control steps per second of a vectorised environment, over at least so many of them, all environments counted."""
-    count = environment.num_envs
-    actions = domain.draw(np.random.default_rng(0), (max(control_steps // count, 1), count))
-    environment.reset(seed=0)
-    environment.step(actions[0])
+def _minimum_time(step: Callable[[], object], repeats: int) -> float:
+    """Returns the minimum time of a call [us]."""
+    return 1e6 * min(timeit.repeat(step, number=_OVERHEAD_STEPS, repeat=repeats)) / _OVERHEAD_STEPS
+
+
+def throughput(draw_actions: DrawActions, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:
+    """Measures the control steps per second of vectorised environments, over about `num_steps` in total."""
+    num_envs = environments.num_envs
+    actions = draw_actions(np.random.default_rng(0), (max(num_steps // num_envs, 1), num_envs))
+    environments.reset(seed=0)
+    environments.step(actions[0])
     start = time.perf_counter()
     for action in actions:
-        environment.step(action)
-    return actions.shape[0] * count / (time.perf_counter() - start)
+        environments.step(action)
+    return len(actions) * num_envs / (time.perf_counter() - start)

@@ -1,119 +1,172 @@
-"""What command lines of the suite share: how they parse, what they print when something is wrong, how they end."""
+"""The one `main` of all commands: it parses, prepares a job, runs it, and reports every problem in one line."""
 
-import json
+import dataclasses
+import functools
+import importlib.util
 import os
+import pkgutil
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from typing import Any, Protocol
 
 from absl import flags
 
-FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 1, 2, 130, 141
+import kitchen_suite
+from kitchen_suite.cli.options import OPTIONS, define_flags
+from kitchen_suite.rendering import gl
+
+SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+
+_WIDTH = 100  # Characters in a line of the help.
 
 
-def parse(values: flags.FlagValues, name: str, arguments: Sequence[str], *, most: int = 0) -> list[str]:
-    """Takes up a command line anew, whatever was parsed before.
+class Job(Protocol):
+    """A command's work, prepared so that bad arguments have been refused.
 
-    Args:
-      values: the command's own flags.
-      name: of the command.
-      arguments: without the program's name.
-      most: how many of them need not be flags.
-
-    Returns:
-      Those that are no flags.
-
-    Raises:
-      flags.Error: a flag is unknown or its value bad, or there are too many other arguments.
+    Attributes:
+      failures: exceptions of `run` that end the command with `FAILURE`.
+      usage_errors: those that end it with `USAGE`.
     """
-    values.unparse_flags()
-    _, *rest = values([name, *arguments])
-    if len(rest) > most:
-        raise flags.Error(f"unexpected argument {rest[most]!r}: all others are flags, see --help")
-    return rest
+
+    failures: tuple[type[Exception], ...]
+    usage_errors: tuple[type[Exception], ...]
+
+    def run(self) -> bool:
+        """Does the work; returns whether it succeeded."""
+
+    def progress(self) -> str:
+        """Returns how far the work came, for the line that reports an interrupt."""
 
 
-def describe(values: flags.FlagValues, introduction: str | None) -> str:
-    """What --help shows."""
-    # absl heads the list with two lines that name the module.
-    return "\n".join([introduction or "", *values.get_help(include_special_flags=False).splitlines()[2:]])
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Command:
+    """A console script.
 
-
-def fail(name: str, problem: object, status: int) -> int:
-    """Says in one line what is wrong; returns the exit status."""
-    print(f"{name}:", " ".join(str(problem).split()), file=sys.stderr)
-    return status
-
-
-def perform(
-    name: str,
-    work: Callable[[], int | None],
-    *,
-    interrupted: Callable[[], str],
-    failures: tuple[type[Exception], ...],
-    misuses: tuple[type[Exception], ...] = (),
-) -> int:
-    """Does what a command was asked for; returns the exit status.
-
-    Args:
-      name: of the command.
-      work: what it does; may give an exit status.
-      interrupted: tells after an interrupt how far it came.
-      failures: exceptions that end it in one line and with `FAILURE`; but a broken pipe is not this command's to tell.
-      misuses: exceptions that end it in one line and with `USAGE`.
+    Attributes:
+      name: of the script.
+      description: what `--help` shows above the flags.
+      settings: dataclass of the command's settings; each field is a flag, those without a default are required.
+      job: entry `module:callable` of what makes a `Job` of the settings. The module is imported after the GL library
+        has been chosen, since dm_control chooses one when it is imported.
+      renders: whether pictures will be rendered with given settings.
+      positional: the field that is given without a flag, if any.
+      needs: packages that the job imports, and the extra that installs them.
     """
-    try:
-        return work() or 0
-    except KeyboardInterrupt:
-        return fail(name, interrupted(), INTERRUPTED)
-    except BrokenPipeError:
-        raise
-    except misuses as error:
-        return fail(name, error, USAGE)
-    except failures as error:
-        return fail(name, error, FAILURE)
+
+    name: str
+    description: str | None
+    settings: type
+    job: str
+    renders: Callable[[Any], bool] = lambda settings: False
+    positional: str | None = None
+    needs: tuple[tuple[str, ...], str] = ((), "")
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Runs the command.
+
+        Args:
+          arguments: the command line without the program's name; by default that of this process.
+
+        Returns:
+          The exit status.
+        """
+        try:
+            settings = self._parse(sys.argv[1:] if arguments is None else arguments)
+            if isinstance(settings, str):
+                print(settings)
+                return SUCCESS
+            job = self._prepare(settings)
+        except KeyboardInterrupt:
+            return self._fail("interrupted", INTERRUPTED)
+        except (flags.Error, ImportError, OSError, TypeError, ValueError) as error:
+            return self._fail(error, USAGE)
+        return self._run(job)
+
+    def console_main(self) -> int:
+        """Runs the command as a process of its own; returns the exit status."""
+        # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
+            status = self.main()
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # The reader of the output has left. What Python still wants to flush at exit goes nowhere.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return BROKEN_PIPE
+        return status
+
+    @functools.cached_property
+    def _flags(self) -> flags.FlagValues:
+        return define_flags(self.settings, leave_out=self.positional)
+
+    def _parse(self, arguments: Sequence[str]) -> Any:
+        """Returns the settings, or the text that `--help` or `--version` asks for.
+
+        Raises:
+          flags.Error: a flag is unknown, missing or has a bad value, or there are too many other arguments.
+        """
+        values = self._flags
+        values.unparse_flags()
+        _, *rest = values([self.name, *arguments])
+        if values.help:
+            return self._help()
+        if values.version:
+            return f"{self.name} {kitchen_suite.__version__}"
+        chosen = {field.name: values[field.name].value for field in self._fields if field.name != self.positional}
+        if self.positional and rest:
+            chosen[self.positional], *rest = rest
+        if rest:
+            raise flags.Error(f"unexpected argument {rest[0]!r}: all others are flags, see --help")
+        for field in self._fields:
+            if chosen.get(field.name) is None and _is_required(field):
+                flag = "" if field.name == self.positional else "--"
+                raise flags.Error(f"{flag}{field.name} is missing: {OPTIONS[field.name].help}")
+        return self.settings(**chosen)
+
+    def _prepare(self, settings: Any) -> Job:
+        packages, extra = self.needs
+        if missing := [name for name in packages if not importlib.util.find_spec(name)]:
+            raise ImportError(f"{self.name} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
+        gl.prepare(rendering=self.renders(settings))
+        return pkgutil.resolve_name(self.job)(settings)
+
+    def _run(self, job: Job) -> int:
+        try:
+            return SUCCESS if job.run() else FAILURE
+        except KeyboardInterrupt:
+            return self._fail(f"interrupted {job.progress()}", INTERRUPTED)
+        except BrokenPipeError:
+            raise
+        except job.usage_errors as error:
+            return self._fail(error, USAGE)
+        except job.failures as error:
+            return self._fail(error, FAILURE)
+
+    def _fail(self, problem: object, status: int) -> int:
+        """Reports a problem in one line on stderr; returns the exit status."""
+        print(f"{self.name}:", " ".join(str(problem).split()), file=sys.stderr)
+        return status
+
+    @property
+    def _fields(self) -> tuple[dataclasses.Field, ...]:
+        return dataclasses.fields(self.settings)
+
+    def _help(self) -> str:
+        """Returns the description and all flags in the order of `OPTIONS`."""
+        rows = [self._help_of(name) for name in OPTIONS if name in self._flags]
+        return "\n".join([self.description or "", "Flags:", *rows])
+
+    def _help_of(self, name: str) -> str:
+        default = self._flags[name].default
+        text = OPTIONS[name].help
+        if default is not None and default is not False and default not in ({}, ()):
+            shown = ",".join(map(str, default)) if isinstance(default, tuple) else default
+            text += f" Default: {shown}."
+        first, further = f"  --{name:<19} ", " " * 24
+        return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=further, break_on_hyphens=False)
 
 
-def run_as_process(main: Callable[[], int]) -> int:
-    """Runs a command as a process of its own; returns the exit status."""
-    # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        status = main()
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read the output has left. What Python still wants to flush at exit goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
-    return status
-
-
-def check_json_object(text: str) -> bool:
-    """Validates a flag that takes a JSON object.
-
-    Raises:
-      flags.ValidationError: it is none.
-    """
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise flags.ValidationError(f"not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise flags.ValidationError("must be a JSON object")
-    return True
-
-
-def check_video(path: str | None) -> bool:
-    """Validates the name of a video.
-
-    Raises:
-      flags.ValidationError: it is none that can be written.
-    """
-    if path is None:
-        return True
-    if not path.endswith(".mp4") or Path(path).is_dir():
-        raise flags.ValidationError("must be a file that ends with .mp4")
-    if not os.access(folder := Path(path).parent, os.W_OK) or not folder.is_dir():
-        raise flags.ValidationError(f"there is no folder {str(folder)!r} that may be written to")
-    return True
+def _is_required(field: dataclasses.Field) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING

@@ -1,4 +1,4 @@
-"""A composer environment that steps faster, counts its time limit in control steps, and survives bad luck."""
+"""A composer environment with faster stepping, a time limit in control steps, and states that can be saved."""
 
 import collections
 import math
@@ -16,23 +16,26 @@ from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.environment import random_state as random_states
+from kitchen_suite.environment.composer_internals import check_private_names
 from kitchen_suite.environment.observation_updater import UnbufferedUpdater, is_unbuffered
 from kitchen_suite.tasks.base import SuiteTask
 
-_SUBSTEP_HOOKS = ("before_substep", "after_substep")
-# All that the future of the physics depends on, the solver's warm start included.
+check_private_names()
+
+# The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included.
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Environment(composer.Environment):
-    """`composer.Environment` with four differences.
+    """`composer.Environment` with five differences.
 
-    - All physics steps of a control step are made in one call when nothing looks at them one by one: no hook of task,
-      entity or user between them, and every enabled observable updated at each step, without delay or buffer.
-    - The time limit is counted in control steps. composer sums physics times, and ends an episode of 280 steps with the
-      281st.
+    - All physics steps of a control step are made in one call, unless a hook or a buffered observable needs the state
+      between them; see `_plan_substeps`.
+    - The time limit is counted in control steps. composer compares sums of physics times, which ends an episode of 280
+      steps with the 281st.
     - After a `PhysicsError` the next `step` starts a new episode.
-    - `flat_observation` gives one array, as dm_control's suite does.
+    - With `flat_observation` the observation is one array, as in dm_control's suite.
+    - `get_state` and `set_state` save and restore the environment in the middle of an episode.
     """
 
     def __init__(
@@ -47,9 +50,9 @@ class Environment(composer.Environment):
         """Builds the environment.
 
         Args:
-          task: what is asked.
+          task: the task.
           time_limit: length of an episode [s].
-          random_state: seed, or state to draw from.
+          random_state: seed, or random state to draw from.
           flat_observation: whether to concatenate all observations under the key `observations`.
           **kwargs: further arguments of `composer.Environment`.
 
@@ -60,7 +63,7 @@ class Environment(composer.Environment):
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {time_limit!r}")
         with warnings.catch_warnings():
-            # composer notes the state of the random stream, which numpy warns about where it is not a Mersenne twister.
+            # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
             super().__init__(task, random_state=random_states.make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
@@ -71,7 +74,7 @@ class Environment(composer.Environment):
 
     @property
     def random_state(self) -> np.random.RandomState:
-        """What the environment draws from; a new one may be given at any time."""
+        """The random state that the environment draws from; can be replaced at any time."""
         return self._random_state
 
     @random_state.setter
@@ -80,7 +83,7 @@ class Environment(composer.Environment):
 
     @property
     def step_limit(self) -> float:
-        """Control steps in an episode; infinite where there is no limit."""
+        """Control steps in an episode; infinite without a time limit."""
         return self._step_limit
 
     def reset(self) -> dm_env.TimeStep:
@@ -116,17 +119,17 @@ class Environment(composer.Environment):
         return collections.OrderedDict({key: specs.Array((size,), dtype, name=key)})
 
     def start_episode(self) -> None:
-        """Starts an episode as `reset` does after a first one, but observes nothing: for those who read the task."""
+        """Starts an episode as `reset` does once the model is compiled, but does not update the observation."""
         with self._physics.reset_context():
             self._hooks.initialize_episode(self._physics_proxy, self._random_state)
         self._step_count, self._reset_next_step = 0, False
 
     def continue_episode(self) -> None:
-        """Lets the next `step` go on in an episode that has ended."""
+        """Makes the next `step` continue an episode that has ended."""
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on: physics with the solver's warm start, task, random state, step count."""
+        """Returns the state on which later steps depend: physics, task, random state, step count."""
         model, data = self._physics.model.ptr, self._physics.data.ptr
         physics = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
         mujoco.mj_getState(model, data, physics, PHYSICS_STATE)
@@ -139,32 +142,32 @@ class Environment(composer.Environment):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
-        """Takes up what `get_state` gave, here or in another environment of the same task.
+        """Sets a state returned by `get_state` of this environment, or of another one of the same task.
 
-        Buffers of delayed or buffered observables start anew.
+        Buffers of delayed or buffered observables are reset.
 
         Returns:
           The observation.
 
         Raises:
-          TypeError: something in the state is of the wrong type.
-          ValueError: something in it is missing, has the wrong shape or is out of range; nothing has changed then.
+          TypeError: a part of the state has the wrong type.
+          ValueError: a part of the state is missing, has the wrong shape or is out of range; nothing has changed then.
         """
         if not isinstance(state, Mapping):
-            raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
+            raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
         random = random_states.check_stored(state.get("random"), self._random_state)
         state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
-            raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, which MuJoCo takes for divergence")
-        # The task comes first: it may change the model that the physics is then brought up to date with.
+            raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, MuJoCo's limit for divergence")
+        # The task goes first: it may change the model, from which mj_step1 then computes.
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
         mujoco.mj_setState(model, data, state["physics"], PHYSICS_STATE)
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
-        # Last: a corruptor of the user's may have drawn for the observation.
+        # The random state goes last: a user's corruptor may have drawn for the observation.
         self._random_state.set_state(random)
         return self._flatten(self._observation_updater.get_observation())
 
@@ -175,29 +178,53 @@ class Environment(composer.Environment):
     def _flatten(self, observation: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
         return control.flatten_observation(observation) if self._flat_observation else observation
 
-    def _plan_substeps(self) -> None:
-        """Decides how many physics steps one of composer's substeps makes: all, or one."""
-        total = self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
-        self._steps_per_call = total if self._may_collapse() else 1
-        self._n_sub_steps = total // self._steps_per_call
+    @property
+    def _physics_steps(self) -> int:
+        """Physics steps in a control step."""
+        return self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
 
-    def _may_collapse(self) -> bool:
-        hooked = any(
-            getattr(type(self._task), name) is not getattr(composer.Task, name)
-            or getattr(self._hooks, f"_{name}").entity_hooks
-            or getattr(self._hooks, f"_{name}").extra_hooks
-            for name in _SUBSTEP_HOOKS
+    def _plan_substeps(self) -> None:
+        """Chooses the number of physics steps that one call of `_substep` makes: all of a control step, or one.
+
+        composer's `step` loops over substeps, and updates the observation after each:
+
+            for i in range(self._n_sub_steps):
+                self._substep(action)  # the before_substep hooks, physics.step(), the after_substep hooks
+                if i < self._n_sub_steps - 1:
+                    self._observation_updater.update()
+            ...  # the after_step hooks
+            self._observation_updater.update()
+
+        Without substep hooks and buffered observables only the last state matters. The loop then runs once.
+        """
+        needs_each = self._has_substep_hooks() or self._has_buffered_observables()
+        self._steps_per_call = 1 if needs_each else self._physics_steps
+        self._n_sub_steps = self._physics_steps // self._steps_per_call
+
+    def _has_substep_hooks(self) -> bool:
+        """Whether the task, an entity or the user has a hook that runs between physics steps."""
+        cls = type(self._task)
+        hooks = (self._hooks._before_substep, self._hooks._after_substep)  # noqa: SLF001
+        return (
+            cls.before_substep is not composer.Task.before_substep
+            or cls.after_substep is not composer.Task.after_substep
+            or any(hook.entity_hooks or hook.extra_hooks for hook in hooks)
         )
-        return not hooked and all(is_unbuffered(shown) for shown in self._task.observables.values() if shown.enabled)
+
+    def _has_buffered_observables(self) -> bool:
+        """Whether an enabled observable has a delay, a buffer or an update interval of its own."""
+        return any(part.enabled and not is_unbuffered(part) for part in self._task.observables.values())
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:
             super()._substep(action)
             return
         self._physics.step(self._steps_per_call)
+        # composer's `step` updates the observation once more, which counts as the last physics step.
         self._observation_updater.skip(self._steps_per_call - 1)
 
     def _make_observation_updater(self) -> UnbufferedUpdater:
         padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE
-        steps = self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
-        return UnbufferedUpdater(self._task.observables, steps, self._strip_singleton_obs_buffer_dim, padding)
+        return UnbufferedUpdater(
+            self._task.observables, self._physics_steps, self._strip_singleton_obs_buffer_dim, padding
+        )

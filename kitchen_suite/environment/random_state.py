@@ -1,4 +1,4 @@
-"""Random states: from what callers pass as a seed, and back from what they stored."""
+"""Random states: built from seeds, restored from stored states, shared with Gymnasium's generators."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,14 +8,14 @@ import numpy as np
 
 
 def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:
-    """Returns a RandomState for what dm_control's pipelines pass as `random`.
+    """Returns a RandomState for the argument `random` of dm_control's environments.
 
     Args:
-      random: a state, which is used as it is; a seed, whose bits above the 32nd are folded onto the lower ones; or
-        `None` for fresh entropy.
+      random: a RandomState, which is returned as it is; a seed of any size, whose bits above the 32nd are folded onto
+        the lower ones; or `None` for fresh entropy.
 
     Raises:
-      TypeError: it is something else.
+      TypeError: `random` has another type.
       ValueError: the seed is negative.
     """
     if random is None or isinstance(random, np.random.RandomState):
@@ -31,12 +31,19 @@ def make_random_state(random: int | np.random.RandomState | None) -> np.random.R
     return np.random.RandomState(folded)
 
 
+def legacy_generator(seed: int | None) -> np.random.Generator:
+    """Returns a generator from whose bit generator a RandomState draws the numbers of `make_random_state(seed)`."""
+    bit_generator = np.random.MT19937()
+    np.random.RandomState(bit_generator).set_state(make_random_state(seed).get_state(legacy=False))
+    return np.random.Generator(bit_generator)
+
+
 def check_stored(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:
-    """Returns what `random_state.get_state(legacy=False)` once gave, if `random_state` can take it up again.
+    """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it.
 
     Raises:
       TypeError: it is no dict.
-      ValueError: it is of another bit generator, or broken.
+      ValueError: it belongs to another bit generator, or is broken.
     """
     if not isinstance(stored, Mapping):
         raise TypeError(f"state['random'] must be a dict, got {stored!r}")
@@ -46,18 +53,18 @@ def check_stored(stored: object, random_state: np.random.RandomState) -> dict[st
     try:
         np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ValueError(f"state['random'] cannot be taken up by a {generator}: {error!r}") from error
+        raise ValueError(f"state['random'] is no state of a {generator}: {error!r}") from error
     return dict(stored)
 
 
 class Stream:
-    """The random stream of one environment, as Gymnasium and as composer see it.
+    """The random stream of one environment, drawn from by Gymnasium and by composer.
 
     Attributes:
-      generator: what Gymnasium makes of the seed.
-      seed: drawn by Gymnasium when `None` is given.
-      random_state: draws the generator's numbers.
-      sample: draws one of them from U(0, 1).
+      generator: Gymnasium's generator for the seed.
+      seed: the seed; drawn by Gymnasium when `None` is passed.
+      random_state: a RandomState over the generator's bit generator.
+      sample: draws one number from U(0, 1) with `random_state`.
     """
 
     def __init__(self, seed: int | None) -> None:

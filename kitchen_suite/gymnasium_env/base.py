@@ -1,4 +1,4 @@
-"""What every Gymnasium environment of the suite shares: seeds, states, copies, pictures."""
+"""The base of the suite's Gymnasium environments: seeds, states, copies, rendering."""
 
 import abc
 import copy
@@ -22,10 +22,10 @@ _RENDER_MODES = ("human", "rgb_array", "depth_array")
 
 
 class SuiteEnv(gymnasium.Env, abc.ABC):
-    """A Gymnasium environment over one of the suite's.
+    """A Gymnasium environment over a composer environment of the suite.
 
-    The random state of the suite's environment draws from `np_random`, so seeds mean what they mean in Gymnasium. A
-    copy made by `copy.deepcopy` or pickle goes on where the original stands.
+    The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
+    `copy.deepcopy` or pickle continues from the state of the original.
     """
 
     metadata = {"render_modes": list(_RENDER_MODES)}
@@ -48,18 +48,19 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         """Builds the environment.
 
         Args:
-          render_mode: what `render` gives: `rgb_array`, `depth_array` (the z-buffer), or with `human` a window.
-            `gymnasium.make` adds `rgb_array_list`.
-          width: of pictures [pixels].
-          height: of pictures [pixels].
-          camera_id: number of the camera; by default the free camera of `default_camera_config`.
-          camera_name: name of the camera, in place of its number.
+          render_mode: `rgb_array`, `depth_array` (the z-buffer) or `human` (a window); `gymnasium.make` adds
+            `rgb_array_list`.
+          width: width of images [pixels].
+          height: height of images [pixels].
+          camera_id: index of the camera; the free camera of `default_camera_config` when omitted.
+          camera_name: name of the camera, instead of its index.
           default_camera_config: attributes of the free camera.
-          max_geom: how many geoms a picture has room for.
-          visual_options: flags of MuJoCo's visualiser (`mujoco.mjtVisFlag`) to be set.
-          max_episode_steps: control steps until the environment itself truncates; `gymnasium.make` counts by itself.
-          visuals: whether to build what only the eye needs; by default where there is a render mode.
-          task_options: arguments of the suite's builder.
+          max_geom: maximum number of geoms in an image.
+          visual_options: values of MuJoCo's visualisation flags (`mujoco.mjtVisFlag`).
+          max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
+            separately.
+          visuals: whether to build geoms and textures that only rendering needs; when omitted, only with a render mode.
+          task_options: arguments of the domain's builder in `kitchen_suite.suite`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -86,26 +87,33 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self._episode_step = 0
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        """Notes the arguments, which a copy is built from."""
+        """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)
         self._arguments = copy.deepcopy((args, kwargs))
         return self
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
-        """Builds the suite's environment."""
+        """Builds the suite's environment from arguments of the domain's builder."""
 
     @abc.abstractmethod
     def _default_camera_config(self) -> dict[str, Any]:
-        """Attributes of the free camera."""
+        """Returns the attributes of the free camera."""
 
     @abc.abstractmethod
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
-        """Turns an observation of the suite's environment into one of the observation space."""
+        """Converts an observation of the suite's environment to the observation space."""
 
     @abc.abstractmethod
     def _get_info(self) -> dict[str, Any]:
-        """Makes the info of the last step or reset, of fresh lists and arrays."""
+        """Returns the info of the last step or reset, in fresh lists and arrays."""
+
+    @abc.abstractmethod
+    def suite_observation(self, observation: Any) -> dict[str, np.ndarray]:
+        """Converts an observation of this environment's observation space to the suite's own, in fresh arrays.
+
+        It has the keys and the order of `task.task_observables`, which policies expect.
+        """
 
     @property
     def environment(self) -> Environment:
@@ -114,15 +122,15 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """Control steps until the environment itself truncates, if it does."""
+        """Control steps after which the environment itself truncates; None if it never does."""
         return self._max_episode_steps
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode.
 
         Args:
-          seed: starts the random stream anew; of any size.
-          options: `{"state": ...}` goes on from a state that `get_state` gave; a seed given with it replaces only the
+          seed: seed of the random stream, of any size; the stream continues when omitted.
+          options: `{"state": ...}` continues from a state returned by `get_state`; a seed beside it replaces only the
             random state.
 
         Raises:
@@ -132,17 +140,13 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
         state = self._checked_options(options).get("state")
+        if isinstance(state, Mapping) and state.get("reset_next_step"):
+            raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
         if state is not None:
-            if isinstance(state, Mapping) and state.get("reset_next_step"):
-                raise ValueError(
-                    "the state is of no episode: it was taken before a reset, or after the physics diverged"
-                )
             observation = self.set_state(state)
-            super().reset(seed=seed)
-            self._bind_random_state()
-        else:
-            super().reset(seed=seed)
-            self._bind_random_state()
+        super().reset(seed=seed)
+        self._bind_random_state()
+        if state is None:
             self._episode_step = 0
             observation = self._get_obs(self._environment.reset().observation)
         self._render_window()
@@ -151,7 +155,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step.
 
-        A step after termination goes on in the same episode; one after a `PhysicsError` starts a new one, reward 0.
+        A step after termination continues the episode. A step after a `PhysicsError` starts a new episode instead, with
+        reward 0 and whatever the action.
 
         Raises:
           TypeError: the action does not hold real numbers.
@@ -167,22 +172,22 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         return self._get_obs(timestep.observation), reward, terminated, truncated, self._get_info()
 
     def get_state(self) -> dict[str, Any]:
-        """All that the future depends on, as nested dicts of numbers and arrays."""
+        """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""
         self._bind_random_state()
         return {**self._environment.get_state(), "episode_step": self._episode_step}
 
     def set_state(self, state: Mapping[str, Any]) -> Any:
-        """Takes up what `get_state` gave, here or in an environment built with the same arguments.
+        """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
 
         Returns:
           The observation.
 
         Raises:
-          TypeError: something in the state is of the wrong type.
-          ValueError: something in it is missing, has the wrong shape or is not finite; nothing has changed then.
+          TypeError: a part of the state has the wrong type.
+          ValueError: a part of the state is missing, has the wrong shape or is not finite; nothing has changed then.
         """
         if not isinstance(state, Mapping):
-            raise TypeError(f"state must be a dict that get_state gave, got {state!r}")
+            raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key != "episode_step"}
@@ -191,9 +196,9 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         return observation
 
     def render(self) -> np.ndarray | None:
-        """Gives a picture `(height, width, 3)` uint8, or depth `(height, width)` float32, by `render_mode`."""
+        """Returns an image `(height, width, 3)` uint8, or depth `(height, width)` float32, by `render_mode`."""
         if self.render_mode is None:
-            gymnasium.logger.warn("render() was called without a render_mode; give one to the constructor")
+            gymnasium.logger.warn("render() was called without a render_mode; pass one to the constructor")
             return None
         if self._renderer is None:
             self._renderer = self._make_renderer()
@@ -222,13 +227,13 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self._np_random_seed = state["seed"]
 
     def _terminated_and_continue(self, timestep: dm_env.TimeStep) -> bool:
-        """Whether the step terminated; if so, the next one will go on as the original's does."""
+        """Returns whether the step terminated. If so, the next step continues the episode, as in FrankaKitchen-v1."""
         if terminated := timestep.last():
             self._environment.continue_episode()
         return terminated
 
     def _bind_random_state(self) -> None:
-        """Lets the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""
+        """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""
         if self._bound_random is not self.np_random:
             self._bound_random = self.np_random
             self._environment.random_state = np.random.RandomState(self.np_random.bit_generator)
@@ -239,16 +244,16 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
     def _make_renderer(self) -> MujocoRenderer:
         model, data = self._environment.physics.model.ptr, self._environment.physics.data.ptr
-        room = model.vis.global_
-        room.offwidth = max(room.offwidth, self._render_settings["width"])
-        room.offheight = max(room.offheight, self._render_settings["height"])
+        framebuffer = model.vis.global_
+        framebuffer.offwidth = max(framebuffer.offwidth, self._render_settings["width"])
+        framebuffer.offheight = max(framebuffer.offheight, self._render_settings["height"])
         return MujocoRenderer(model, data, **self._render_settings)
 
     def _check_camera(self, camera_id: int | None, camera_name: str | None) -> None:
         model = self._environment.physics.model
         names = [model.camera(i).name for i in range(model.ncam)]
         if camera_name is not None and camera_id is not None:
-            raise ValueError(f"give camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
+            raise ValueError(f"pass camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
         if camera_name is not None:
             checks.choice(camera_name, names, "camera_name")
         if camera_id is not None and checks.integer(camera_id, "camera_id", minimum=-1) >= len(names):
@@ -275,7 +280,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     @staticmethod
     def _checked_render_mode(render_mode: str) -> str:
         if render_mode == "rgb_array_list":
-            raise ValueError("render_mode 'rgb_array_list' comes from gymnasium.make; build with 'rgb_array' here")
+            raise ValueError("render_mode 'rgb_array_list' needs gymnasium.make; use 'rgb_array' here")
         return checks.choice(render_mode, _RENDER_MODES, "render_mode")
 
     @staticmethod
@@ -288,7 +293,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:
-    """The suite's own environment within wrappers."""
+    """Returns the suite's environment within Gymnasium's wrappers."""
     inner = environment.unwrapped
     assert isinstance(inner, SuiteEnv)
     return inner

@@ -1,11 +1,11 @@
 """Reward and termination as functions of goals and infos alone, as goal relabelling needs them.
 
-They hold no state, and take goals with any leading axes: dicts of arrays by task, or arrays with the tasks' goals laid
-end to end. Infos are one dict, or for a batch a list or array of them. An info tells tasks by name, or by a mask in
-configured order below the same key with `_mask` behind it.
+The functions hold no state. Goals may have any leading axes; they are dicts of arrays by task, or arrays with the goals
+of all tasks concatenated. Infos are one dict, or a list or array of dicts for a batch. An info lists tasks by name
+under a key such as `tasks_to_complete`, or has a mask in configured order under `tasks_to_complete_mask`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ Infos = Info | Sequence[Info] | NDArray[np.object_]
 Goal = Mapping[str, ArrayLike] | ArrayLike
 
 
-def flatten(goal: Goal, goals: GoalSet, what: str) -> NDArray[np.float64]:
-    """Lays goals end to end: `(..., k)`.
+def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
+    """Returns goals of all tasks concatenated in configured order: `(..., k)`.
 
     Raises:
       TypeError: the goals hold no numbers.
@@ -32,42 +32,49 @@ def flatten(goal: Goal, goals: GoalSet, what: str) -> NDArray[np.float64]:
     """
     if isinstance(goal, Mapping):
         if missing := [task for task in goals.tasks if task not in goal]:
-            raise ValueError(f"{what} lacks {missing}; it must hold {list(goals.tasks)}")
+            raise ValueError(f"{name} lacks {missing}; it must hold {list(goals.tasks)}")
         sizes = {task: part.shape[-1] for task, part in goals.split(goals.desired).items()}
-        parts = [_numbers(goal[task], size, f"{what}[{task!r}]") for task, size in sizes.items()]
+        parts = [_numbers(goal[task], size, f"{name}[{task!r}]") for task, size in sizes.items()]
         if len({part.shape[:-1] for part in parts}) > 1:
-            raise ValueError(f"{what} has parts of different leading shapes: {[part.shape for part in parts]}")
+            raise ValueError(f"{name} has parts of different leading shapes: {[part.shape for part in parts]}")
         return np.concatenate(parts, axis=-1)
-    return _numbers(goal, goals.desired.size, what)
+    return _numbers(goal, goals.desired.size, name)
 
 
 def reward(
     achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
 ) -> NDArray[np.float64]:
-    """Number of tasks `(...)` within their thresholds, among those that may pay.
+    """Returns the number `(...)` of rewarded tasks within the threshold.
 
-    Those are what the info names as to be completed or as completed in the step; all tasks where it names none.
+    A task is rewarded if the info lists it as still to complete or as completed in the step. An info without these
+    lists and masks rewards every task.
     """
     within = goal_distances(achieved, desired, goals.starts) < threshold
-    may_pay = _named(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return (within & may_pay(default=True)).sum(axis=-1).astype(np.float64)
+    listed, has_lists = _listed_tasks(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+    return (within & np.where(has_lists, listed, True)).sum(axis=-1).astype(np.float64)
 
 
 def terminated(
     achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
 ) -> NDArray[np.bool_]:
-    """Whether `(...)` all tasks have been completed: by the info, or where it is silent, by the goals."""
+    """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
     within = goal_distances(achieved, desired, goals.starts) < threshold
-    completed = _named(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
-    return np.all(completed(default=within), axis=-1)
+    completed, has_list = _listed_tasks(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
+    return np.all(np.where(has_list, completed, within), axis=-1)
+
+
+def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Returns the `episode_step` of the infos of a batch; 0 where an info has none."""
+    infos = broadcast_infos(info, shape)
+    return np.array([one.get("episode_step", 0) for one in infos.ravel()]).reshape(shape)
 
 
 def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
-    """The infos of a batch of some shape; one that is given alone holds for all.
+    """Returns an array of infos of the batch's shape; a single info holds for the whole batch.
 
     Raises:
-      TypeError: something is no info.
-      ValueError: there are more or fewer infos than the batch has goals.
+      TypeError: an info is no dict.
+      ValueError: the number of infos is not that of the goals in the batch.
     """
     infos = np.empty(shape, object)
     if isinstance(info, Mapping):
@@ -81,22 +88,18 @@ def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
     return given
 
 
-def _named(
+def _listed_tasks(
     info: Infos, shape: tuple[int, ...], tasks: Sequence[str], keys: Sequence[str]
-) -> Callable[..., NDArray[np.bool_]]:
-    """Which tasks each info names below some keys; call the result with what holds where an info has none of them."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Returns the tasks `(..., n)` listed under any of the keys, and whether `(..., 1)` an info has any of the keys."""
     infos = broadcast_infos(info, shape[:-1])
-    silent = np.array([not any(_has(one, key) for key in keys) for one in infos.ravel()], bool)
-    named = np.array([np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()], bool)
-    silent, named = silent.reshape(*infos.shape, 1), named.reshape(shape)
-    return lambda default: np.where(silent, default, named)
-
-
-def _has(info: Info, key: str) -> bool:
-    return key in info or f"{key}_mask" in info
+    masks = [np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()]
+    has_key = [any(key in one or f"{key}_mask" in one for key in keys) for one in infos.ravel()]
+    return np.array(masks, bool).reshape(shape), np.array(has_key, bool).reshape(*infos.shape, 1)
 
 
 def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
+    """Returns which tasks `(n,)` one info lists under a key, by name or by mask."""
     if key in info:
         return np.array([task in info[key] for task in tasks])
     mask = checks.array_of(info.get(f"{key}_mask", np.zeros(len(tasks), bool)), f"{key}_mask")
@@ -105,10 +108,11 @@ def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
     return mask.astype(bool)
 
 
-def _numbers(value: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
-    array = checks.array_of(value, what)
+def _numbers(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
+    """Returns `value` as a float64 array `(..., size)`."""
+    array = checks.array_of(value, name)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{what} must hold numbers, got {value!r}")
+        raise TypeError(f"{name} must hold numbers, got {value!r}")
     if array.ndim == 0 or array.shape[-1] != size:
-        raise ValueError(f"{what} must have shape (..., {size}), got {array.shape}")
+        raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")
     return array.astype(np.float64, copy=False)

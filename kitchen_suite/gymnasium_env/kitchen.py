@@ -1,4 +1,4 @@
-"""The kitchen as a Gymnasium environment: FrankaKitchen-v1's contract."""
+"""The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
 import io
@@ -16,11 +16,17 @@ from kitchen_suite.gymnasium_env import goal_rewards
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP, KitchenState
+from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen.goals import THRESHOLD
+from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.task import TIME_LIMIT
 
 with contextlib.redirect_stderr(io.StringIO()):
-    # It prints a notice about environments of its own.
+    # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
+
+# Control steps in an episode.
+EPISODE_STEPS = round(TIME_LIMIT / CONTROL_TIMESTEP)
 
 _STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
 
@@ -28,10 +34,15 @@ _STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_posi
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """FrankaKitchen-v1, keyword for keyword and key for key, over `KitchenTask`.
 
-    Observation: a dict of `observation` (59 numbers, float64; docs/kitchen.md has the table), `achieved_goal` and
-      `desired_goal`, each a dict by task, or one array with `goal_format="flat"`.
+    Observation: a dict of `observation` (59 numbers, float64; table in docs/kitchen.md), `achieved_goal` and
+      `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
-    Info: see `info`.
+    Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
+      order, `episode_task_completions` in order of completion.
+    Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
+      `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
+    Info, always: `is_success`, whether all tasks have been completed, and `episode_step`; numbers, or arrays of shape
+      `()` with `info_format="arrays"`.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
@@ -46,7 +57,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         *,
         velocity_scale: float = 2.0,
         goals: Mapping[str, ArrayLike] | None = None,
-        threshold: float = 0.3,
+        threshold: float = THRESHOLD,
         feedback: str = "observed",
         sleep: bool = False,
         goal_format: str = "dict",
@@ -56,19 +67,20 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Builds the environment.
 
         Args:
-          tasks_to_complete: see `KitchenTask`, as for all arguments down to `feedback`.
+          tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`; infos and flat goals keep the order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
-          remove_task_when_completed: whether a task pays once, or in every step within its threshold.
-          object_noise_ratio: scale of the noise on what is seen of the things.
-          robot_noise_ratio: scale of the noise on what is seen of the robot.
-          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
-          goals: goals that replace the usual ones, by task.
+          remove_task_when_completed: whether a task is rewarded once, or in every step within its threshold.
+          object_noise_ratio: scale of the noise on the observed state of the objects.
+          robot_noise_ratio: scale of the noise on the observed state of the robot.
+          velocity_scale: joint velocity for an action of 1 [rad/s, m/s].
+          goals: goals that replace the default ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
-          feedback: what velocities are integrated from: `observed`, `true` or `target`.
-          sleep: whether things at rest may fall asleep; faster, and nearly but not exactly the original.
-          goal_format: `dict` gives goals by task; `flat` lays them end to end in configured order.
-          info_format: `lists` gives the original's lists of names and masks beside them; `arrays` gives arrays of fixed
-            shape alone, which recorders can stack.
+          feedback: joint positions from which the action's velocities are integrated: `observed`, `true` or `target`;
+            see `KitchenTask`.
+          sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
+          goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
+          info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
+            shape only, which recorders can stack.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
 
@@ -78,7 +90,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """
         self._goal_format = checks.choice(goal_format, ("dict", "flat"), "goal_format")
         self._info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
-        self._terminates = terminate_on_tasks_completed
         task_options = {
             "tasks_to_complete": tasks_to_complete,
             "terminate_on_tasks_completed": terminate_on_tasks_completed,
@@ -94,20 +105,22 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
         self._goals = self._task.mdp.goals
-        self.action_space = spaces.Box(-1.0, 1.0, (9,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, self._environment.action_spec().shape, np.float32)
         self.observation_space = spaces.Dict(
-            observation=_unbounded((59,)), achieved_goal=self._goal_space(), desired_goal=self._goal_space()
+            observation=_unbounded(self._task.mdp.noise_scale.shape),
+            achieved_goal=self._goal_space(),
+            desired_goal=self._goal_space(),
         )
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         environment = suite.kitchen(**task_options)
-        # Goals are read from the task's state, all at once.
-        for key, shown in environment.task.task_observables.items():
-            shown.enabled = key in _STATE_KEYS
+        # Goals are read from the task's state: faster than one observable for each task.
+        for key, part in environment.task.task_observables.items():
+            part.enabled = key in _STATE_KEYS
         return environment
 
     def _default_camera_config(self) -> dict[str, Any]:
-        # The original's.
+        # As FrankaKitchen-v1's.
         return {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
 
     @property
@@ -116,8 +129,17 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return self._info_format
 
     def format_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
-        """Goals laid end to end, `(..., k)`, in the `goal_format`."""
+        """Returns concatenated goals `(..., k)` in the `goal_format`."""
         return self._goals.split(flat) if self._goal_format == "dict" else flat
+
+    def suite_observation(self, observation: Mapping[str, Any]) -> dict[str, NDArray]:
+        parts = zip(_STATE_KEYS, noise.SLICES, strict=True)
+        view = {key: observation["observation"][part].copy() for key, part in parts}
+        for kind in ("achieved_goal", "desired_goal"):
+            goal = observation[kind]
+            by_task = goal if self._goal_format == "dict" else self._goals.split(goal)
+            view |= {f"{kind}/{task}": by_task[task].copy() for task in self._goals.tasks}
+        return view
 
     def _get_obs(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
         return {
@@ -127,13 +149,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
 
     def _get_info(self) -> dict[str, Any]:
-        """Makes the info of the last step or reset.
-
-        With `info_format="lists"`: `tasks_to_complete` and `step_task_completions` in configured order,
-        `episode_task_completions` in order of completion. Always, in configured order: the same three as `_mask`s
-        `(n,)` bool, `completion_steps` `(n,)` int64 (-1: not yet), `task_distances` `(n,)` float64; and `is_success`
-        (all tasks completed) and `episode_step`, which `arrays` gives as arrays of shape `()`.
-        """
         task = self._task
         names = {
             TO_COMPLETE: task.tasks_to_complete,
@@ -142,54 +157,54 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         return {
             **(names if self._info_format == "lists" else {}),
-            **progress_arrays(task.state),
+            **task.mdp.info(task.state),
             "is_success": self._number(bool(task.progress.all_completed)),
             "episode_step": self._number(self._episode_step),
         }
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
-        """Reward of a step that led to `achieved_goal`, from goals and info alone.
+        """Returns the reward of a step that led to `achieved_goal`, from goals and info alone.
 
         Args:
           achieved_goal: dict by task or flat, with any leading axes.
-          desired_goal: likewise.
-          info: one dict, or a list of dicts for a batch; without the lists or masks of tasks every task may pay.
+          desired_goal: dict by task or flat, with the same leading axes.
+          info: one dict, or a list of dicts for a batch; an info without lists and masks of tasks rewards every task.
 
         Returns:
-          A float, or float64 of the leading axes.
+          A float, or a float64 array of the leading axes' shape.
 
         Raises:
           TypeError: the goals hold no numbers.
           ValueError: a task is missing, or shapes do not fit.
         """
-        return self._of_goals(goal_rewards.reward, achieved_goal, desired_goal, info)
+        achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
+        return _item(goal_rewards.reward(achieved, desired, info, self._goals, self._task.threshold))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Whether a step that led to `achieved_goal` terminates; arguments, shapes and errors as `compute_reward`."""
-        ended = self._of_goals(goal_rewards.terminated, achieved_goal, desired_goal, info)
-        return ended if self._terminates else np.zeros_like(ended)[()] if np.ndim(ended) else False
+        """Returns whether a step that led to `achieved_goal` terminates.
+
+        Arguments and errors as of `compute_reward`.
+        """
+        achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
+        completed = goal_rewards.terminated(achieved, desired, info, self._goals, self._task.threshold)
+        return _item(completed & self._task.mdp.terminate_on_tasks_completed)
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Whether the step truncates, by the info's `episode_step`; False where `gymnasium.make` counts the steps."""
+        """Returns whether a step truncates, by the info's `episode_step`.
+
+        False where `gymnasium.make` counts the steps. Arguments and errors as of `compute_reward`.
+        """
+        achieved, _ = self._flatten_goals(achieved_goal, desired_goal)
         limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
+        return _item(goal_rewards.episode_steps(info, achieved.shape[:-1]) >= limit)
 
-        def truncated(achieved: NDArray, desired: NDArray, info: Infos, *rules: Any) -> NDArray[np.bool_]:
-            del desired, rules
-            infos = goal_rewards.broadcast_infos(info, achieved.shape[:-1])
-            steps = [one.get("episode_step", 0) for one in infos.ravel()]
-            return np.array(steps).reshape(infos.shape) >= limit
-
-        return self._of_goals(truncated, achieved_goal, desired_goal, info)
+    def _flatten_goals(self, achieved: Goal, desired: Goal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        flat = goal_rewards.flatten
+        return flat(achieved, self._goals, "achieved_goal"), flat(desired, self._goals, "desired_goal")
 
     def _number(self, value: int) -> int | NDArray:
-        """A single number of the info; where recorders stack it, with a dtype and the shape ()."""
+        """Returns a number of the info in the `info_format`."""
         return np.array(value) if self._info_format == "arrays" else value
-
-    def _of_goals(self, function: Any, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> Any:
-        achieved = goal_rewards.flatten(achieved_goal, self._goals, "achieved_goal")
-        desired = goal_rewards.flatten(desired_goal, self._goals, "desired_goal")
-        value = function(achieved, desired, info, self._goals, self._task.threshold)
-        return value if value.ndim else value.item()
 
     def _goal_space(self) -> spaces.Space:
         if self._goal_format == "flat":
@@ -197,16 +212,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return spaces.Dict({task: _unbounded(goal.shape) for task, goal in self._task.goals.items()})
 
 
-def progress_arrays(state: KitchenState) -> dict[str, NDArray]:
-    """What infos say of the tasks, in fresh arrays `(..., n)` in configured order."""
-    progress = state.progress
-    return {
-        f"{TO_COMPLETE}_mask": progress.remaining.copy(),
-        f"{STEP_COMPLETIONS}_mask": progress.completions.copy(),
-        f"{EPISODE_COMPLETIONS}_mask": progress.completed,
-        "completion_steps": progress.completion_steps.copy(),
-        "task_distances": state.distances.copy(),
-    }
+def _item(value: NDArray) -> Any:
+    """Returns an array, or the number in an array without axes."""
+    return value if value.ndim else value.item()
 
 
 def _unbounded(shape: tuple[int, ...]) -> spaces.Box:

@@ -14,17 +14,21 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
-from kitchen_suite.tasks.open_cabinet.action import JOINT_LOW
-from kitchen_suite.tasks.open_cabinet.features import Features
-from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetState
+from kitchen_suite.tasks.open_cabinet.mdp import ACTION_SIZE, CONTROL_TIMESTEP
+from kitchen_suite.tasks.open_cabinet.task import TIME_LIMIT
+
+# Control steps in an episode.
+EPISODE_STEPS = round(TIME_LIMIT / CONTROL_TIMESTEP)
 
 
 class FrankaOpenCabinetEnv(SuiteEnv):
-    """A Franka before a cabinet: grasp a drawer's handle and pull, over `OpenCabinetTask`.
+    """A Franka in front of a cabinet, over `OpenCabinetTask`: it grasps the handle of a drawer and pulls.
 
-    Observation: 25 numbers in [-5, 5], float32; docs/open_cabinet.md has the table.
+    Observation: 25 numbers in [-5, 5], float32; table in docs/open_cabinet.md.
     Action: seven joint offsets [rad] and the log odds of closing the gripper, unbounded, float32.
-    Info: see `info`.
+    Info: arrays of shape `()`, which recorders can stack. `reward/<term>` is each of the seven terms of the reward,
+      `drawer_opening` the drawer's position [m], `is_success` whether that is 0.3 m or more now, `success_at_any_time`
+      whether it has been in this episode, and `episode_step` the number of control steps.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": round(1 / CONTROL_TIMESTEP)}
@@ -45,13 +49,15 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 
         Args:
           drawer: `top` or `bottom`.
-          gripper: `sampled` or `deterministic`; see `OpenCabinetTask`, as for the three that follow.
-          reward: `original` or `grasp`.
-          observation_noise: half width of the uniform noise on parts of the observation, by their names.
-          randomization: what else a reset draws.
-          cabinet_config: sizes and resistances of the cabinet.
-          action_limit: bounds of the action space, for agents that insist on finite ones; actions are clipped to them.
-            Without it the space is unbounded.
+          gripper: `sampled` closes the gripper with the probability of the action's last element; `deterministic`
+            closes it where that probability is above one half.
+          reward: `original`, or `grasp`, which rewards opening only while both finger pads hold the handle.
+          observation_noise: half width of the uniform noise on parts of the observation, by the names of the parts;
+            none when omitted.
+          randomization: physical properties that a reset draws; none when omitted.
+          cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
+          action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
+            space is unbounded when omitted.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
 
@@ -71,7 +77,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
         self._action_limit = limit
-        self.action_space = spaces.Box(-limit, limit, JOINT_LOW.shape, np.float32)
+        self.action_space = spaces.Box(-limit, limit, (ACTION_SIZE,), np.float32)
         bound = drawer_observation.LIMIT
         self.observation_space = spaces.Box(-bound, bound, (drawer_observation.SIZE,), np.float32)
 
@@ -81,31 +87,24 @@ class FrankaOpenCabinetEnv(SuiteEnv):
     def _default_camera_config(self) -> dict[str, Any]:
         return {"distance": 2.2, "azimuth": 125.0, "elevation": -25.0, "lookat": np.array([0.4, 0.0, 0.5])}
 
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Makes one control step; see `SuiteEnv.step`."""
+        if self._action_limit < math.inf:
+            # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
+            action = self.clip_actions(checks.vector(action, ACTION_SIZE, "action"))
+        return super().step(action)
+
+    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns actions `(..., 8)` clipped to the `action_limit`, if there is one."""
+        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
+
+    def suite_observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
+        spec = self._environment.observation_spec()
+        ends = np.cumsum([part.shape[0] for part in spec.values()])
+        return dict(zip(spec, np.split(observation.copy(), ends[:-1]), strict=True))
+
     def _get_obs(self, observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
         return np.concatenate([*observation.values()])
 
-    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Makes one control step; see `SuiteEnv.step`."""
-        return super().step(self.clip_actions(checks.vector(action, JOINT_LOW.size, "action")))
-
-    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Actions `(..., 8)` clipped to the `action_limit`, where there is one."""
-        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
-
     def _get_info(self) -> dict[str, Any]:
-        """Makes the info of the last step or reset; arrays of shape `()`, which recorders can stack.
-
-        `reward/<term>`: each of the seven terms; `drawer_opening` [m]; `is_success`: open by 0.3 m or more now;
-        `success_at_any_time`: in this episode; `episode_step`.
-        """
-        return {**results_arrays(self._task.state), "episode_step": np.array(self._episode_step)}
-
-
-def results_arrays(state: OpenCabinetState) -> dict[str, NDArray]:
-    """What infos say of the drawer and of the last step's reward, in fresh arrays `(...)`."""
-    return {
-        **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
-        "drawer_opening": np.array(Features(state.features).drawer_position),
-        "is_success": np.array(state.is_success),
-        "success_at_any_time": np.array(state.succeeded),
-    }
+        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

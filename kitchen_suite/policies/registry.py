@@ -1,12 +1,13 @@
-"""What acts: policies by name, and those a user brings along as `module:callable`.
+"""Policies by name: random, zero, expert and trained, and `module:callable` for a user's own.
 
-A policy is called with the present `dm_env.TimeStep` and returns the action; `timestep.first()` tells it that an
-episode starts.
+A policy is called with the present `dm_env.TimeStep` and returns the action. An episode starts where `timestep.first()`
+is true.
 """
 
 import ast
 import contextlib
 import dataclasses
+import functools
 import importlib.util
 import pkgutil
 import sys
@@ -14,7 +15,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dm_env
 import numpy as np
@@ -22,21 +23,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 
+if TYPE_CHECKING:
+    from kitchen_suite.policies.trained import TrainedPolicy
+
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
-# Makes the policy for one episode, given the environment and a generator of the episode's own.
+# Builds the policy for one episode from the environment and a generator of the episode's own.
 PolicyBuilder = Callable[..., Policy]
 
-# What the extra `experts` installs.
-_EXPERTS_NEED = ("daqp", "mink")
+# Packages that the extra `experts` installs.
+_EXPERT_PACKAGES = ("daqp", "mink")
 
 
 class PolicyError(Exception):
-    """A policy raised an exception, or returned what is no action."""
+    """A policy could not be built, raised an exception, or returned a bad action."""
 
 
 def random(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
-    """Builds a policy of uniform actions; standard normal ones where the action is unbounded."""
+    """Builds a policy of uniform actions; elements of the action without bounds are standard normal."""
     spec = environment.action_spec()
     bounded = np.isfinite(spec.minimum) & np.isfinite(spec.maximum)
     low, high = np.where(bounded, spec.minimum, 0.0), np.where(bounded, spec.maximum, 0.0)
@@ -60,10 +64,10 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
 
     Args:
       environment: of the suite.
-      generator: what jitter and noise are drawn from.
+      generator: source of jitter and action noise.
       **options: attributes of `experts.MotionStyle`, and arguments of `experts.make_policy`.
     """
-    from kitchen_suite import experts
+    from kitchen_suite.policies import experts
 
     names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}
@@ -71,37 +75,46 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
 
 
 def trained(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
-    """Builds a trained policy, which acts without exploration.
+    """Builds a trained policy, which acts without exploration noise.
 
     Args:
       environment: of the suite.
       generator: not used.
-      file: what `kitchen-train` has written; by default what comes with the package for the environment's task and
-        reward.
+      file: a policy that `kitchen-train` has written; by default the one that comes with the package for the
+        environment's task and reward.
 
     Raises:
-      OSError: there is no such file, or it holds nothing of the kind.
-      ValueError: the policy is for something else, or none comes with the package.
+      OSError: the file does not exist, or is not an npz file with metadata.
+      ValueError: the file holds no policy for such a task, or none comes with the package.
     """
     del generator
-    # Needed by this policy alone, and it imports what writes episodes, which imports this module.
-    from kitchen_suite.policies import trained as trained_policy
+    # Imports dm_control, which must not be imported before the commands have chosen a GL library.
+    from kitchen_suite.policies.trained import flat_timestep, shipped
 
-    policy = trained_policy.TrainedPolicy.load(Path(file) if file else trained_policy.shipped(environment.task))
-    sizes = [sum(spec.shape[0] for spec in environment.observation_spec().values()), *environment.action_spec().shape]
-    policy.check_fits(*sizes)
-    return lambda timestep: policy(trained_policy.flat_timestep(timestep))
+    path = Path(file) if file else shipped(environment.task)
+    policy = _load_trained(path, path.stat().st_mtime_ns)
+    policy.check_fits(environment.task.observation_size, *environment.action_spec().shape)
+    return lambda timestep: policy(flat_timestep(timestep))
+
+
+@functools.lru_cache(maxsize=8)
+def _load_trained(path: Path, modified: int) -> "TrainedPolicy":
+    """Reads a trained policy once for all episodes, and again when the file's time of modification [ns] changes."""
+    from kitchen_suite.policies.trained import TrainedPolicy
+
+    del modified
+    return TrainedPolicy.load(path)
 
 
 POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
     {"random": random, "zero": zero, "expert": expert, "trained": trained}
 )
 
-_TAKE_OPTIONS = (expert, trained)
+_WITH_OPTIONS = ("expert", "trained")
 
 
 def find(name: str) -> PolicyBuilder:
-    """Returns what builds a policy, whose actions are checked and come as float64.
+    """Returns the builder of a named policy. The policy checks its actions and returns them as float64.
 
     Args:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
@@ -110,36 +123,42 @@ def find(name: str) -> PolicyBuilder:
 
     Raises:
       ImportError: the policy needs an extra that is not installed.
-      ValueError: there is no such policy, it cannot be imported, or it cannot be called.
+      ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
     if ":" in name:
-        imported = _imported(name)
-        return lambda environment, generator: _checked(imported, name, environment)
-    plain, options = _call(name) if name.endswith(")") else (name, {})
+        imported = _import_policy(name)
+        return lambda environment, generator: _with_checks(imported, name, environment)
+    key, options = _parse_call(name) if name.endswith(")") else (name, {})
     try:
-        build = POLICIES[checks.choice(plain, POLICIES.keys(), "policy")]
+        build = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
-    if build is expert and (missing := [name for name in _EXPERTS_NEED if not importlib.util.find_spec(name)]):
-        raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
-    if options and build not in _TAKE_OPTIONS:
-        raise ValueError(f"policy {plain!r} takes no options, got {name!r}; expert and trained do")
+    if key == "expert":
+        _check_expert_packages(name)
+    if options and key not in _WITH_OPTIONS:
+        raise ValueError(f"policy {key!r} takes no options, got {name!r}; {' and '.join(_WITH_OPTIONS)} do")
 
-    def built(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+    def build_with_checks(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         try:
             policy = build(environment, generator, **options)
         except (OSError, TypeError, ValueError) as error:
             raise PolicyError(f"policy {name!r} cannot be built: {error}") from error
-        return _checked(policy, name, environment)
+        return _with_checks(policy, name, environment)
 
-    return built
+    return build_with_checks
 
 
-def _call(text: str) -> tuple[str, dict[str, Any]]:
-    """Name and options of a policy written as a call.
+def _check_expert_packages(name: str) -> None:
+    """Raises an ImportError with the pip command if the extra `experts` is missing."""
+    if missing := [package for package in _EXPERT_PACKAGES if not importlib.util.find_spec(package)]:
+        raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
+
+
+def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
+    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`.
 
     Raises:
-      ValueError: it is no call of a name with constants for named options.
+      ValueError: it is not a call of a name with keyword arguments that are constants.
     """
     with contextlib.suppress(SyntaxError, ValueError):
         match ast.parse(text, mode="eval").body:
@@ -148,27 +167,33 @@ def _call(text: str) -> tuple[str, dict[str, Any]]:
     raise ValueError(f"policy {text!r} must be a name, or a name with options such as expert(speed=0.8, jitter=0.02)")
 
 
-def _imported(name: str) -> Policy:
-    # A console script, unlike `python -m`, does not look there; last, so that it hides nothing installed.
-    if (here := str(Path.cwd())) not in sys.path:
-        sys.path.append(here)
+def _import_policy(name: str) -> Policy:
+    """Returns the callable that `module:callable` names.
+
+    Raises:
+      ValueError: it cannot be imported or cannot be called.
+    """
+    # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
+    if (directory := str(Path.cwd())) not in sys.path:
+        sys.path.append(directory)
     try:
         policy = pkgutil.resolve_name(name)
-    except (Exception, SystemExit) as error:  # Importing runs whatever the module holds.
+    except (Exception, SystemExit) as error:  # Importing runs the code of the module.
         raise ValueError(f"policy {name!r} cannot be imported: {type(error).__name__}: {error}") from error
     if not callable(policy):
         raise ValueError(f"policy {name!r} cannot be called: it is {policy!r}")
     return policy
 
 
-def _checked(policy: Policy, name: str, environment: dm_env.Environment) -> Policy:
+def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> Policy:
+    """Wraps a policy so that it returns valid actions in fresh arrays, or raises a PolicyError that names it."""
     (size,) = environment.action_spec().shape
 
     def checked(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         try:
             action = policy(timestep)
         except Exception as error:
-            raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_place(error)})") from error
+            raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_location(error)})") from error
         try:
             return checks.vector(action, size, "action").copy()
         except (TypeError, ValueError) as error:
@@ -177,7 +202,7 @@ def _checked(policy: Policy, name: str, environment: dm_env.Environment) -> Poli
     return checked
 
 
-def _place(error: Exception) -> str:
-    """Where an exception was raised."""
+def _location(error: Exception) -> str:
+    """File and line that raised an exception."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return f"{frame.filename}, line {frame.lineno}"

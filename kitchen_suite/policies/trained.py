@@ -1,4 +1,4 @@
-"""Trained policies as plain arrays: a network that needs nothing but numpy, in a file that is read without pickle."""
+"""Trained policies: networks that act with numpy alone, stored in npz files that are read without pickle."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,28 +14,31 @@ import kitchen_suite
 from kitchen_suite import checks, files
 from kitchen_suite.tasks import OpenCabinetTask
 
-# Version of the file's layout; it grows when old readers would misread new files.
+# Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
 
-# What the metadata must tell for a policy to be played.
-_TASK = {"domain_name": str, "task_name": str, "task_kwargs": dict}
+# Metadata that every file must hold, and their types.
+_METADATA_TYPES = {"domain_name": str, "task_name": str, "task_kwargs": dict}
 
-# Files that come with the package.
+# Folder of the policies that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
+
+# Keys of a goal observation, in the order of the dm_env observation.
+_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainedPolicy:
-    """A multilayer perceptron with ELU units, on standardised observations.
+    """A multilayer perceptron with ELU activations on standardised observations.
 
     Attributes:
-      mean: `(m,)`, of the observations.
-      deviation: `(m,)`, what they are divided by; positive.
+      mean: `(m,)`, means of the observations.
+      deviation: `(m,)`, standard deviations of the observations; positive.
       clip: bound of the standardised observations.
-      weights: of each layer, `(outputs, inputs)`.
-      biases: of each layer, `(outputs,)`.
-      action_scale: `(k,)`, action for an output of one.
-      metadata: what JSON can hold: `domain_name`, `task_name`, `task_kwargs` and how the policy came about.
+      weights: `(outputs, inputs)` for each layer.
+      biases: `(outputs,)` for each layer.
+      action_scale: `(k,)`, action at a network output of one.
+      metadata: JSON-compatible; `domain_name`, `task_name`, `task_kwargs` and a record of the training.
     """
 
     mean: NDArray[np.float32]
@@ -47,10 +50,10 @@ class TrainedPolicy:
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        """Checks that the parts fit.
+        """Checks the arrays.
 
         Raises:
-          ValueError: they do not, or some of the numbers are not finite.
+          ValueError: an array has the wrong shape or type, or holds a number that is not finite or out of range.
         """
         if not self.weights or len(self.weights) != len(self.biases):
             raise ValueError(f"there are {len(self.weights)} layers of weights and {len(self.biases)} of biases")
@@ -72,16 +75,16 @@ class TrainedPolicy:
 
     @property
     def observation_size(self) -> int:
-        """How many numbers it observes."""
+        """Number of elements of the observation."""
         return self.mean.size
 
     @property
     def action_size(self) -> int:
-        """How many numbers it returns."""
+        """Number of elements of the action."""
         return self.action_scale.size
 
     def __call__(self, observations: NDArray) -> NDArray[np.float32]:
-        """Actions `(..., k)` for observations `(..., m)`, without exploration."""
+        """Returns the actions `(..., k)` for observations `(..., m)`, without exploration noise."""
         values = ((observations - self.mean) / self.deviation).astype(np.float32)
         values = np.clip(values, -self.clip, self.clip)
         *hidden, last = zip(self.weights, self.biases, strict=True)
@@ -91,7 +94,7 @@ class TrainedPolicy:
         return (values @ weight.T + bias) * self.action_scale
 
     def save(self, path: Path) -> None:
-        """Writes the policy to an npz file, whole or not at all."""
+        """Writes the policy to an npz file, atomically."""
         arrays = {
             "mean": self.mean,
             "deviation": self.deviation,
@@ -108,8 +111,8 @@ class TrainedPolicy:
         """Reads a policy.
 
         Raises:
-          OSError: there is no such file, or it holds nothing of the kind.
-          ValueError: its layout is of another version, or its parts do not fit together.
+          OSError: the file does not exist, or is not an npz file with metadata.
+          ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
         """
         arrays, metadata = files.load_arrays(path, "a trained policy")
         _check_metadata(path, metadata)
@@ -130,75 +133,79 @@ class TrainedPolicy:
             raise ValueError(f"{path} holds no trained policy: {error}") from error
 
     def check_fits(self, observation_size: int, action_size: int) -> None:
-        """Sees to it that the policy can act where observations and actions have these sizes.
+        """Checks that the policy's sizes are those of a task.
+
+        Args:
+          observation_size: number of elements of the task's observation.
+          action_size: number of elements of the task's action.
 
         Raises:
-          ValueError: it cannot.
+          ValueError: they differ.
         """
-        own, asked = (self.observation_size, self.action_size), (observation_size, action_size)
-        if own != asked:
+        if (self.observation_size, self.action_size) != (observation_size, action_size):
             raise ValueError(
-                f"the policy takes {own[0]} numbers and returns {own[1]}, but this task shows {asked[0]} and takes "
-                f"{asked[1]}: it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+                f"the policy maps {self.observation_size} observed numbers to {self.action_size} numbers of an action, "
+                f"but this task has {observation_size} and {action_size}: it was trained for "
+                f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
             )
 
 
 def _check_metadata(path: Path, metadata: Any) -> None:
-    """Sees to it that a file says what it is.
+    """Checks the metadata of a file.
 
     Raises:
-      ValueError: it does not, or its layout is of another version.
+      ValueError: they are not those of a trained policy, or the file has another version of the layout.
     """
     if not isinstance(metadata, dict) or "format" not in metadata:
         raise ValueError(f"{path} holds no trained policy: it has no format version")
     if metadata["format"] != FORMAT:
         raise ValueError(f"{path} has format {metadata['format']!r}; this version reads {FORMAT}")
-    for name, kind in _TASK.items():
+    for name, kind in _METADATA_TYPES.items():
         if not isinstance(metadata.get(name), kind):
             raise ValueError(f"{path} holds no trained policy: its {name} is {metadata.get(name)!r}")
 
 
 def flat(observations: Any) -> NDArray:
-    """Observations of a Gymnasium environment as a trained policy takes them, `(..., m)`.
-
-    They are laid end to end in the order of the suite's own observation: the state, achieved goals, desired goals.
+    """Returns the observations `(..., m)` of a Gymnasium environment in the form that a trained policy takes.
 
     Args:
-      observations: `(..., m)`; or a dict as of the kitchen with `goal_format="flat"`.
+      observations: `(..., m)`, returned as they are; or a dict of the kitchen with `goal_format="flat"`, whose arrays
+        are concatenated in the order of the dm_env observation: state, achieved goals, desired goals.
     """
     if not isinstance(observations, Mapping):
         return observations
-    keys = ("observation", "achieved_goal", "desired_goal")
-    return np.concatenate([observations[key] for key in keys], axis=-1)
+    return np.concatenate([observations[key] for key in _GOAL_KEYS], axis=-1)
 
 
 def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
-    """The observation of one of the suite's own environments as a trained policy takes it, `(m,)`."""
-    return np.concatenate([*timestep.observation.values()])
+    """Returns the observation `(m,)` of a dm_env time step, in the order of the observation's keys."""
+    return np.concatenate([np.ravel(array) for array in timestep.observation.values()])
 
 
 def shipped(task: composer.Task) -> Path:
-    """Path of the policy that comes with the package for a task and its reward.
+    """Returns the path of the policy that comes with the package for a task and its reward.
 
     Raises:
       ValueError: there is none.
     """
-    if not isinstance(task, OpenCabinetTask):
-        return shipped_as("_".join(task.goals).replace(" ", "_"))
-    return shipped_as(f"{task.drawer}_drawer" + (f"_{task.reward_name}" if task.reward_name != "original" else ""))
+    if isinstance(task, OpenCabinetTask):
+        name = f"{task.drawer}_drawer"
+        return shipped_as(name if task.reward_name == "original" else f"{name}_{task.reward_name}")
+    return shipped_as("_".join(task.goals).replace(" ", "_"))
 
 
 def shipped_as(name: str) -> Path:
-    """Path of a policy that comes with the package.
+    """Returns the path of a policy that comes with the package.
 
     Args:
-      name: of the task, such as `top_drawer`; with `_grasp` for one that was trained for the reward of that name.
+      name: of the file without suffix: the task, such as `top_drawer`, and the reward unless it is the original one,
+        such as `top_drawer_grasp`.
 
     Raises:
-      ValueError: there is none.
+      ValueError: there is none of this name.
     """
-    there = sorted(path.stem for path in SHIPPED.glob("*.npz"))
-    return SHIPPED / f"{checks.choice(name, there, 'trained policy that comes with the package')}.npz"
+    names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
+    return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"
 
 
 def _elu(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,33 +1,28 @@
-"""Compares an episode with its replay."""
+"""Compares a recorded episode with its replay."""
 
 import dataclasses
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.rollouts.episode_arrays import EpisodeArrays
-from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.kitchen.goals import goal_distances
-
-_CABINET_VERDICT = "info/is_success"
+from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.tasks.base import SuiteTask
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """How a recorded episode and its replay differ; steps count from 1, None where there is no difference.
+    """The differences between a recorded episode and its replay; steps count from 1, None without a difference.
 
     Attributes:
       seed: of the episode.
       steps: number of control steps.
       recorded_return: sum of the recorded rewards.
-      replayed_return: sum of the replayed ones.
+      replayed_return: sum of the replayed rewards.
       rewards: first step with another reward.
-      completions: first step after which other tasks are within their threshold (cabinet: with another verdict).
+      completions: first step after which other tasks are within their threshold (open_cabinet: with another success).
       tasks: those that differ there.
-      ends: first step that ends only one of them.
-      observation_difference: greatest one of any number of an observation, goals included.
+      ends: first step that ends only one of the two episodes.
+      observation_difference: maximum over all numbers of the observations, goals included.
     """
 
     seed: int | None
@@ -46,13 +41,11 @@ class Comparison:
         return steps == (None, None, None) and not (exactly and self.observation_difference)
 
 
-def compare(
-    environment: SuiteEnv, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool
-) -> Comparison:
+def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
     """Compares an episode with its replay.
 
     Args:
-      environment: where it was replayed.
+      task: of the environment that replayed it.
       recorded: the episode.
       replayed: its replay.
       truncations: whether these are compared, or only terminations: other recorders truncate where they stop.
@@ -61,8 +54,8 @@ def compare(
     ends = one["termination"] != other["termination"]
     if truncations:
         ends = ends | (one["truncation"] != other["truncation"])
-    completions, tasks = _completions(environment, one, other)
-    shown = [name for name in one if name.split("/")[0] == "observation"]
+    completions, tasks = _compare_completions(task, recorded, replayed)
+    observations = [name for name in one if name.split("/")[0] == "observation"]
     return Comparison(
         seed=recorded.seed,
         steps=recorded.steps,
@@ -72,40 +65,24 @@ def compare(
         completions=completions,
         tasks=tasks,
         ends=_first(ends),
-        observation_difference=max(float(np.abs(one[name] - other[name]).max()) for name in shown),
+        observation_difference=max(float(np.abs(one[name] - other[name]).max()) for name in observations),
     )
 
 
-def _completions(
-    environment: SuiteEnv, one: Mapping[str, NDArray], other: Mapping[str, NDArray]
+def _compare_completions(
+    task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays
 ) -> tuple[int | None, tuple[str, ...]]:
-    """First step after which completions differ, and the tasks that do."""
-    task = environment.environment.task
-    if isinstance(task, KitchenTask):
-        names = task.mdp.goals.tasks
-        within = [_within(task, arrays) for arrays in (one, other)]
-    else:
-        if _CABINET_VERDICT not in one:  # Recorded without infos.
-            return None, ()
-        names = ("drawer",)
-        within = [arrays[_CABINET_VERDICT][:, np.newaxis] for arrays in (one, other)]
-    # Before the first step nothing can be completed.
-    differing = (within[0] != within[1])[1:]
+    """Returns the first step after which completions differ, and the tasks that do."""
+    one, other = task.completions(recorded.arrays), task.completions(replayed.arrays)
+    if one is None or other is None:  # Recorded without infos.
+        return None, ()
+    names = np.array(one[0])
+    # Before the first step no task can be completed.
+    differing = (one[1] != other[1])[1:]
     step = _first(differing.any(axis=1))
-    tasks = () if step is None else tuple(np.array(names)[differing[step - 1]])
-    return step, tasks
-
-
-def _within(task: KitchenTask, arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:
-    """Which tasks are within their threshold, `(T + 1, n)`, in configured order."""
-    key, goals = "observation/achieved_goal", task.mdp.goals
-    if key in arrays:
-        achieved = arrays[key]
-    else:
-        achieved = np.concatenate([arrays[f"{key}/{name}"] for name in goals.tasks], axis=1)
-    return goal_distances(achieved, goals.desired, goals.starts) < task.threshold
+    return step, () if step is None else tuple(names[differing[step - 1]])
 
 
 def _first(differs: NDArray[np.bool_]) -> int | None:
-    """Number of the first step, from 1, that differs."""
+    """Returns the number of the first step, from 1, that differs."""
     return int(np.argmax(differs)) + 1 if differs.any() else None

@@ -1,4 +1,4 @@
-"""Recordings as Minari datasets, each whole or absent. Needs the extra `record`."""
+"""Recordings as Minari datasets, each written atomically. Needs the extra `record`."""
 
 import contextlib
 import importlib
@@ -12,73 +12,80 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import files
-from kitchen_suite.recordings.folder import RecordingFolder
-from kitchen_suite.recordings.minari_root import datasets_in
-from kitchen_suite.recordings.spec import RecordingSpec
-from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, nested
+from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
 
-# Where the dataset's metadata has the recipe, and how many episodes were asked for.
+# Keys of the dataset's metadata: the specification of the recording, and the number of episodes asked for.
 SPEC_KEY = "kitchen_suite_recording"
 _COUNT_KEY = "kitchen_suite_num_episodes"
 
 # HDF5 keeps seeds in attributes of 64 bits.
-_MOST_SEED = 2**63 - 1
-# Episodes that are in memory at the same time.
+_MAX_SEED = 2**63 - 1
+# Number of episodes in memory at the same time.
 _CHUNK = 20
+
+_ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 
 
 class DatasetPlan:
-    """A dataset that is to hold the first episodes of a recording."""
+    """A dataset that will hold the first episodes of a recording."""
 
-    def __init__(self, dataset_id: str, recipe: RecordingSpec, count: int) -> None:
-        """Plans it.
+    def __init__(self, dataset_id: str, spec: RecordingSpec, count: int, root: Path | None = None) -> None:
+        """Checks that the dataset can be made, or has been made already.
+
+        Args:
+          dataset_id: its name in Minari.
+          spec: of the recording.
+          count: number of episodes.
+          root: folder of the datasets; Minari's own when omitted.
 
         Raises:
-          ImportError: Minari is missing.
-          ValueError: the id is malformed, its place is taken by something else, or a seed is too large.
+          ImportError: Minari is not installed.
+          ValueError: the name is malformed or taken by another dataset, or a seed is too large.
         """
-        self._minari = minari()
-        self._dataset_id, self._recipe, self._count = dataset_id, recipe, count
+        self._minari = import_minari()
+        self._dataset_id, self._spec, self._count, self._root = dataset_id, spec, count, root
         check_id(dataset_id)
-        if recipe.seed + count - 1 > _MOST_SEED:
-            raise ValueError(f"seeds in a dataset may not exceed {_MOST_SEED}, got {recipe.seed + count - 1}")
-        self._check_free()
+        if spec.seed + count - 1 > _MAX_SEED:
+            raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
+        if not self.is_missing:
+            with minari_root(root):
+                self._check_same(self._minari.load_dataset(dataset_id).storage.metadata)
 
     @property
     def dataset_id(self) -> str:
-        """Its name in Minari."""
+        """Name of the dataset in Minari."""
         return self._dataset_id
 
     @property
     def path(self) -> Path:
-        """Where it is, or will be."""
-        return _root() / self._dataset_id
+        """Folder of the dataset."""
+        with minari_root(self._root):
+            return _absolute_root() / self._dataset_id
 
     @property
     def is_missing(self) -> bool:
-        """Whether it has still to be made."""
+        """Whether the dataset has still to be made."""
         return not self.path.exists()
 
-    def make(self, environment: gymnasium.Env, staging: RecordingFolder, indices: Sequence[int]) -> None:
-        """Makes it of episodes that are in a recording's folder.
+    def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        """Makes the dataset.
 
         Args:
-          environment: what it will recover.
-          staging: the folder.
-          indices: the episodes.
+          environment: that the dataset will recover.
+          folder: of the recording.
+          indices: numbers of the episodes.
         """
-        with self._whole():
+        with minari_root(self._root), self._write_elsewhere():
             dataset = self._create(environment)
             for start in range(0, len(indices), _CHUNK):
-                chunk = [self._buffer(staging.load(index)) for index in indices[start : start + _CHUNK]]
+                chunk = [self._buffer(folder.load(index)) for index in indices[start : start + _CHUNK]]
                 dataset.update_dataset_from_buffer(chunk)
-            dataset.storage.update_metadata({SPEC_KEY: self._recipe.record(), _COUNT_KEY: self._count})
+            dataset.storage.update_metadata({SPEC_KEY: self._spec.as_json(), _COUNT_KEY: self._count})
 
-    def _check_free(self) -> None:
-        if self.is_missing:
-            return
-        present = self._minari.load_dataset(self._dataset_id).storage.metadata
-        if present.get(SPEC_KEY) != self._recipe.record():
+    def _check_same(self, present: dict[str, Any]) -> None:
+        if present.get(SPEC_KEY) != self._spec.as_json():
             raise ValueError(f"dataset {self._dataset_id!r} exists and holds another recording: name another one")
         if present.get(_COUNT_KEY) != self._count:
             raise ValueError(
@@ -87,17 +94,17 @@ class DatasetPlan:
             )
 
     @contextlib.contextmanager
-    def _whole(self) -> Iterator[None]:
-        """Lets Minari write elsewhere; what it wrote becomes the dataset if all went well."""
-        root = _root()
+    def _write_elsewhere(self) -> Iterator[None]:
+        """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
+        root = _absolute_root()
         files.sweep(root)
         elsewhere = files.partial_path(root / "kitchen-record")
         try:
-            with datasets_in(elsewhere):
+            with minari_root(elsewhere):
                 yield
             if "/" in self._dataset_id:
                 self._make_namespace(self._dataset_id.rpartition("/")[0])
-            os.rename(elsewhere / self._dataset_id, self.path)
+            os.rename(elsewhere / self._dataset_id, root / self._dataset_id)
         finally:
             shutil.rmtree(elsewhere, ignore_errors=True)
 
@@ -106,41 +113,53 @@ class DatasetPlan:
             self._minari.namespace.create_namespace(namespace)
 
     def _create(self, environment: gymnasium.Env) -> Any:
-        """Makes a dataset without episodes."""
-        recipe = self._recipe
+        """Returns a new dataset without episodes."""
+        spec = self._spec
         with warnings.catch_warnings():
-            # Of author, permalink and another environment for evaluation, which it would like to be told.
+            # About optional metadata: author, permalink, and another environment for evaluation.
             warnings.filterwarnings("ignore", r"`\w+` is set to None")
             return self._minari.create_dataset_from_buffers(
                 self._dataset_id,
                 [],
                 env=environment,
-                algorithm_name=recipe.policy,
-                description=f"Policy {recipe.policy} in task {recipe.task_name} of domain {recipe.domain_name}; "
+                algorithm_name=spec.policy,
+                description=f"Policy {spec.policy} in task {spec.task_name} of domain {spec.domain_name}; "
                 "reset with an episode's seed, the recovered environment plays it again.",
                 # Another version computes other last bits.
-                requirements=[f"mujoco=={recipe.versions['mujoco']}"],
+                requirements=[f"mujoco=={spec.versions['mujoco']}"],
             )
 
     def _buffer(self, episode: EpisodeArrays) -> Any:
         arrays = episode.arrays
-        infos = {name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")}
         return self._minari.data_collector.EpisodeBuffer(
             seed=episode.seed,
-            observations=nested(arrays, "observation"),
+            observations=unflatten(arrays, "observation"),
             actions=arrays["action"],
             rewards=arrays["reward"],
             terminations=arrays["termination"],
             truncations=arrays["truncation"],
-            infos=infos,
+            infos={name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
         )
 
 
-def minari() -> Any:
-    """The module of that name.
+@contextlib.contextmanager
+def minari_root(path: Path | None) -> Iterator[None]:
+    """Sets the folder in which Minari finds and writes datasets; with None it stays Minari's own."""
+    before = os.environ.get(_ROOT_VARIABLE)
+    if path is not None:
+        os.environ[_ROOT_VARIABLE] = os.path.abspath(path)
+    try:
+        yield
+    finally:
+        os.environ.pop(_ROOT_VARIABLE, None)
+        os.environ.update({} if before is None else {_ROOT_VARIABLE: before})
+
+
+def import_minari() -> Any:
+    """Returns the module.
 
     Raises:
-      ImportError: it, or what it needs to read HDF5, is missing.
+      ImportError: Minari, or what it reads HDF5 with, is not installed.
     """
     try:
         importlib.import_module("h5py")
@@ -150,18 +169,18 @@ def minari() -> Any:
 
 
 def check_id(dataset_id: str) -> None:
-    """Sees to it that Minari can name a dataset so.
+    """Checks the name of a dataset.
 
     Raises:
-      ValueError: it cannot.
+      ValueError: Minari does not accept it.
     """
     parse = importlib.import_module("minari.dataset.minari_dataset").parse_dataset_id
     try:
         parse(dataset_id)
-    except (TypeError, ValueError) as error:  # It fails to make a number of a version that is missing.
+    except (TypeError, ValueError) as error:  # A missing version is a TypeError.
         raise ValueError(f"{dataset_id!r} is no name of a dataset, such as kitchen-suite/complete-expert-v0") from error
 
 
-def _root() -> Path:
-    # Minari mistakes where its files are if that is relative.
+def _absolute_root() -> Path:
+    # With a relative root, Minari looks for its files in the wrong folder.
     return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path()).absolute()

@@ -1,23 +1,24 @@
-"""What `kitchen-replay` does once its flags are read."""
+"""The work of `kitchen-replay`."""
 
 import contextlib
-import dataclasses
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from dm_control.rl.control import PhysicsError
 from tqdm import tqdm
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings import sources
 from kitchen_suite.recordings.comparison import Comparison, compare
-from kitchen_suite.recordings.replay import play_again
-from kitchen_suite.rendering import video
-from kitchen_suite.rendering.cameras import check_size, find_camera
+from kitchen_suite.recordings.minari_dataset import minari_root
+from kitchen_suite.recordings.replay import replay
+from kitchen_suite.recordings.settings import ReplaySettings
+from kitchen_suite.rollouts import film
+from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.versions import installed_versions
 
-# Widths of the table's columns; `difference` is the greatest one of any number of an observation.
+# Widths of the table's columns; `difference` is the maximum over all numbers of the observations.
 _COLUMNS = {
     "episode": 7,
     "seed": 6,
@@ -31,106 +32,85 @@ _COLUMNS = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What is asked for; see the flags of `replay`."""
-
-    name: str
-    episodes: str | None
-    num_episodes: int
-    video: Path | None
-    camera: str
-    width: int
-    height: int
-
-
 class ReplayJob:
-    """Episodes of a recording to be played again."""
+    """Replays episodes of a recording, and compares them."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
+    failures = (PhysicsError, OSError, ValueError)
+    usage_errors = ()
+
+    def __init__(self, settings: ReplaySettings) -> None:
+        """Prepares the replay, so that bad settings are refused before the first episode.
 
         Raises:
-          ImportError: Minari or ffmpeg is missing, and needed.
+          ImportError: an extra is missing.
           OSError: there is no such recording, or the assets are missing.
           TypeError: an argument of the recorded environment is unknown here.
-          ValueError: it cannot be replayed here, or there is no such episode or camera.
+          ValueError: the recording cannot be replayed here, or there is no such episode or camera.
         """
         self._settings = settings
-        self._recording = sources.find(settings.name)
-        self._indices = choose(self._recording.indices, settings.episodes, settings.num_episodes)
-        self._environment = self._recording.environment(visuals=settings.video is not None)
-        self._inner = suite_env(self._environment)
+        with minari_root(settings.data_path):
+            self._source = sources.find(settings.source)
+        self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
+        self._environment = self._source.make_environment(visuals=settings.video is not None)
         # The first reset compiles the model, and the size of its pictures with it.
         self._environment.reset()
-        self._camera = find_camera(self._inner.environment, settings.camera)
-        if settings.video:
-            video.check_ffmpeg()
-            check_size(self._inner.environment, settings.width, settings.height)
-        self.finished = 0
+        self._inner = suite_env(self._environment).environment
+        film.check(settings, self._inner)
+        self._finished = 0
 
-    @property
-    def count(self) -> int:
-        """Number of episodes to be played again."""
-        return len(self._indices)
+    def progress(self) -> str:
+        return f"after {self._finished} of {len(self._indices)} episodes"
 
     def run(self) -> bool:
-        """Plays them; prints a table, row by row, and a verdict. Returns whether all are equal."""
-        exactly = self._recording.recipe is not None
-        _print("\n".join([self._heading(), "", _row({name: name for name in _COLUMNS})]))
+        """Replays the episodes; prints a table row by row, and a verdict. Returns whether all are equal."""
+        exactly = self._source.spec is not None
+        print_line("\n".join([self._heading(), "", _row({name: name for name in _COLUMNS})]))
         equal = 0
-        with contextlib.closing(self._environment), self._open_video() as film:
+        with (
+            contextlib.closing(self._environment),
+            minari_root(self._settings.data_path),
+            film.open_film(self._settings, self._inner) as watch,
+        ):
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):
-                comparison = self._compare(index, film, exactly)
+                comparison = self._compare(index, watch, exactly)
                 equal += comparison.is_equal(exactly=exactly)
-                self.finished += 1
-                _print(_row(_cells(index, comparison)))
-        _print(f"\n{equal} of {self.count} episodes are equal")
-        return equal == self.count
+                self._finished += 1
+                print_line(_row(_cells(index, comparison)))
+        print_line(f"\n{equal} of {len(self._indices)} episodes are equal")
+        return equal == len(self._indices)
 
-    def _compare(self, index: int, film: Callable[[], None], exactly: bool) -> Comparison:
-        recorded = self._recording.episode(index)
-        replayed = play_again(self._environment, recorded, film)
-        return compare(self._inner, recorded, replayed, truncations=exactly)
+    def _compare(self, index: int, watch: Callable[[EpisodeBuffer], None], exactly: bool) -> Comparison:
+        spec = self._source.spec
+        recorded = self._source.load(index)
+        replayed = replay(self._environment, recorded, spec.seeding if spec else "gymnasium", watch)
+        return compare(self._inner.task, recorded, replayed, truncations=exactly)
 
     def _heading(self) -> str:
-        """What is replayed, and what is known to be different here."""
-        text = f"{self._settings.name}: {self.count} of {len(self._recording.indices)} episodes"
-        if self._recording.recipe is None:
-            return f"{text}; not recorded by kitchen-record, so that observations and truncations are not judged"
-        here, there = installed_versions(), self._recording.recipe.versions
+        """Returns the name of the recording, and the known differences to the environment here."""
+        text = f"{self._settings.source}: {len(self._indices)} of {len(self._source.indices)} episodes"
+        if self._source.spec is None:
+            return f"{text}; recorded by another program, so that observations and truncations are not compared"
+        here, there = installed_versions(), self._source.spec.versions
         differing = [name for name in here if here[name] != there.get(name)]
         return "\n".join([text, *(f"recorded with {name} {there.get(name)}, here {here[name]}" for name in differing)])
 
-    @contextlib.contextmanager
-    def _open_video(self) -> Iterator[Callable[[], None]]:
-        """Gives what adds the present view to the video; it does nothing where no video is asked for."""
-        settings, environment = self._settings, self._inner.environment
-        if settings.video is None:
-            yield lambda: None
-            return
-        size = {"width": settings.width, "height": settings.height}
-        rate = 1.0 / environment.control_timestep()
-        with video.open_video(settings.video, **size, frames_per_second=rate) as add:
-            yield lambda: add(environment.physics.render(**size, camera_id=self._camera))
-
 
 def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
-    """Chooses episodes.
+    """Returns the episodes to replay.
 
     Args:
-      indices: those that there are, in order.
-      wanted: `all`, or numbers and ranges such as `0,5,7-9`; without it, `count` of them.
-      count: how many are spread from the first to the last.
+      indices: of all episodes, in order.
+      wanted: `all`, or numbers and ranges such as `0,5,7-9`; `count` of them when omitted.
+      count: number of episodes, spread evenly from the first to the last.
 
     Raises:
-      ValueError: there is none, there is no such episode, or that is no list of them.
+      ValueError: there is none, there is no such episode, or `wanted` is malformed.
     """
     if not indices:
         raise ValueError("there are no episodes")
     if wanted is None:
-        places = np.linspace(0, len(indices) - 1, min(count, len(indices))).round().astype(int)
-        return [indices[place] for place in places]
+        chosen = np.linspace(0, len(indices) - 1, min(count, len(indices))).round().astype(int)
+        return [indices[i] for i in chosen]
     return list(indices) if wanted == "all" else _listed(indices, wanted)
 
 
@@ -166,9 +146,3 @@ def _cells(index: int, comparison: Comparison) -> dict[str, str]:
 
 def _row(cells: dict[str, str]) -> str:
     return "  ".join(f"{cells[name]:>{width}}" for name, width in _COLUMNS.items())
-
-
-def _print(text: str) -> None:
-    """Prints above the progress bar, at once: an episode may take long, and the reader may be a pipe."""
-    tqdm.write(text)
-    sys.stdout.flush()

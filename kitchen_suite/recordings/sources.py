@@ -1,4 +1,4 @@
-"""What there is to be played again: folders of `kitchen-record`, and Minari datasets."""
+"""Sources of episodes to replay: folders of `kitchen-record` and `kitchen-rollout`, and Minari datasets."""
 
 import abc
 from collections.abc import Sequence
@@ -8,94 +8,95 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import gymnasium_env
-from kitchen_suite.recordings.folder import SPEC_FILE, RecordingFolder
-from kitchen_suite.recordings.minari_dataset import SPEC_KEY, check_id, minari
-from kitchen_suite.recordings.spec import RecordingSpec
-from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, flatten
+from kitchen_suite.recordings.minari_dataset import SPEC_KEY, check_id, import_minari
+from kitchen_suite.rollouts.episode import EpisodeArrays, flatten
+from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
 
 
-class Recording(abc.ABC):
-    """Episodes, and the environment that they are to be played in again."""
+class Source(abc.ABC):
+    """Episodes, and the environment that they were recorded in."""
 
     @property
     @abc.abstractmethod
-    def recipe(self) -> RecordingSpec | None:
-        """What it is made of; None where `kitchen-record` has not made it."""
+    def spec(self) -> RecordingSpec | None:
+        """The specification of the episodes; None where another program recorded them."""
 
     @property
     @abc.abstractmethod
     def indices(self) -> Sequence[int]:
-        """Numbers of its episodes, in order."""
+        """Numbers of the episodes, in order."""
 
     @abc.abstractmethod
-    def environment(self, *, visuals: bool) -> gymnasium.Env:
+    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
         """Makes the environment; with visuals for pictures."""
 
     @abc.abstractmethod
-    def episode(self, index: int) -> EpisodeArrays:
+    def load(self, index: int) -> EpisodeArrays:
         """Reads an episode."""
 
 
-class StagedRecording(Recording):
-    """A folder of `kitchen-record`."""
+class FolderSource(Source):
+    """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens it; raises what `RecordingFolder.open` does."""
-        self._staging = RecordingFolder.open(folder)
+        """Opens the folder; raises what `RecordingFolder.open` does."""
+        self._folder = RecordingFolder.open(folder)
 
     @property
-    def recipe(self) -> RecordingSpec:
-        return self._staging.recipe
+    def spec(self) -> RecordingSpec:
+        return self._folder.spec
 
     @property
     def indices(self) -> Sequence[int]:
-        return self._staging.indices
+        return self._folder.indices
 
-    def environment(self, *, visuals: bool) -> gymnasium.Env:
-        return self.recipe.environment(visuals=visuals)
+    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
+        return self.spec.make_environment(visuals=visuals)
 
-    def episode(self, index: int) -> EpisodeArrays:
-        return self._staging.load(index)
+    def load(self, index: int) -> EpisodeArrays:
+        return self._folder.load(index)
 
 
-class MinariRecording(Recording):
+class MinariSource(Source):
     """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen."""
 
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded.
 
         Raises:
-          ValueError: it is of another environment.
+          ValueError: the dataset is of another environment.
         """
         self._dataset = dataset
-        recipe = dataset.storage.metadata.get(SPEC_KEY)
-        self._recipe = None if recipe is None else RecordingSpec.of(recipe)
-        spec = dataset.env_spec
-        if spec is None or spec.id not in (_ORIGINAL_ID, gymnasium_env.KITCHEN_ID, gymnasium_env.CABINET_ID):
-            raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {spec and spec.id}")
-        self._spec = spec
+        spec = dataset.storage.metadata.get(SPEC_KEY)
+        self._spec = None if spec is None else RecordingSpec.from_json(spec)
+        self._env_spec = dataset.env_spec
+        if self._env_spec is None or self._env_spec.id not in (_ORIGINAL_ID, *gymnasium_env.IDS.values()):
+            found = self._env_spec and self._env_spec.id
+            raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {found}")
 
     @property
-    def recipe(self) -> RecordingSpec | None:
-        return self._recipe
+    def spec(self) -> RecordingSpec | None:
+        return self._spec
 
     @property
     def indices(self) -> Sequence[int]:
         return range(self._dataset.total_episodes)
 
-    def environment(self, *, visuals: bool) -> gymnasium.Env:
-        ours = gymnasium_env.KITCHEN_ID if self._spec.id == _ORIGINAL_ID else self._spec.id
-        arguments = {name: value for name, value in self._spec.kwargs.items() if name != "render_mode"}
+    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
+        env_spec = self._env_spec
+        env_id = gymnasium_env.KITCHEN_ID if env_spec.id == _ORIGINAL_ID else env_spec.id
+        arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
         # -1: no limit.
-        limit = self._spec.max_episode_steps or -1
-        return gymnasium.make(ours, max_episode_steps=limit, **{**arguments, "visuals": visuals})
+        limit = env_spec.max_episode_steps or -1
+        return gymnasium.make(env_id, max_episode_steps=limit, **{**arguments, "visuals": visuals})
 
-    def episode(self, index: int) -> EpisodeArrays:
+    def load(self, index: int) -> EpisodeArrays:
         (data,) = self._dataset.iterate_episodes([index])
-        (about,) = self._dataset.storage.get_episode_metadata([index])
+        (metadata,) = self._dataset.storage.get_episode_metadata([index])
         arrays = {
             **flatten(data.observations, "observation"),
             **(flatten(data.infos, "info") if data.infos else {}),
@@ -104,30 +105,30 @@ class MinariRecording(Recording):
             "termination": data.terminations,
             "truncation": data.truncations,
         }
-        return EpisodeArrays(index=index, seed=about.get("seed"), arrays=arrays)
+        return EpisodeArrays(index=index, seed=metadata.get("seed"), arrays=arrays)
 
 
-def find(name: str) -> Recording:
-    """Opens a recording by its folder, or a Minari dataset by its id or folder.
+def find(name: str) -> Source:
+    """Returns the recording in a folder, or the Minari dataset of an id or in a folder.
 
     Raises:
-      ImportError: it may be a dataset, but Minari is missing.
+      ImportError: it may be a dataset, but Minari is not installed.
       OSError: there is none.
-      ValueError: what is there is something else.
+      ValueError: the folder holds something else.
     """
     folder = Path(name)
     if (folder / SPEC_FILE).is_file():
-        return StagedRecording(folder)
-    module = minari()
+        return FolderSource(folder)
+    minari = import_minari()
     for data in (folder, folder / "data"):
         if (data / "metadata.json").is_file():
-            return MinariRecording(module.MinariDataset(data))
+            return MinariSource(minari.MinariDataset(data))
     if folder.exists():
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari dataset")
     check_id(name)
     try:
-        return MinariRecording(module.load_dataset(name))
+        return MinariSource(minari.load_dataset(name))
     except FileNotFoundError as error:
         raise FileNotFoundError(
-            f"there is neither a folder {name} nor here a Minari dataset of that name; minari download gets others"
+            f"there is neither a folder {name} nor a local Minari dataset of that name; `minari download` gets others"
         ) from error

@@ -1,1 +1,1 @@
-"""Pictures and videos: the GL library, cameras, mp4 files."""
+"""Rendering: the choice of a GL library, cameras and mp4 videos."""

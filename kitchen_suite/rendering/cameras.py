@@ -1,36 +1,40 @@
-"""The cameras of an environment, and what they can take."""
+"""Cameras of a model, and the image sizes that it can render."""
+
+from dm_control import mjcf
 
 from kitchen_suite import checks
-from kitchen_suite.environment import Environment
 
 
-def camera_names(environment: Environment) -> list[str]:
-    """Names of all cameras, by number."""
-    model = environment.physics.model
-    return [model.id2name(number, "camera") for number in range(model.ncam)]
+def camera_names(physics: mjcf.Physics) -> list[str]:
+    """Returns the names of all cameras, in order of their ids."""
+    return [physics.model.id2name(camera_id, "camera") for camera_id in range(physics.model.ncam)]
 
 
-def find_camera(environment: Environment, camera: str) -> int:
-    """Number of a camera given by name or number.
+def find_camera(physics: mjcf.Physics, camera: str) -> int:
+    """Returns the id of a camera.
+
+    Args:
+      physics: of the model that has the camera.
+      camera: name, or id in decimal digits.
 
     Raises:
-      ValueError: there is no such camera.
+      ValueError: the model has no such camera.
     """
-    names = camera_names(environment)
+    names = camera_names(physics)
     if camera.isdecimal() and int(camera) < len(names):
         return int(camera)
     return names.index(checks.choice(camera, names, "camera"))
 
 
-def check_size(environment: Environment, width: int, height: int) -> None:
-    """Sees to it that pictures of that size can be rendered.
+def check_size(physics: mjcf.Physics, width: int, height: int) -> None:
+    """Checks that the model's offscreen buffer holds an image of `width` x `height` pixels.
 
     Raises:
-      ValueError: they are too large.
+      ValueError: the image is too large.
     """
-    largest = environment.physics.model.vis.global_
-    if width > largest.offwidth or height > largest.offheight:
+    buffer = physics.model.vis.global_
+    if width > buffer.offwidth or height > buffer.offheight:
         raise ValueError(
-            f"a video of {width} x {height} pixels is too large: the model has room for "
-            f"{largest.offwidth} x {largest.offheight}"
+            f"a video of {width} x {height} pixels is too large: the model's offscreen buffer has "
+            f"{buffer.offwidth} x {buffer.offheight}"
         )

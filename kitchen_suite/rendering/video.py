@@ -1,4 +1,4 @@
-"""Videos as mp4 files, by the extra `video`."""
+"""Videos as mp4 files; needs the extra `video`."""
 
 import contextlib
 import importlib.util
@@ -12,10 +12,10 @@ from kitchen_suite.files import whole_file
 
 
 def check_ffmpeg() -> None:
-    """Sees to it that videos can be written.
+    """Checks that videos can be written.
 
     Raises:
-      ImportError: imageio-ffmpeg, or the program that comes with it, is missing.
+      ImportError: imageio-ffmpeg, or the ffmpeg binary that comes with it, is missing.
     """
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ImportError("a video needs imageio-ffmpeg: pip install 'kitchen-suite[video]'")
@@ -31,43 +31,47 @@ def check_ffmpeg() -> None:
 def open_video(
     path: Path, *, width: int, height: int, frames_per_second: float
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
-    """Gives a function that adds a frame, `(height, width, 3)`, to an mp4.
+    """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video.
 
     Args:
-      path: the video; one that is there already is replaced.
+      path: an mp4 file; an existing one is replaced.
       width: an even number of pixels.
       height: an even number of pixels.
-      frames_per_second: how fast it plays.
+      frames_per_second: playback rate.
 
     Raises:
       OSError: ffmpeg failed.
     """
-    import imageio_ffmpeg  # An extra of the package: only who writes a video needs it.
-
-    frames = 0
     with whole_file(path) as partial:
-        writer = imageio_ffmpeg.write_frames(
-            str(partial),
-            (width, height),
-            fps=frames_per_second,
-            quality=7,
-            macro_block_size=2,
-            ffmpeg_log_level="fatal",
+        with contextlib.closing(_VideoWriter(partial, (width, height), frames_per_second)) as writer:
+            yield writer.append
+        _check_frame_count(partial, writer.frame_count)
+
+
+class _VideoWriter:
+    """Sends frames to an ffmpeg process and counts them."""
+
+    def __init__(self, path: Path, size: tuple[int, int], frames_per_second: float) -> None:
+        import imageio_ffmpeg  # Only installed with the extra.
+
+        self.frame_count = 0
+        self._ffmpeg = imageio_ffmpeg.write_frames(
+            str(path), size, fps=frames_per_second, quality=7, macro_block_size=2, ffmpeg_log_level="fatal"
         )
+        self._ffmpeg.send(None)
 
-        def add(frame: NDArray[np.uint8]) -> None:
-            nonlocal frames
-            writer.send(np.ascontiguousarray(frame))
-            frames += 1
+    def append(self, frame: NDArray[np.uint8]) -> None:
+        """Appends a frame."""
+        self._ffmpeg.send(np.ascontiguousarray(frame))
+        self.frame_count += 1
 
-        with contextlib.closing(writer):
-            writer.send(None)
-            yield add
-        _check_frames(partial, frames)
+    def close(self) -> None:
+        """Ends the ffmpeg process, which completes the file."""
+        self._ffmpeg.close()
 
 
-def _check_frames(path: Path, expected: int) -> None:
-    """Raises an OSError if a video is not whole; ffmpeg's own verdict is lost on the way."""
+def _check_frame_count(path: Path, expected: int) -> None:
+    """Raises an OSError if a video has not all its frames; imageio-ffmpeg ignores ffmpeg's exit status."""
     import imageio_ffmpeg
 
     try:

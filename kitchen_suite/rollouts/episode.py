@@ -1,103 +1,163 @@
-"""Plays episodes, each with its own seed, and keeps what happened in them."""
+"""Episodes as arrays by name.
+
+The names, for an episode of `T` control steps:
+  `observation`, or `observation/<key>` with any number of keys: `(T + 1, ...)`, from the reset to the last step.
+  `info/<key>`: `(T + 1, ...)`, from the reset to the last step.
+  `action`: `(T, n)`, as it was applied.
+  `reward`: `(T,)` float64; `termination`, `truncation`: `(T,)` bool.
+"""
 
 import dataclasses
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import Any
 
 import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.environment import Environment
-from kitchen_suite.policies import PolicyBuilder
+from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.tasks.base import Metrics
 
-# A verdict, a measure, or control steps by the name of what happened then.
-Result = bool | int | float | dict[str, int]
+# Observation and infos of one moment, by the names above.
+Row = Mapping[str, NDArray]
 
-# Tells the policy's random numbers from all others that are drawn with the same seed.
-POLICY_STREAM = 1
+STEP_ARRAYS = ("action", "reward", "termination", "truncation")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeArrays:
+    """An episode.
+
+    Attributes:
+      index: its number in the recording.
+      seed: that the environment was reset with; None if unknown.
+      arrays: by the names above.
+      seconds: its share of the time that playing took [s].
+    """
+
+    index: int
+    seed: int | None
+    arrays: Mapping[str, NDArray]
+    seconds: float = 0.0
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps."""
+        return len(self.arrays["reward"])
+
+    @property
+    def last_info(self) -> dict[str, NDArray]:
+        """Infos of the last step."""
+        return {name.removeprefix("info/"): rows[-1] for name, rows in self.arrays.items() if name.startswith("info/")}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeStats:
-    """What came of an episode.
+    """Statistics of an episode.
 
     Attributes:
-      seed: fixes the episode: environment and policy draw from states made from it.
+      seed: of the episode.
       steps: number of control steps.
       total_reward: undiscounted return.
-      results: what the task reports of the episode, by name.
-      seconds: time it took to play [s].
+      metrics: of the task, by name.
+      seconds: time that playing took [s].
     """
 
     seed: int
     steps: int
     total_reward: float
-    results: dict[str, Result]
+    metrics: Metrics
     seconds: float
 
+    @classmethod
+    def of(cls, episode: EpisodeArrays, metrics: Metrics) -> "EpisodeStats":
+        """Returns the statistics of an episode with a seed, given the task's metrics of it."""
+        assert episode.seed is not None
+        total_reward = float(episode.arrays["reward"].sum())
+        return cls(
+            seed=episode.seed,
+            steps=episode.steps,
+            total_reward=total_reward,
+            metrics=metrics,
+            seconds=episode.seconds,
+        )
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Episode:
-    """What happened in an episode of `T` control steps.
 
-    Attributes:
-      observations: by key, `(T + 1, ...)`.
-      actions: `(T, n)`.
-      rewards: `(T,)`.
-      discounts: `(T,)`; the last one is 0 if the episode terminated, 1 if its time ran out.
-      outcome: what came of it.
+def flatten(nested: Any, name: str) -> dict[str, Any]:
+    """Returns the leaves of nested dicts by their path, which begins with `name`, in the order of the dicts.
+
+    dm-tree would sort the keys, but goals by task are in the configured order.
     """
-
-    observations: Mapping[str, NDArray]
-    actions: NDArray[np.float64]
-    rewards: NDArray[np.float64]
-    discounts: NDArray[np.float64]
-    outcome: EpisodeStats
+    if not isinstance(nested, Mapping):
+        return {name: nested}
+    return {path: leaf for key, part in nested.items() for path, leaf in flatten(part, f"{name}/{key}").items()}
 
 
-def play(
-    environment: Environment,
-    build_policy: PolicyBuilder,
-    seed: int,
-    watch: Callable[[dm_env.TimeStep], None] = lambda timestep: None,
-) -> Episode:
-    """Plays one episode, the same for the same seed whatever was played before.
-
-    Args:
-      environment: where it is played.
-      build_policy: makes the policy that acts in it.
-      seed: a non-negative integer of any size.
-      watch: called after the reset and after every step.
-    """
-    started = time.perf_counter()
-    environment.random_state = seed
-    policy = build_policy(environment, np.random.default_rng((seed, POLICY_STREAM)))
-    timestep = environment.reset()
-    # Copies: a policy may change the arrays it is given.
-    observations, actions, rewards, discounts = [_copy(timestep.observation)], [], [], []
-    watch(timestep)
-    while not timestep.last():
-        actions.append(policy(timestep))
-        timestep = environment.step(actions[-1])
-        observations.append(_copy(timestep.observation))
-        rewards.append(timestep.reward)
-        discounts.append(timestep.discount)
-        watch(timestep)
-    return Episode(
-        observations={key: np.stack([row[key] for row in observations]) for key in observations[0]},
-        actions=np.array(actions, np.float64),
-        rewards=np.array(rewards, np.float64),
-        discounts=np.array(discounts, np.float64),
-        outcome=EpisodeStats(
-            seed=seed,
-            steps=len(rewards),
-            total_reward=float(sum(rewards)),
-            results=environment.task.episode_results,
-            seconds=time.perf_counter() - started,
-        ),
-    )
+def unflatten(arrays: Mapping[str, NDArray], name: str) -> Any:
+    """Returns the nested dicts of which `flatten` made `arrays`."""
+    if name in arrays:
+        return arrays[name]
+    nested: dict[str, Any] = {}
+    for path in arrays:
+        if path.startswith(f"{name}/"):
+            *keys, last = path.split("/")[1:]
+            branch = nested
+            for key in keys:
+                branch = branch.setdefault(key, {})
+            branch[last] = arrays[path]
+    return nested
 
 
-def _copy(observation: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    return {key: np.array(value) for key, value in observation.items()}
+class EpisodeBuffer:
+    """The steps of an episode in progress."""
+
+    def __init__(self, observation: Any, info: Mapping[str, Any]) -> None:
+        """Begins with the observation and the info of the reset."""
+        self.observation = observation
+        self._rows = [_row(observation, info)]
+        self._steps: list[tuple[NDArray, float, bool, bool]] = []
+
+    def add(
+        self,
+        action: NDArray,
+        observation: Any,
+        reward: float,
+        termination: bool,
+        truncation: bool,
+        info: Mapping[str, Any],
+    ) -> None:
+        """Adds a step: its action, and the values that `gymnasium.Env.step` returned."""
+        self.observation = observation
+        self._rows.append(_row(observation, info))
+        self._steps.append((action, reward, termination, truncation))
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps so far."""
+        return len(self._steps)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the last step terminated or truncated the episode."""
+        return bool(self._steps) and (self._steps[-1][2] or self._steps[-1][3])
+
+    def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
+        """Returns the present time step as the suite's own environment would."""
+        observation = environment.suite_observation(self.observation)
+        if not self._steps:
+            return dm_env.restart(observation)
+        _, reward, termination, _ = self._steps[-1]
+        return dm_env.transition(reward, observation, 0.0 if termination else 1.0)
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Returns the arrays of the episode so far."""
+        columns = zip(*self._steps, strict=True)
+        return {
+            **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
+            **{name: np.array(column) for name, column in zip(STEP_ARRAYS, columns, strict=True)},
+        }
+
+
+def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:
+    arrays = {name: value for name, value in info.items() if isinstance(value, np.ndarray)}
+    return {**flatten(observation, "observation"), **flatten(arrays, "info")}

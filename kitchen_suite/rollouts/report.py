@@ -1,66 +1,69 @@
-"""A table of episodes as plain text, row by row, and a summary."""
+"""Statistics of episodes as plain text: a table row by row, a summary, a progress bar."""
 
 import statistics
+import sys
 import textwrap
 
-from kitchen_suite.rollouts.episode import EpisodeStats, Result
+from tqdm import tqdm
+
+from kitchen_suite.rollouts.episode import EpisodeStats
 
 WIDTH = 100  # Characters in a line.
 _GAP = "  "
 _UNBROKEN = "\N{NO-BREAK SPACE}"
 
+# Value of a metric of `tasks.base.Metrics`.
+_Metric = bool | float | dict[str, int]
+
 
 class Report:
-    """Takes the outcomes of episodes one by one; each makes a row, all together a summary."""
+    """Collects the statistics of episodes; each is a row, all together a summary."""
 
     def __init__(self, *, last_seed: int) -> None:
         """Starts an empty report.
 
         Args:
-          last_seed: the greatest seed to come, which decides how wide its column is.
+          last_seed: the greatest seed to come, which decides the width of its column.
         """
         self._widths = {"seed": len(str(last_seed)), "return": 8}
-        self._outcomes: list[EpisodeStats] = []
+        self._episodes: list[EpisodeStats] = []
 
     @property
     def count(self) -> int:
         """Number of episodes so far."""
-        return len(self._outcomes)
+        return len(self._episodes)
 
     @property
     def successes(self) -> int:
         """Number of those that succeeded."""
-        return sum(outcome.results["success"] is True for outcome in self._outcomes)
+        return sum(stats.metrics["success"] is True for stats in self._episodes)
 
-    def add(self, outcome: EpisodeStats, index: int | None = None) -> str:
+    def add(self, stats: EpisodeStats, index: int | None = None) -> str:
         """Returns the episode's row; the first time with the heading above it.
 
         Args:
-          outcome: what came of it.
+          stats: of the episode.
           index: its number; by default the next one.
         """
-        cells = _cells(len(self._outcomes) if index is None else index, outcome)
-        heading = "" if self._outcomes else self._row({name: name for name in cells}) + "\n"
-        self._outcomes.append(outcome)
+        cells = _cells(len(self._episodes) if index is None else index, stats)
+        heading = "" if self._episodes else self._row({name: name for name in cells}) + "\n"
+        self._episodes.append(stats)
         return heading + self._row(cells)
 
     def summary(self) -> str:
         """Returns the means over all episodes, one a line."""
-        if not self._outcomes:
+        episodes = self._episodes
+        if not episodes:
             return "no episode was finished"
-        speed = sum(outcome.steps for outcome in self._outcomes) / sum(outcome.seconds for outcome in self._outcomes)
+        speed = sum(stats.steps for stats in episodes) / sum(stats.seconds for stats in episodes)
         lines = {
-            "episodes": str(len(self._outcomes)),
-            "mean return": _number(statistics.fmean(outcome.total_reward for outcome in self._outcomes)),
-            **dict(_mean(name, [outcome.results[name] for outcome in self._outcomes]) for name in self._results),
+            "episodes": str(len(episodes)),
+            "mean return": _number(statistics.fmean(stats.total_reward for stats in episodes)),
+            **dict(_mean(name, [stats.metrics[name] for stats in episodes]) for name in episodes[0].metrics),
             "steps per second": f"{speed:.0f}",
         }
         width = max(map(len, lines))
         return "\n".join(f"{name:<{width}}{_GAP}{value}" for name, value in lines.items())
-
-    @property
-    def _results(self) -> list[str]:
-        return list(self._outcomes[0].results)
 
     def _row(self, cells: dict[str, str]) -> str:
         """Aligns cells to the right below their names; the last one begins below its name, and may take many lines."""
@@ -75,33 +78,66 @@ class Report:
         return wrapper.fill(cells[last]).replace(_UNBROKEN, " ")
 
 
-def _cells(index: int, outcome: EpisodeStats) -> dict[str, str]:
-    """What stands in a row, by column; what takes most room comes last."""
-    results = sorted(outcome.results.items(), key=lambda item: isinstance(item[1], dict))
+class EpisodeBar:
+    """A progress bar that counts episodes and shows how many of them succeeded."""
+
+    def __init__(self, total: int, found: int = 0, successes: int = 0) -> None:
+        """Shows the bar where stderr is a terminal.
+
+        Args:
+          total: number of episodes in the end.
+          found: number of episodes that were there before.
+          successes: number of those that succeeded.
+        """
+        self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
+        self._count, self._successes = found, successes
+
+    def __enter__(self) -> "EpisodeBar":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.close()
+
+    def count(self, success: bool) -> None:
+        """Counts an episode."""
+        self._count, self._successes = self._count + 1, self._successes + success
+        self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
+        self._bar.update()
+
+
+def print_line(text: str) -> None:
+    """Prints above a progress bar and flushes: an episode may take long, and the reader may be a pipe."""
+    tqdm.write(text)
+    sys.stdout.flush()
+
+
+def _cells(index: int, stats: EpisodeStats) -> dict[str, str]:
+    """Returns the cells of a row by column; the one that takes most room is last."""
+    metrics = sorted(stats.metrics.items(), key=lambda item: isinstance(item[1], dict))
     return {
         "episode": str(index),
-        "seed": str(outcome.seed),
-        "return": _number(outcome.total_reward),
-        "steps": str(outcome.steps),
-        "seconds": f"{outcome.seconds:7.2f}",
-        **{_title(name, value): _text(name, value) for name, value in results},
+        "seed": str(stats.seed),
+        "return": _number(stats.total_reward),
+        "steps": str(stats.steps),
+        "seconds": f"{stats.seconds:7.2f}",
+        **{_title(name, value): _text(name, value) for name, value in metrics},
     }
 
 
-def _title(name: str, value: Result) -> str:
+def _title(name: str, value: _Metric) -> str:
     return name.replace("_", " ") + (" (at control step)" if isinstance(value, dict) else "")
 
 
-def _text(name: str, value: Result) -> str:
+def _text(name: str, value: _Metric) -> str:
     if isinstance(value, dict):
-        events = (f"{what} ({step})".replace(" ", _UNBROKEN) for what, step in value.items())
+        events = (f"{event} ({step})".replace(" ", _UNBROKEN) for event, step in value.items())
         return ", ".join(events) or "none"
     text = _number(value) if not isinstance(value, bool) else "yes" if value else "no"
     return text.rjust(len(name))
 
 
-def _mean(name: str, values: list[Result]) -> tuple[str, str]:
-    """Name and value of a line of the summary: a rate of verdicts, a mean of measures, a mean count of events."""
+def _mean(name: str, values: list[_Metric]) -> tuple[str, str]:
+    """Returns name and value of a line of the summary: a rate of verdicts, a mean of measures or of counted events."""
     name = name.replace("_", " ")
     measures = [len(value) if isinstance(value, dict) else value for value in values]
     mean = statistics.fmean(measures)

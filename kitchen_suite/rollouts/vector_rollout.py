@@ -1,115 +1,278 @@
-"""Plays episodes in vectorised environments, each from its own seed, and keeps what happened in them."""
+"""The loop that plays episodes in vectorised environments, each from its own seed."""
 
 import collections
-from collections.abc import Generator, Iterator, Mapping
+import dataclasses
+import itertools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, Protocol
 
+import dm_env
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.policies import PolicyBuilder, PolicyError
-from kitchen_suite.rollouts.episode import POLICY_STREAM
-from kitchen_suite.rollouts.episode_arrays import EpisodeArrays, flatten, suite_view
-from kitchen_suite.rollouts.take import EpisodeBuffer, Row
+from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
+from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
+from kitchen_suite.rollouts.spec import policy_generator
 from kitchen_suite.vector_env.base import SuiteVectorEnv
-from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
+
+
+class Batch(NamedTuple):
+    """The present of all environments, from which a controller chooses actions.
+
+    Attributes:
+      observations: of the vectorised observation space.
+      rewards: `(n,)`, of the last step.
+      is_first: `(n,)`, whether the last call was a reset.
+      is_playing: `(n,)`, whether an episode is in progress; elsewhere the action is not recorded.
+    """
+
+    observations: Any
+    rewards: NDArray[np.float64]
+    is_first: NDArray[np.bool_]
+    is_playing: NDArray[np.bool_]
+
+
+class Controller(Protocol):
+    """Chooses the actions of all environments."""
+
+    def start(self, i: int, seed: int) -> None:
+        """Prepares for an episode of a seed in environment `i`."""
+
+    def act(self, batch: Batch) -> NDArray:
+        """Returns the actions `(n, ...)`."""
+
+
+class PolicyController:
+    """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
+
+    def __init__(self, template: SuiteEnv, build_policy: PolicyBuilder) -> None:
+        """Prepares to build policies.
+
+        Args:
+          template: a single environment of the same kind; it is not stepped.
+          build_policy: builds the policy of an episode.
+        """
+        self._template, self._build_policy = template, build_policy
+        assert isinstance(template.action_space, gymnasium.spaces.Box)
+        self._space = template.action_space
+        self._policies: dict[int, Policy] = {}
+
+    def start(self, i: int, seed: int) -> None:
+        self._policies[i] = self._build_policy(self._template.environment, policy_generator(seed))
+
+    def act(self, batch: Batch) -> NDArray:
+        actions = np.zeros((batch.rewards.size, *self._space.shape), self._space.dtype)
+        for i in np.flatnonzero(batch.is_playing).tolist():
+            actions[i] = self._action(i, batch)
+        return actions
+
+    def _action(self, i: int, batch: Batch) -> NDArray:
+        observation = self._template.suite_observation(_row(batch.observations, i))
+        if batch.is_first[i]:
+            timestep = dm_env.restart(observation)
+        else:
+            timestep = dm_env.transition(batch.rewards[i], observation)
+        # Clipped here, so that the recorded action is the applied one.
+        action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)
+        if np.abs(action).max() > np.finfo(self._space.dtype).max:
+            raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
+        return action
+
+
+class NetworkController:
+    """Acts by a function of the observations of all environments at once."""
+
+    def __init__(self, network: Callable[[Any], NDArray]) -> None:
+        """Takes a function from vectorised observations to actions `(n, ...)`."""
+        self._network = network
+
+    def start(self, i: int, seed: int) -> None:
+        del i, seed
+
+    def act(self, batch: Batch) -> NDArray:
+        return self._network(batch.observations)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Slot:
+    """An episode in progress in one of the environments.
+
+    Attributes:
+      index: its number.
+      seed: of the episode.
+      first: number of the frame of its reset.
+      started: time of the reset [s].
+    """
+
+    index: int
+    seed: int
+    first: int
+    started: float
+
+
+class EndedEpisode:
+    """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`."""
+
+    def __init__(self, frames: "_Frames", i: int, slot: _Slot, seconds: float) -> None:
+        self._frames, self._i, self._slot, self._seconds = frames, i, slot, seconds
+
+    @property
+    def total_reward(self) -> float:
+        """Undiscounted return."""
+        return float(self._frames.rewards(self._i, self._slot.first).sum())
+
+    @property
+    def last_info(self) -> dict[str, NDArray]:
+        """Infos of the last step."""
+        return self._frames.last_info(self._i)
+
+    def arrays(self) -> EpisodeArrays:
+        """Returns all arrays of the episode."""
+        arrays = self._frames.episode(self._i, self._slot.first)
+        return EpisodeArrays(index=self._slot.index, seed=self._slot.seed, arrays=arrays, seconds=self._seconds)
 
 
 class VectorRollout:
-    """Plays many episodes at once; each is what it would be alone, in a new environment."""
+    """Plays many episodes at once; each is the one that a new environment of its seed would play alone."""
 
-    def __init__(self, environments: SuiteVectorEnv, single: SuiteEnv, build_policy: PolicyBuilder) -> None:
-        """Makes everything ready.
+    def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
+        """Prepares to play.
 
         Args:
-          environments: where they are played; their autoreset mode is `Disabled`.
-          single: one such environment; it is not stepped.
-          build_policy: makes the policy of an episode.
+          environments: with autoreset mode `Disabled`.
+          controller: chooses the actions.
         """
-        self._environments, self._single, self._build_policy = environments, single, build_policy
-        self._view = suite_view(single)
+        self._environments, self._controller = environments, controller
+        count = environments.num_envs
+        self._slots: list[_Slot | None] = [None] * count
+        self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
+        self._frames = _Frames()
 
-    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EpisodeArrays | None]]:
-        """Plays episodes; gives each one's number and what happened in it when it has ended.
-
-        None stands in place of an episode in which the physics diverged.
+    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode | None]]:
+        """Yields the number of each episode as it ends, and the episode: None if its physics has diverged.
 
         Args:
           waiting: numbers and seeds of episodes, taken from the left; it may grow while they are played.
         """
-        takes: list[EpisodeBuffer | None] = [None] * self._environments.num_envs
-        ended = np.full(len(takes), True)
+        needs_reset = np.full(len(self._slots), True)
         while True:
             if waiting:
-                ended |= [take is None for take in takes]
-            for i in np.flatnonzero(ended):
-                takes[i] = self._next(waiting)
-            if not any(takes):
+                needs_reset |= [slot is None for slot in self._slots]
+            for i in np.flatnonzero(needs_reset).tolist():
+                self._slots[i] = self._next(i, waiting)
+            if not any(self._slots):
                 return
-            self._start(takes, ended)
-            ended = yield from self._step(takes)
+            self._reset(needs_reset)
+            needs_reset, diverged = self._step()
+            for i in np.flatnonzero(needs_reset).tolist():
+                if slot := self._slots[i]:
+                    yield slot.index, None if diverged[i] else self._ended(i, slot)
 
-    def _next(self, waiting: collections.deque[tuple[int, int]]) -> EpisodeBuffer | None:
+    def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Slot | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
-        # The same as `episodes.play` gives a policy.
-        policy = self._build_policy(self._single.environment, np.random.default_rng((seed, POLICY_STREAM)))
-        return EpisodeBuffer(index, seed, policy)
+        self._controller.start(i, seed)
+        return _Slot(index, seed, self._frames.present, time.perf_counter())
 
-    def _start(self, takes: list[EpisodeBuffer | None], mask: NDArray[np.bool_]) -> None:
-        """Resets the environments of new takes, and those that are idle but have ended."""
+    def _reset(self, mask: NDArray[np.bool_]) -> None:
+        """Starts episodes in the environments of the mask; those without a waiting episode stay idle."""
+        self._is_first = mask
         if not mask.any():
             return
-        environments = self._environments
-        if isinstance(environments, FrankaOpenCabinetVectorEnv):
-            # Rewards must not depend on what was played before.
-            environments.total_steps = np.where(mask, 0, environments.total_steps)
-        seeds = [take.seed if take and new else None for take, new in zip(takes, mask, strict=True)]
-        observations, infos = environments.reset(seed=seeds, options={"reset_mask": mask})
-        frame = _frame(observations, infos)
-        for i in np.flatnonzero(mask):
-            if take := takes[i]:
-                take.rows.append(_row(frame, i))
+        self._environments.begin_run(mask)
+        seeds = [slot.seed if slot and new else None for slot, new in zip(self._slots, mask, strict=True)]
+        self._observations, infos = self._environments.reset(seed=seeds, options={"reset_mask": mask})
+        self._frames.add_reset(self._observations, infos, mask)
 
-    def _step(
-        self, takes: list[EpisodeBuffer | None]
-    ) -> Generator[tuple[int, EpisodeArrays | None], None, NDArray[np.bool_]]:
-        """Makes a control step; gives the episodes that it ends, and returns which environments these are in."""
-        actions = self._act(takes)
-        observations, rewards, terminations, truncations, infos = self._environments.step(actions)
-        diverged = infos.pop("physics_error", np.zeros(len(takes), bool))
-        frame = _frame(observations, infos)
-        ended: NDArray[np.bool_] = terminations | truncations
-        for i, take in enumerate(takes):
-            if take is None:
-                continue
-            take.add(_row(frame, i), (actions[i], rewards[i], terminations[i], truncations[i]))
-            if ended[i]:
-                yield take.index, None if diverged[i] else take.finish(len(takes))
-        return ended
+    def _step(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Makes a control step; returns in which environments the episode has ended, and the physics has diverged."""
+        is_playing = np.array([slot is not None for slot in self._slots])
+        actions = self._controller.act(Batch(self._observations, self._rewards, self._is_first, is_playing))
+        result = self._environments.step(actions)
+        self._observations, self._rewards, terminations, truncations, infos = result
+        diverged = infos.pop("physics_error", np.zeros(len(self._slots), bool))
+        self._frames.add_step(self._observations, infos, (actions, self._rewards, terminations, truncations))
+        self._frames.forget_before(min(slot.first for slot in self._slots if slot))
+        return terminations | truncations, diverged
 
-    def _act(self, takes: list[EpisodeBuffer | None]) -> NDArray[np.float32]:
-        """What the policies do now, `(n, ...)`, as it can be applied; zeros where no episode is played."""
-        space = self._environments.single_action_space
-        assert isinstance(space, gymnasium.spaces.Box)
-        actions = np.zeros((len(takes), *space.shape), space.dtype)
-        for i, take in enumerate(takes):
-            if take:
-                # Clipped here, so that what is applied is what is recorded.
-                action = take.act(self._view).clip(space.low, space.high)
-                if np.abs(action).max() > np.finfo(space.dtype).max:
-                    raise PolicyError(f"the policy's action does not fit into {space.dtype}: {action}")
-                actions[i] = action
-        return actions
+    def _ended(self, i: int, slot: _Slot) -> EndedEpisode:
+        seconds = (time.perf_counter() - slot.started) / len(self._slots)
+        return EndedEpisode(self._frames, i, slot, seconds)
 
 
-def _frame(observations: object, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Observations and infos of all environments, `(n, ...)` each, without the infos' masks."""
-    shown = {name: array for name, array in infos.items() if not name.startswith("_")}
-    return {**flatten(observations, "observation"), **flatten(shown, "info")}
+class _Frames:
+    """Observations, infos and steps of all environments over time, as far back as episodes in progress began."""
+
+    def __init__(self) -> None:
+        # Frame `t` is what step `t` led to, or a reset after it; `steps[t]` leads from frame `t` to the next.
+        self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
+        self._steps: collections.deque[tuple[NDArray, ...]] = collections.deque()
+        self._forgotten = 0
+
+    @property
+    def present(self) -> int:
+        """Number of the present frame."""
+        return self._forgotten + max(len(self._rows) - 1, 0)
+
+    def add_reset(self, observations: Any, infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> None:
+        """Replaces the present frame in the environments of a mask."""
+        row = _named(observations, infos)
+        if self._rows:
+            row = {name: _merged(mask, array, self._rows[-1][name]) for name, array in row.items()}
+            self._rows.pop()
+        self._rows.append(row)
+
+    def add_step(self, observations: Any, infos: Mapping[str, NDArray], step: tuple[NDArray, ...]) -> None:
+        """Adds a step, and the frame that it led to."""
+        self._steps.append(step)
+        self._rows.append(_named(observations, infos))
+
+    def forget_before(self, frame: int) -> None:
+        """Drops the frames before one."""
+        while self._forgotten < frame:
+            self._rows.popleft()
+            self._steps.popleft()
+            self._forgotten += 1
+
+    def rewards(self, i: int, first: int) -> NDArray[np.float64]:
+        """Returns the rewards of environment `i` from frame `first` until now."""
+        return np.array([step[STEP_ARRAYS.index("reward")][i] for step in self._since(first, self._steps)])
+
+    def last_info(self, i: int) -> dict[str, NDArray]:
+        """Returns the infos of environment `i` in the present frame."""
+        return {name.removeprefix("info/"): a[i] for name, a in self._rows[-1].items() if name.startswith("info/")}
+
+    def episode(self, i: int, first: int) -> dict[str, NDArray]:
+        """Returns the arrays of environment `i` from frame `first` until now."""
+        rows, steps = self._since(first, self._rows), self._since(first, self._steps)
+        columns = zip(STEP_ARRAYS, zip(*steps, strict=True), strict=True)
+        return {
+            **{name: np.stack([row[name][i] for row in rows]) for name in rows[0]},
+            **{name: np.stack([array[i] for array in column]) for name, column in columns},
+        }
+
+    def _since(self, first: int, frames: collections.deque) -> list:
+        return list(itertools.islice(frames, first - self._forgotten, None))
 
 
-def _row(frame: Mapping[str, NDArray], i: int | np.integer) -> Row:
-    return {name: array[i] for name, array in frame.items()}
+def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Returns observations and infos `(n, ...)` by the names of `EpisodeArrays`, without the masks of the infos."""
+    arrays = {name: array for name, array in infos.items() if not name.startswith("_")}
+    return {**flatten(observations, "observation"), **flatten(arrays, "info")}
+
+
+def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
+    """Returns `new` in the rows of a mask, `old` elsewhere."""
+    merged = old.copy()
+    merged[mask] = new[mask]
+    return merged
+
+
+def _row(observations: Any, i: int) -> Any:
+    if isinstance(observations, Mapping):
+        return {key: _row(part, i) for key, part in observations.items()}
+    return observations[i]

@@ -1,4 +1,4 @@
-"""Builds skrl's PPO agent, and takes the trained policy out of it."""
+"""skrl's PPO agent: how it is built, and how the trained policy is exported from it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,16 +19,16 @@ from kitchen_suite.training.networks import DEVICE, Policy, Value
 _CLIP = 10.0
 
 
-def build(observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> PPO:
-    """Builds an agent that learns from batches of `num_envs * rollouts` steps, and is ready to.
+def build_agent(observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> PPO:
+    """Returns a new agent in training mode, which updates its networks after every `num_envs * rollouts` steps.
 
     Args:
-      observation_size: how many numbers it sees.
+      observation_size: length of the flat observation.
       action_space: of one environment.
-      config: what it is tuned by.
+      config: the hyperparameters.
 
     Raises:
-      ValueError: these do not fit the action space.
+      ValueError: the hyperparameter `action_scale` does not fit the action space.
     """
     observation_space = spaces.Box(-np.inf, np.inf, (observation_size,), np.float32)
     models = {
@@ -41,31 +41,7 @@ def build(observation_size: int, action_space: spaces.Box, config: Hyperparamete
         observation_space=observation_space,
         action_space=action_space,
         device=DEVICE,
-        cfg={
-            "rollouts": config.rollouts,
-            "learning_epochs": config.learning_epochs,
-            "mini_batches": config.mini_batches,
-            "discount_factor": config.discount,
-            "gae_lambda": config.gae_lambda,
-            "observation_preprocessor": RunningStandardScaler,
-            "observation_preprocessor_kwargs": {
-                "size": observation_space,
-                "epsilon": config.standardisation_epsilon,
-                "clip_threshold": _CLIP,
-                "device": DEVICE,
-            },
-            "value_preprocessor": RunningStandardScaler,
-            "value_preprocessor_kwargs": {"size": 1, "device": DEVICE},
-            "grad_norm_clip": config.gradient_norm,
-            "ratio_clip": config.ratio_clip,
-            "value_clip": config.value_clip,
-            "value_loss_scale": config.value_scale,
-            "entropy_loss_scale": config.entropy_scale,
-            "time_limit_bootstrap": True,
-            "rewards_shaper": lambda rewards, timestep, timesteps: rewards * config.reward_scale,
-            # Curves and checkpoints are not skrl's: its files are not written whole.
-            "experiment": {"write_interval": 0, "checkpoint_interval": 0},
-        },
+        cfg=ppo_config(config, observation_space),
     )
     _set_up_optimizer(agent, config)
     agent.init()
@@ -73,9 +49,33 @@ def build(observation_size: int, action_space: spaces.Box, config: Hyperparamete
     return agent
 
 
-def value_group(agent: PPO) -> dict[str, Any]:
-    """The optimiser's settings for the value network, its learning rate `lr` among them."""
-    return agent.optimizer.param_groups[1]
+def ppo_config(config: Hyperparameters, observation_space: spaces.Box) -> dict[str, Any]:
+    """Returns skrl's configuration of PPO for our hyperparameters."""
+    return {
+        "rollouts": config.rollouts,
+        "learning_epochs": config.learning_epochs,
+        "mini_batches": config.mini_batches,
+        "discount_factor": config.discount,
+        "gae_lambda": config.gae_lambda,
+        "observation_preprocessor": RunningStandardScaler,
+        "observation_preprocessor_kwargs": {
+            "size": observation_space,
+            "epsilon": config.standardisation_epsilon,
+            "clip_threshold": _CLIP,
+            "device": DEVICE,
+        },
+        "value_preprocessor": RunningStandardScaler,
+        "value_preprocessor_kwargs": {"size": 1, "device": DEVICE},
+        "grad_norm_clip": config.gradient_norm,
+        "ratio_clip": config.ratio_clip,
+        "value_clip": config.value_clip,
+        "value_loss_scale": config.value_scale,
+        "entropy_loss_scale": config.entropy_scale,
+        "time_limit_bootstrap": True,
+        "rewards_shaper": lambda rewards, timestep, timesteps: rewards * config.reward_scale,
+        # We write curves and checkpoints ourselves: skrl's files may be left incomplete.
+        "experiment": {"write_interval": 0, "checkpoint_interval": 0},
+    }
 
 
 def _set_up_optimizer(agent: PPO, config: Hyperparameters) -> None:
@@ -91,19 +91,24 @@ def _set_up_optimizer(agent: PPO, config: Hyperparameters) -> None:
         agent.scheduler = KLAdaptiveLR(agent.optimizer, kl_threshold=config.kl_target)
 
 
+def value_group(agent: PPO) -> dict[str, Any]:
+    """Returns the optimiser's parameter group of the value network; `lr` is its learning rate."""
+    return agent.optimizer.param_groups[1]
+
+
 def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Tensor:
-    """Actions `(k,)` for network outputs of one.
+    """Returns the action `(k,)` for network outputs of one.
 
     Raises:
-      ValueError: there is not one for each action.
+      ValueError: its length is not that of an action.
     """
     if action_space.shape != (len(config.action_scale),):
         raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
     return torch.tensor(config.action_scale)
 
 
-def export(agent: PPO, metadata: Mapping[str, Any]) -> TrainedPolicy:
-    """The policy as it is now, without exploration."""
+def export_policy(agent: PPO, metadata: Mapping[str, Any]) -> TrainedPolicy:
+    """Returns the agent's present policy, without exploration, as numpy arrays."""
     scaler, policy = agent.checkpoint_modules["observation_preprocessor"], agent.models["policy"]
     layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
     return TrainedPolicy(

@@ -1,6 +1,6 @@
-"""Behaviour cloning: an agent's policy learns what was done in recorded episodes, before it learns on its own."""
+"""Behaviour cloning: fits an agent's policy to recorded demonstrations before reinforcement learning."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,49 +8,57 @@ import torch
 from numpy.typing import NDArray
 from skrl.agents.torch.ppo import PPO
 
-from kitchen_suite.policies.trained import flat
-from kitchen_suite.recordings.folder import RecordingFolder
-from kitchen_suite.rollouts.episode_arrays import nested
+from kitchen_suite.rollouts.folder import RecordingFolder
 
-# Bound of what is imitated, in units of the action's scale: beyond it servos and gripper do nothing else, and the
-# squares of a few great numbers would drown all others.
-_LIMIT = 5.0
+# Bound of the imitated actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
+# squared error of a few large actions would dominate the loss.
+_ACTION_LIMIT = 5.0
 
-# Observations that a scaler must have seen for no later ones to move it.
-_SETTLED = 1e15
+# Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
+_SCALER_COUNT = 1e15
 
-_BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
+_BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
 def load_demonstrations(
     folder: Path, domain_name: str, task_name: str
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Reads what `kitchen-record` has written.
+    """Reads the episodes that `kitchen-record` has written to a folder.
 
     Args:
       folder: of the recording.
-      domain_name: what it must be of.
-      task_name: what it must be of.
+      domain_name: domain that it must be of.
+      task_name: task that it must be of.
 
     Returns:
-      Observations `(m, ...)` as a trained policy takes them, and the actions `(m, k)` that followed them.
+      Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: it is of another task, its goals are not laid end to end, or it holds no episodes.
+      ValueError: it is of another task, or holds no episodes.
     """
-    staging = RecordingFolder.open(folder)
-    found, wanted = (staging.recipe.domain_name, staging.recipe.task_name), (domain_name, task_name)
-    if found != wanted:
-        raise ValueError(f"{folder} holds episodes of {' '.join(found)}, not of {' '.join(wanted)}")
-    if not staging.indices:
+    recording = RecordingFolder.open(folder)
+    found, expected = (recording.spec.domain_name, recording.spec.task_name), (domain_name, task_name)
+    if found != expected:
+        raise ValueError(f"{folder} holds episodes of {' '.join(found)}, not of {' '.join(expected)}")
+    if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
-    if domain_name == "kitchen" and staging.recipe.task_kwargs.get("goal_format") != "flat":
-        raise ValueError(f'{folder} holds goals by task: record with --task_kwargs=\'{{"goal_format": "flat"}}\'')
-    episodes = [staging.load(index).arrays for index in staging.indices]
-    observations = [flat(nested(arrays, "observation"))[:-1] for arrays in episodes]
-    actions = [arrays["action"] for arrays in episodes]
-    return np.concatenate(observations).astype(np.float32), np.concatenate(actions).astype(np.float32)
+    episodes = [recording.load(index).arrays for index in recording.indices]
+    observations = np.concatenate([_flat_observations(arrays)[:-1] for arrays in episodes])
+    actions = np.concatenate([arrays["action"] for arrays in episodes])
+    return observations.astype(np.float32), actions.astype(np.float32)
+
+
+def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
+    """Returns an episode's observations `(T + 1, n)` as a trained policy takes them: state, achieved, desired goals.
+
+    Goals recorded by task have one array for each task, in the configured order, which is that of flat goals.
+    """
+    if "observation" in arrays:
+        return arrays["observation"]
+    keys = [f"observation/{key}" for key in ("observation", "achieved_goal", "desired_goal")]
+    parts = [array for key in keys for name, array in arrays.items() if name.startswith(key)]
+    return np.concatenate(parts, axis=-1)
 
 
 def clone(
@@ -58,34 +66,41 @@ def clone(
     observations: NDArray[np.float32],
     actions: NDArray[np.float32],
     epochs: int,
-    watch: Callable[[float], None] = lambda loss: None,
+    report: Callable[[float], None] = lambda loss: None,
 ) -> None:
-    """Teaches an agent's policy to do, in the mean, what was done.
+    """Fits the mean of an agent's policy to demonstrated actions, by least squares.
 
-    How observations are standardised is settled by the demonstrations, too.
+    The demonstrations also fix the standardisation of observations.
 
     Args:
-      agent: as `agent.build` gives it.
+      agent: as built by `build_agent`.
       observations: `(m, n)`.
       actions: `(m, k)`.
-      epochs: passes over all of them.
-      watch: called after each pass with its mean loss, in units of the action's scale.
+      epochs: number of passes over the demonstrations.
+      report: called after each pass with its mean loss, in squared units of the action scale.
     """
-    policy, scaler = agent.models["policy"], agent.checkpoint_modules["observation_preprocessor"]
-    scaler(torch.as_tensor(observations), train=True)
-    # skrl would go on to follow what is seen, and so change the policy behind the optimiser's back.
-    scaler.current_count.fill_(_SETTLED)
-    seen, done = scaler(torch.as_tensor(observations)), (torch.as_tensor(actions) / policy.scale).clamp(-_LIMIT, _LIMIT)
+    policy = agent.models["policy"]
+    inputs = _fit_scaler(agent, torch.as_tensor(observations))
+    targets = (torch.as_tensor(actions) / policy.scale).clamp(-_ACTION_LIMIT, _ACTION_LIMIT)
     optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
-    batches = -(-len(done) // _BATCH)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * batches)
+    num_batches = -(-len(targets) // _BATCH_SIZE)
+    scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * num_batches)
     for _ in range(epochs):
         losses = []
-        for chosen in torch.randperm(len(done)).split(_BATCH):
-            loss = torch.nn.functional.mse_loss(policy.network(seen[chosen]), done[chosen])
+        for batch in torch.randperm(len(targets)).split(_BATCH_SIZE):
+            loss = torch.nn.functional.mse_loss(policy.network(inputs[batch]), targets[batch])
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-            schedule.step()
+            scheduler.step()
             losses.append(loss.item())
-        watch(float(np.mean(losses)))
+        report(float(np.mean(losses)))
+
+
+def _fit_scaler(agent: PPO, observations: torch.Tensor) -> torch.Tensor:
+    """Fixes the standardisation by observations `(m, n)`; returns them standardised."""
+    scaler = agent.checkpoint_modules["observation_preprocessor"]
+    scaler(observations, train=True)
+    # skrl updates the scaler in every PPO update, which would change what the cloned policy sees.
+    scaler.current_count.fill_(_SCALER_COUNT)
+    return scaler(observations)

@@ -1,4 +1,4 @@
-"""Checkpoints of a training run, each file whole or absent; the last few are kept."""
+"""Checkpoints of a training run. Files are written atomically, and the last few are kept."""
 
 import pickle
 import zipfile
@@ -12,19 +12,19 @@ from tqdm import tqdm
 from kitchen_suite import files
 
 _PATTERN = "checkpoint_*.pt"
-_KEPT = 3
+_NUM_KEPT = 3
 
 
 class CheckpointError(Exception):
-    """There are checkpoints, but none of them can be read."""
+    """None of the checkpoints in a folder can be read."""
 
 
 def save(folder: Path, steps: int, state: Mapping[str, Any]) -> Path:
     """Writes a checkpoint, and removes all but the last few.
 
     Args:
-      folder: where to.
-      steps: control steps learned from, which make up the name.
+      folder: of the checkpoints.
+      steps: control steps learned from; part of the file name.
       state: tensors, numbers and strings, in dicts and lists.
 
     Returns:
@@ -33,28 +33,31 @@ def save(folder: Path, steps: int, state: Mapping[str, Any]) -> Path:
     path = folder / _PATTERN.replace("*", f"{steps:012d}")
     with files.whole_file(path) as partial:
         torch.save(dict(state), partial)
-    for old in _present(folder)[:-_KEPT]:
+    for old in _checkpoints(folder)[:-_NUM_KEPT]:
         old.unlink()
     return path
 
 
 def load_last(folder: Path) -> dict[str, Any] | None:
-    """Reads the newest checkpoint that is whole; says which ones are not. `None` if there are none.
+    """Returns the state in the newest readable checkpoint, or None if there are no checkpoints.
+
+    A message names each newer one that cannot be read.
 
     Raises:
-      CheckpointError: there are some, but none is whole.
+      CheckpointError: there are checkpoints, but none can be read.
     """
-    present = _present(folder)
-    for path in reversed(present):
+    paths = _checkpoints(folder)
+    for path in reversed(paths):
         try:
             return torch.load(path, weights_only=True)
         except (EOFError, OSError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
             reason = str(error).partition("\n")[0]
-            tqdm.write(f"{path} cannot be read, so an older checkpoint is looked for: {reason}")
-    if present:
-        raise CheckpointError(f"none of the {len(present)} checkpoints in {folder} can be read")
+            tqdm.write(f"{path} cannot be read, trying the checkpoint before it: {reason}")
+    if paths:
+        raise CheckpointError(f"none of the {len(paths)} checkpoints in {folder} can be read")
     return None
 
 
-def _present(folder: Path) -> list[Path]:
+def _checkpoints(folder: Path) -> list[Path]:
+    """Returns the checkpoints in a folder, oldest first."""
     return sorted(folder.glob(_PATTERN))

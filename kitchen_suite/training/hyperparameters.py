@@ -1,4 +1,4 @@
-"""What a training run is tuned by, and what suits each domain."""
+"""Hyperparameters of PPO, with defaults for each domain."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,37 +7,39 @@ from typing import Any, get_args, get_type_hints
 
 from kitchen_suite import checks
 
-# Those that are divided by, or taken the logarithm of.
+# Hyperparameters that are divided by, or whose logarithm is taken.
 _POSITIVE = ("exploration", "standardisation_epsilon")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Hyperparameters:
-    """Of PPO, with networks for policy and value of the same hidden layers, ELU units.
+    """Hyperparameters of PPO and of behaviour cloning before it.
+
+    Policy and value function are multilayer perceptrons with ELU units and the same hidden layers.
 
     Attributes:
-      num_envs: environments that are stepped at once.
-      rollouts: control steps of each environment between updates.
-      learning_epochs: passes over them in an update.
-      mini_batches: parts that each pass is cut into.
-      hidden: units of the hidden layers.
-      learning_rate: of Adam for the policy, at the start.
-      value_learning_rate: of Adam for the values, at the start of each update.
-      kl_target: Kullback-Leibler divergence of an update that the learning rate is adapted to; 0 keeps it.
-      discount: of later rewards.
-      gae_lambda: of generalised advantage estimation.
-      ratio_clip: of the surrogate objective.
-      value_clip: of the value's change in an update, in units of its standard deviation; 0 for none.
-      value_scale: weight of the value's loss.
-      entropy_scale: weight of the policy's entropy.
-      gradient_norm: greatest norm of a gradient.
-      reward_scale: factor of rewards before anything else.
-      clone_epochs: passes over demonstrations, where there are any.
-      value_batches: batches after them that teach the value alone.
-      exploration: standard deviation of the first actions, in units of `action_scale`.
-      noise_correlation: of exploration from one control step to the next, in [0, 1).
-      standardisation_epsilon: added to the standard deviations that observations are divided by, in their units; above
-        0.
+      num_envs: environments stepped together.
+      rollouts: control steps of each environment between updates (rollout length).
+      learning_epochs: passes over the batch in an update.
+      mini_batches: minibatches of each pass.
+      hidden: units of each hidden layer.
+      learning_rate: initial learning rate of the policy (Adam).
+      value_learning_rate: learning rate of the value network (Adam) at the start of each update.
+      kl_target: Kullback-Leibler divergence of an update that the learning rates are adapted to; 0 keeps them constant.
+      discount: discount factor.
+      gae_lambda: lambda of generalised advantage estimation (GAE).
+      ratio_clip: clip range of the probability ratio in the surrogate objective.
+      value_clip: clip range of the change of a value in an update, in standard deviations of the returns; 0 for none.
+      value_scale: coefficient of the value loss.
+      entropy_scale: entropy coefficient.
+      gradient_norm: maximum norm of the gradient, which is clipped to it.
+      reward_scale: factor of the rewards.
+      clone_epochs: passes over the demonstrations in behaviour cloning.
+      value_batches: batches after cloning that train the value network alone (value warm-up).
+      exploration: initial standard deviation of the actions, in units of `action_scale`.
+      noise_correlation: correlation of the exploration noise of successive control steps, in [0, 1).
+      standardisation_epsilon: added to the standard deviations that observations are divided by, in units of the
+        observations; positive.
       action_scale: action for network outputs of one.
     """
 
@@ -65,40 +67,45 @@ class Hyperparameters:
     action_scale: tuple[float, ...] = (*(0.01,) * 7, 2.0)
 
     @property
-    def batch(self) -> int:
-        """Control steps that an update learns from."""
+    def batch_size(self) -> int:
+        """Control steps of an update, over all environments."""
         return self.num_envs * self.rollouts
 
     @classmethod
-    def of(cls, domain_name: str, changes: Mapping[str, Any]) -> "Hyperparameters":
-        """Those that suit a domain, with some changed.
+    def for_domain(cls, domain_name: str, changes: Mapping[str, Any]) -> "Hyperparameters":
+        """Returns the defaults of a domain, with some values changed.
 
         Raises:
-          TypeError: a value of the wrong type.
-          ValueError: an unknown name, or a value out of range.
+          TypeError: a value has the wrong type.
+          ValueError: a name is unknown, or a value is out of range.
         """
         hints = get_type_hints(cls)
         for name, value in changes.items():
             checks.choice(name, hints.keys(), "hyperparameter")
             _check(name, value, hints[name])
-        fitting: dict[str, Any] = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
-        chosen = dataclasses.replace(DEFAULTS[domain_name], **fitting)
-        if chosen.batch % chosen.mini_batches:
+        values: dict[str, Any] = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
+        config = dataclasses.replace(DEFAULTS[domain_name], **values)
+        if config.batch_size % config.mini_batches:
             raise ValueError(
-                f"mini_batches {chosen.mini_batches} must divide the {chosen.batch} steps of a batch "
+                f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "
                 "(num_envs * rollouts)"
             )
-        if chosen.noise_correlation >= 1:
-            raise ValueError(f"noise_correlation must be below 1, got {chosen.noise_correlation}")
-        return chosen
+        if config.noise_correlation >= 1:
+            raise ValueError(f"noise_correlation must be below 1, got {config.noise_correlation}")
+        return config
 
 
 def _check(name: str, value: object, kind: Any) -> None:
-    """Sees to it that a value is of its kind and not negative.
+    """Checks the type and the range of a hyperparameter.
+
+    Args:
+      name: of the hyperparameter.
+      value: as read from JSON.
+      kind: its type: int, float, or a tuple of them.
 
     Raises:
-      TypeError: it is of another kind.
-      ValueError: it is negative, or zero where that makes no sense.
+      TypeError: the value has another type.
+      ValueError: it is negative, or zero where it must be positive.
     """
     if kind is int:
         checks.integer(value, name, minimum=1)
@@ -107,11 +114,11 @@ def _check(name: str, value: object, kind: Any) -> None:
     elif not isinstance(value, list) or not value:
         raise TypeError(f"{name} must be a list of numbers, got {value!r}")
     else:
-        for part in value:
+        for element in value:
             if get_args(kind)[0] is int:
-                checks.integer(part, name, minimum=1)
+                checks.integer(element, name, minimum=1)
             else:
-                checks.number(part, name, positive=True)
+                checks.number(element, name, positive=True)
 
 
 DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(

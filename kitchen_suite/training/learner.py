@@ -1,7 +1,8 @@
-"""One agent that learns from one vectorised environment, batch by batch."""
+"""A PPO agent that learns from one vectorised environment, batch by batch."""
 
 import collections
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite.policies.trained import flat
-from kitchen_suite.training import agent as agents
 from kitchen_suite.training import behaviour_cloning
+from kitchen_suite.training.agent import build_agent, value_group
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.metrics import episode_metrics, step_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -23,10 +24,10 @@ class DivergedError(Exception):
 
 
 class Learner:
-    """An agent, its environments and what it has seen of them so far.
+    """A PPO agent and the environments that it learns from.
 
     Attributes:
-      agent: skrl's.
+      agent: skrl's PPO agent.
       steps: control steps learned from so far, over all environments.
     """
 
@@ -35,115 +36,135 @@ class Learner:
 
         Args:
           environments: `num_envs` of them, with autoreset mode `SameStep`.
-          config: what it is tuned by.
+          config: the hyperparameters.
           seed: of the networks and of exploration.
         """
         torch.manual_seed(seed)
         self._environments, self._config = environments, config
-        self._observations = torch.empty(0)
-        size, action_space = _sizes(environments)
-        self.agent = agents.build(size, action_space, config)
-        self._scheduler = self.agent.scheduler
+        action_space = environments.single_action_space
+        assert isinstance(action_space, spaces.Box)
+        self.agent = build_agent(spaces.flatdim(environments.single_observation_space), action_space, config)
         self.steps = 0
-        self._standardised, self._values_only = False, 0
+        self._observations, self._actions = torch.empty(0), torch.empty(0)
+        # Whether the standardisation of observations has been fitted, and batches that still train the values alone.
+        self._standardised, self._warmup_batches = False, 0
 
     def imitate(
-        self, observations: NDArray[np.float32], actions: NDArray[np.float32], watch: Callable[[float], None]
+        self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
     ) -> None:
-        """Learns to do what was done; from then on the policy changes once its values are known.
+        """Clones demonstrations; the next `value_batches` batches then train the value network alone.
 
         Args:
-          observations: `(m, n)`, as a trained policy takes them.
+          observations: `(m, n)`, flat.
           actions: `(m, k)`.
-          watch: called after each pass with its mean loss.
+          report: called after each pass over the demonstrations with its mean loss.
         """
-        behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, watch)
-        self._standardised, self._values_only = True, self._config.value_batches
+        behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, report)
+        self._standardised, self._warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
-        """Starts episodes at evenly spread times, so that a batch shows all parts of an episode.
+        """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
 
-        What is seen meanwhile decides on how observations are standardised, where nothing has before.
+        The observations made meanwhile fit the standardisation, unless cloning or a checkpoint has set it.
 
         Args:
-          seed: of the first environment; each further one has the next.
+          seed: of the first environment; each further environment has the next seed.
         """
         environments, count = self._environments, self._environments.num_envs
         if isinstance(environments, FrankaOpenCabinetVectorEnv):
-            # The penalties' weights depend on it.
+            # The weights of its penalties depend on the steps made before an interruption.
             environments.total_steps = np.full(count, self.steps // count)
         observations, _ = environments.reset(seed=seed)
-        length = _episode_length(environments)
-        turn = np.random.default_rng(seed).permutation(count) * length // count
         self._observations = _tensor(observations)
-        scaler = self.agent.checkpoint_modules["observation_preprocessor"]
+        length = _episode_length(environments)
+        start_steps = np.random.default_rng(seed).permutation(count) * length // count
         for step in range(length):
-            observations, *_ = environments.step(self._act())
-            if (starting := turn == step).any():
-                observations, _ = environments.reset(options={"reset_mask": starting})
-            self._observations = _tensor(observations)
-            if not self._standardised:
-                scaler(self._observations, train=True)
+            self._explore(starting=start_steps == step)
         self._standardised = True
 
+    def _explore(self, starting: NDArray[np.bool_]) -> None:
+        """Makes a control step without learning, then resets the environments that are `starting`."""
+        observations, *_ = self._environments.step(self._act())
+        if starting.any():
+            observations, _ = self._environments.reset(options={"reset_mask": starting})
+        self._observations = _tensor(observations)
+        if not self._standardised:
+            self.agent.checkpoint_modules["observation_preprocessor"](self._observations, train=True)
+
     def state(self) -> dict[str, Any]:
-        """What `load_state` goes on from, but for the episodes that are being played."""
+        """Returns the state of learning for `load_state`; that of the episodes in progress is not part of it."""
         modules = {name: module.state_dict() for name, module in self.agent.checkpoint_modules.items()}
         random = torch.get_rng_state()
-        return {"modules": modules, "random": random, "steps": self.steps, "values_only": self._values_only}
+        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self._warmup_batches}
 
     def load_state(self, state: Mapping[str, Any]) -> None:
-        """Goes on from a state."""
+        """Restores a state returned by `state`."""
         for name, module in self.agent.checkpoint_modules.items():
             module.load_state_dict(state["modules"][name])
         torch.set_rng_state(state["random"])
-        self.steps, self._values_only = state["steps"], state["values_only"]
+        self.steps, self._warmup_batches = state["steps"], state["warmup_batches"]
         self._standardised = True
 
     def learn(self) -> dict[str, float]:
-        """Plays and learns from one batch.
+        """Collects a batch and updates the networks with it.
 
         Returns:
-          Means by name: of each step's measures, of those of the episodes that ended, and of the agent's own.
+          Means by name: of the metrics of steps, of episodes that ended, and of the agent's own.
 
         Raises:
-          DivergedError: the learning rate is too high, or rewards too great.
+          DivergedError: the learning rate is too high, or rewards are too large.
         """
-        # What is known of a good policy should not be lost to values that are not. The learning rate follows the
-        # change of the policy, so it rests, too.
-        changing = self._values_only == 0
-        self.agent.models["policy"].requires_grad_(changing)
-        self.agent.scheduler = self._scheduler if changing else None
-        self._values_only = max(0, self._values_only - 1)
-        # Within an update it follows the policy's divergence as the policy's does; the next starts from its own.
-        agents.value_group(self.agent)["lr"] = self._config.value_learning_rate
-        seen: dict[str, list[NDArray]] = collections.defaultdict(list)
+        # The KL scheduler adapts both learning rates during an update. The value network's restarts with each update.
+        value_group(self.agent)["lr"] = self._config.value_learning_rate
+        with self._value_warmup():
+            means = self._collect()
+        self.steps += self._config.batch_size
+        self._check_finite()
+        return {**means, **self._agent_metrics()}
+
+    @contextlib.contextmanager
+    def _value_warmup(self) -> Iterator[None]:
+        """Value warm-up: freezes the policy and its KL scheduler until the critic has seen `value_batches` batches.
+
+        An untrained critic would spoil a cloned policy. A frozen policy shows no divergence, at which the scheduler
+        would raise the learning rate.
+        """
+        if not self._warmup_batches:
+            yield
+            return
+        self._warmup_batches -= 1
+        policy, scheduler = self.agent.models["policy"], self.agent.scheduler
+        policy.requires_grad_(False)
+        self.agent.scheduler = None
+        try:
+            yield
+        finally:
+            policy.requires_grad_(True)
+            self.agent.scheduler = scheduler
+
+    def _collect(self) -> dict[str, float]:
+        """Makes the control steps of a batch, after the last of which skrl updates the networks.
+
+        Returns:
+          Means of the metrics of steps and of episodes that ended, by name.
+        """
+        collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for _ in range(self._config.rollouts):
             for name, values in self._step().items():
-                seen[name].append(values)
-        self.steps += self._config.batch
-        for name, model in self.agent.models.items():
-            if not all(parameter.isfinite().all() for parameter in model.parameters()):
-                raise DivergedError(f"after {self.steps} steps the {name} network is no longer finite: learn slower")
-        return {**{name: float(np.concatenate(parts).mean()) for name, parts in seen.items()}, **self._own_measures()}
-
-    def _act(self) -> NDArray[np.float32]:
-        with torch.no_grad():
-            actions, _ = self.agent.act(self._observations, None, timestep=0, timesteps=0)
-        self._actions = actions
-        return actions.numpy()
+                collected[name].append(values)
+        return {name: float(np.concatenate(parts).mean()) for name, parts in collected.items()}
 
     def _step(self) -> dict[str, NDArray]:
-        """Makes a control step in all environments, and learns when the batch is full."""
+        """Makes a control step in all environments and records it; returns its metrics."""
         observations, rewards, terminations, truncations, infos = self._environments.step(self._act())
-        fresh, ended = _tensor(observations), terminations | truncations
+        next_observations, ended = _tensor(observations), terminations | truncations
         with torch.no_grad():
             self.agent.record_transition(
                 observations=self._observations,
                 states=None,
                 actions=self._actions,
                 rewards=_column(rewards, torch.float32),
-                next_observations=_before_reset(fresh, infos),
+                next_observations=_before_autoreset(next_observations, infos),
                 next_states=None,
                 terminated=_column(terminations, torch.bool),
                 truncated=_column(truncations, torch.bool),
@@ -152,26 +173,33 @@ class Learner:
                 timesteps=0,
             )
         self.agent.post_interaction(timestep=0, timesteps=0)
-        self._observations = fresh
-        measures = {"step/reward": rewards, **step_metrics(infos)}
+        self._observations = next_observations
+        metrics = {"step/reward": rewards, **step_metrics(infos)}
         if ended.any():
-            measures |= {name: values[ended] for name, values in episode_metrics(infos["final_info"]).items()}
-        return measures
+            metrics |= {name: values[ended] for name, values in episode_metrics(infos["final_info"]).items()}
+        return metrics
 
-    def _own_measures(self) -> dict[str, float]:
-        """What the agent noted in its last update, by TensorBoard's usual kind of name."""
-        noted = {
+    def _act(self) -> NDArray[np.float32]:
+        """Returns actions `(n, k)` with exploration for the present observations."""
+        with torch.no_grad():
+            self._actions, _ = self.agent.act(self._observations, None, timestep=0, timesteps=0)
+        return self._actions.numpy()
+
+    def _check_finite(self) -> None:
+        for name, model in self.agent.models.items():
+            if not all(parameter.isfinite().all() for parameter in model.parameters()):
+                raise DivergedError(
+                    f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
+                )
+
+    def _agent_metrics(self) -> dict[str, float]:
+        """Returns and clears the metrics that skrl tracked in the last update, named as in `loss/policy loss`."""
+        metrics = {
             name.replace(" / ", "/").lower(): float(np.mean(values))
             for name, values in self.agent.tracking_data.items()
         }
         self.agent.tracking_data.clear()
-        return noted
-
-
-def _sizes(environments: SuiteVectorEnv) -> tuple[int, spaces.Box]:
-    space, actions = environments.single_observation_space, environments.single_action_space
-    assert isinstance(actions, spaces.Box)
-    return spaces.flatdim(space), actions
+        return metrics
 
 
 def _episode_length(environments: SuiteVectorEnv) -> int:
@@ -188,11 +216,11 @@ def _column(values: NDArray, kind: torch.dtype) -> torch.Tensor:
     return torch.as_tensor(values, dtype=kind)[:, None]
 
 
-def _before_reset(fresh: torch.Tensor, infos: Mapping[str, Any]) -> torch.Tensor:
-    """What each step led to: the last observation where an episode ended, not the first of the next."""
+def _before_autoreset(observations: torch.Tensor, infos: Mapping[str, Any]) -> torch.Tensor:
+    """Returns the observations `(n, m)` after a step; where it ended an episode, those before the automatic reset."""
     if "final_obs" not in infos:
-        return fresh
-    led_to = fresh.clone()
+        return observations
+    observations = observations.clone()
     for i in np.flatnonzero(infos["_final_obs"]):
-        led_to[i] = _tensor(infos["final_obs"][i])
-    return led_to
+        observations[i] = _tensor(infos["final_obs"][i])
+    return observations

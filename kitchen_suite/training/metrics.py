@@ -1,4 +1,4 @@
-"""What curves are drawn of: numbers of steps and of episodes, out of the environments' infos."""
+"""Metrics of control steps and of episodes, read from the infos of vectorised environments."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,20 +10,21 @@ _COMPLETIONS = "episode_task_completions_mask"
 
 
 def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Numbers `(n,)` of a step: the terms of the reward, where it has any.
+    """Returns the reward terms `(n,)` of a step; none if the task's reward has no terms.
 
-    Where the step ended an episode and the next has begun, they are those of the end.
+    Where the step ended an episode and the next one has begun (autoreset mode `SameStep`), they are those of the step,
+    not of the reset.
     """
-    ended, last = infos.get("_final_info", False), infos.get("final_info", infos)
+    ended, final_info = infos.get("_final_info", False), infos.get("final_info", infos)
     terms = [name for name in infos if name.startswith("reward/")]
-    return {f"step/{name}": np.where(ended, last[name], infos[name]) for name in terms}
+    return {f"step/{name}": np.where(ended, final_info[name], infos[name]) for name in terms}
 
 
 def episode_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Numbers `(n,)` of episodes at their ends: `episode/success`, `episode/progress` and `episode/length`.
+    """Returns `episode/success`, `episode/progress` and `episode/length` `(n,)` of episodes from their last infos.
 
-    Progress is the drawer's opening [m], or the number of kitchen tasks completed.
+    Progress is the drawer's opening [m], or the number of completed kitchen tasks.
     """
     progress = infos[_COMPLETIONS].sum(axis=-1) if _COMPLETIONS in infos else infos["drawer_opening"]
-    results = {"success": infos["is_success"], "progress": progress, "length": infos["episode_step"]}
-    return {f"episode/{name}": np.asarray(values, np.float64) for name, values in results.items()}
+    metrics = {"success": infos["is_success"], "progress": progress, "length": infos["episode_step"]}
+    return {f"episode/{name}": np.asarray(values, np.float64) for name, values in metrics.items()}

@@ -1,4 +1,4 @@
-"""The networks of an agent: what acts, with exploration, and what return it expects."""
+"""Networks of the agent: a Gaussian policy with correlated exploration noise, and a value function."""
 
 import itertools
 import math
@@ -11,20 +11,22 @@ from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
-# Where the simulation is, too. By itself skrl takes a GPU where it finds one.
+# The simulation runs on the CPU, too. skrl's default is a GPU if there is one.
 DEVICE = "cpu"
 
-# The last layer starts this small, so that the first actions are exploration alone.
-_LAST_LAYER = 0.01
+# Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
+_LAST_LAYER_SCALE = 0.01
 
 
 class Policy(GaussianMixin, Model):
-    """Actions are normally distributed around a network's outputs; their deviations do not depend on what is seen.
+    """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
 
-    Outputs and deviations are in units of `scale`, so that a step of the optimiser means the same for every action,
-    be it an angle or the log odds of closing the gripper. What is played keeps part of its deviation from one control
-    step to the next, so that exploration gets somewhere; PPO takes it as if it did not, as with the coloured noise of
-    Hollenstein et al., Colored Noise in PPO, AAAI 2024.
+    Both are in units of `scale`, so that an optimiser step has the same effect on every action, whether it is an angle
+    or a gripper logit.
+
+    Exploration noise is an AR(1) process over control steps, so that it adds up to motions instead of averaging out;
+    the PPO ratio treats the steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO,
+    AAAI 2024.
     """
 
     def __init__(
@@ -39,21 +41,26 @@ class Policy(GaussianMixin, Model):
         Args:
           observation_space: `(n,)`.
           action_space: `(k,)`.
-          scale: `(k,)`.
-          config: of hidden layers and of exploration.
+          scale: action `(k,)` for network outputs of one.
+          config: hyperparameters of the hidden layers and of exploration.
         """
         Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
         GaussianMixin.__init__(self, clip_actions=False)
-        self.network = network([self.num_observations, *config.hidden, self.num_actions])
+        self.network = build_network([self.num_observations, *config.hidden, self.num_actions])
         self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(config.exploration)))
         self._noise = CorrelatedNoise(config.noise_correlation)
         self.register_buffer("scale", scale)
+        last_layer = self.network[-1]
+        assert isinstance(last_layer, torch.nn.Linear)
         with torch.no_grad():
-            self.network[-1].weight *= _LAST_LAYER
-            self.network[-1].bias.zero_()
+            last_layer.weight.mul_(_LAST_LAYER_SCALE)
+            last_layer.bias.zero_()
 
     def act(self, inputs: dict[str, Any], *, role: str = "") -> tuple[torch.Tensor, dict[str, Any]]:
-        """Actions to play, `(n, k)`, and what PPO wants to know of them, or of the `taken_actions` in `inputs`."""
+        """Returns actions `(n, k)` with exploration, and PPO's outputs for them, such as their log probability.
+
+        If `inputs` has `taken_actions`, the outputs are those of these actions, and the noise does not advance.
+        """
         actions, outputs = super().act(inputs, role=role)
         if "taken_actions" in inputs:
             return actions, outputs
@@ -63,22 +70,22 @@ class Policy(GaussianMixin, Model):
         return actions, outputs
 
     def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Means `(n, k)` and logarithms of the deviations."""
+        """Returns the means `(n, k)` and the logarithms of the standard deviations `(k,)`."""
         del role
         means = self.network(inputs["observations"]) * self.scale
         return means, {"log_std": self.log_deviation + self.scale.log()}
 
 
 class CorrelatedNoise:
-    """Standard normal numbers, each correlated with its like of the call before (an AR(1) process)."""
+    """Stationary AR(1) process with a standard normal distribution: `x' = c x + sqrt(1 - c^2) w`, `w ~ N(0, 1)`."""
 
     def __init__(self, correlation: float) -> None:
-        """Begins at random; `correlation` is in [0, 1)."""
+        """Creates the process; `correlation` of successive samples is in [0, 1)."""
         self._correlation = correlation
         self._last = torch.empty(0)
 
     def __call__(self, shape: torch.Size) -> torch.Tensor:
-        """The next numbers; they begin anew where the shape is another."""
+        """Returns the next sample; the process restarts if its shape changes."""
         noise = torch.randn(shape)
         if self._last.shape == shape:
             noise = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * noise
@@ -87,22 +94,22 @@ class CorrelatedNoise:
 
 
 class Value(DeterministicMixin, Model):
-    """What return a network expects."""
+    """Value function: expected return of an observation."""
 
     def __init__(self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int]) -> None:
-        """Builds the network."""
+        """Builds the network with the given sizes of hidden layers."""
         Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
         DeterministicMixin.__init__(self)
-        self.network = network([self.num_observations, *hidden, 1])
+        self.network = build_network([self.num_observations, *hidden, 1])
 
     def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Values `(n, 1)`."""
+        """Returns the values `(n, 1)`."""
         del role
         return self.network(inputs["observations"]), {}
 
 
-def network(sizes: Sequence[int]) -> torch.nn.Sequential:
-    """A perceptron with ELU units between its layers."""
+def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
+    """Returns a multilayer perceptron with ELU units between its linear layers, of the given sizes."""
     layers: list[torch.nn.Module] = []
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]

@@ -1,4 +1,4 @@
-"""One seed of a training run: learns, is evaluated, writes curves and checkpoints, and goes on where it stopped."""
+"""One seed of a training run: it learns, is evaluated, and writes curves and checkpoints, from which it can resume."""
 
 import contextlib
 import dataclasses
@@ -13,84 +13,71 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.training import agent as agents
 from kitchen_suite.training import checkpoints
+from kitchen_suite.training.agent import export_policy
 from kitchen_suite.training.evaluation import evaluate
 from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 POLICY_FILE = "policy.npz"
 
-# Training episodes take their seeds from here on, so that smaller ones, which people play with, are unseen.
+# First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
 _TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 500_000_000
 
+HEADING = "seed        steps  minutes     return  progress  success"
+
 
 class StopReason(enum.Enum):
-    """How an attempt came to its end."""
+    """Why the run of a seed stopped."""
 
     STEPS = "all steps were made"
     TARGET = "the target was reached"
     NO_PROGRESS = "there was no progress"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Schedule:
-    """When what happens, in control steps over all environments.
+class SeedRun:
+    """The training of one learner, in a folder of its own.
 
     Attributes:
-      num_steps: length of the training.
-      eval_interval: between evaluations, each followed by a checkpoint.
-      eval_episodes: episodes of an evaluation.
-      target_success: rate of success that two evaluations in a row must reach to end the training; above 1 for never.
-      patience: steps after which an attempt that has come to no progress is given up; 0 for never.
-      least_progress: mean progress of an evaluation that counts as some.
+      resumed: whether the learner continues from a checkpoint.
     """
-
-    num_steps: int
-    eval_interval: int
-    eval_episodes: int
-    target_success: float
-    patience: int
-    least_progress: float
-
-
-class SeedRun:
-    """A learner with one seed, and its folder."""
 
     def __init__(
         self,
         folder: Path,
         seed: int,
-        schedule: Schedule,
+        settings: TrainSettings,
         learner: Learner,
-        evaluated: SuiteVectorEnv,
+        evaluation_environments: SuiteVectorEnv,
         metadata: Mapping[str, Any],
     ) -> None:
-        """Takes up what an interrupted attempt has left in the folder, if anything.
+        """Restores the newest checkpoint in the folder, if there is one.
 
         Args:
-          folder: of curves, checkpoints and the best policy; made if it is not there.
+          folder: of curves, checkpoints and the best policy; created if it does not exist.
           seed: of the learner.
-          schedule: when what happens.
+          settings: when to evaluate and when to stop; the other settings are not used.
           learner: new.
-          evaluated: environments of the evaluations, with autoreset mode `NextStep`.
+          evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
           metadata: of exported policies.
 
         Raises:
-          CheckpointError: no checkpoint that is there can be read.
+          CheckpointError: there are checkpoints, but none can be read.
           OSError: the folder cannot be written to.
         """
-        self._folder, self._seed, self._schedule = folder, seed, schedule
-        self._learner, self._evaluated, self._metadata = learner, evaluated, metadata
+        self._folder, self._seed, self._settings = folder, seed, settings
+        self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
         self._seconds, self._best, self._progress = 0.0, (-1.0, 0.0), 0.0
+        # Success rates of the last two evaluations.
         self._successes: list[float] = []
-        self.resumed = self._resume()
+        self.resumed = self._restore()
 
     @property
     def best(self) -> tuple[float, float]:
-        """Rate of success and mean return of the best evaluation so far."""
+        """Success rate and mean return of the best evaluation so far."""
         return self._best
 
     @property
@@ -98,99 +85,126 @@ class SeedRun:
         """Control steps learned from so far."""
         return self._learner.steps
 
-    def run(self, show: Callable[[str], None]) -> StopReason:
-        """Learns until there is a reason to stop; `show` is called with a line for each evaluation."""
-        if self.resumed and (reason := self._stop_reason()):
+    def run(self, report: Callable[[str], None]) -> StopReason:
+        """Trains until there is a reason to stop.
+
+        Args:
+          report: called with a table row after each evaluation.
+        """
+        reason = self._stop_reason()
+        if self.resumed and reason:
             return reason
-        schedule, learner = self._schedule, self._learner
         started = time.perf_counter() - self._seconds
-        learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
-        # What an interrupted attempt wrote after its last checkpoint is not shown.
-        purge = self.steps + 1 if self.resumed else None
-        with contextlib.closing(SummaryWriter(str(self._folder), purge_step=purge)) as writer, self._bar() as bar:
+        if not reason:
+            self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
+        with contextlib.closing(self._open_writer()) as writer, self._progress_bar() as bar:
             if not self.resumed:
-                self._evaluate_and_checkpoint(writer, started, show)
+                self._evaluate_and_checkpoint(writer, started, report)
             while (reason := self._stop_reason()) is None:
-                before, began = self.steps, time.perf_counter()
-                means = learner.learn()
-                means["time/steps_per_second"] = (self.steps - before) / (time.perf_counter() - began)
-                _write(writer, means, self.steps)
-                bar.update(self.steps - before)
-                bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
-                due = self.steps // schedule.eval_interval > before // schedule.eval_interval
-                if due or self._stop_reason():
-                    self._evaluate_and_checkpoint(writer, started, show)
+                previous = self.steps
+                self._learn(writer, bar)
+                if self._is_evaluation_due(previous):
+                    self._evaluate_and_checkpoint(writer, started, report)
         return reason
 
-    def _evaluate_and_checkpoint(self, writer: SummaryWriter, started: float, show: Callable[[str], None]) -> None:
-        """Evaluates the policy, and writes down all that there is."""
-        measures = self._evaluate()
-        self._seconds = time.perf_counter() - started
-        _write(writer, {**_means(measures), "time/minutes": self._seconds / 60}, self.steps)
-        self._save()
-        show(self._row(measures))
-
     def _stop_reason(self) -> StopReason | None:
-        if len(self._successes) == 2 and min(self._successes) >= self._schedule.target_success:
+        settings = self._settings
+        if len(self._successes) == 2 and min(self._successes) >= settings.target_success:
             return StopReason.TARGET
-        if self.steps >= self._schedule.num_steps:
+        if self.steps >= settings.num_steps:
             return StopReason.STEPS
-        gave_up = 0 < self._schedule.patience <= self.steps and self._progress < self._schedule.least_progress
-        return StopReason.NO_PROGRESS if gave_up else None
+        if 0 < settings.patience <= self.steps and self._progress < settings.min_progress:
+            return StopReason.NO_PROGRESS
+        return None
+
+    def _is_evaluation_due(self, previous: int) -> bool:
+        """Returns whether a multiple of `eval_interval` lies after the `previous` steps, or there are no more steps."""
+        interval = self._settings.eval_interval
+        return self.steps // interval > previous // interval or self._stop_reason() is not None
+
+    def _learn(self, writer: SummaryWriter, bar: tqdm) -> None:
+        """Learns from one batch, and shows its metrics."""
+        steps, started = self.steps, time.perf_counter()
+        means = self._learner.learn()
+        means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)
+        _write(writer, means, self.steps)
+        bar.update(self.steps - steps)
+        bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
+
+    def _evaluate_and_checkpoint(self, writer: SummaryWriter, started: float, report: Callable[[str], None]) -> None:
+        """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
+        metrics = self._evaluate()
+        self._seconds = time.perf_counter() - started
+        _write(writer, {**_means(metrics), "time/minutes": self._seconds / 60}, self.steps)
+        self._save_checkpoint()
+        report(self._row(metrics))
 
     def _evaluate(self) -> dict[str, NDArray]:
-        """Plays the held-out episodes; keeps the policy if it is the best so far."""
-        policy = agents.export(self._learner.agent, self._metadata)
-        count = self._schedule.eval_episodes
-        measures = evaluate(policy, self._evaluated, [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + count)])
-        success, gain = measures["episode/success"].mean(), measures["episode/return"].mean()
-        self._progress = max(self._progress, float(measures["episode/progress"].mean()))
-        self._successes = [*self._successes[-1:], float(success)]
-        if (success, gain) > self._best:
-            self._best = float(success), float(gain)
-            self._keep(policy)
-        return measures
+        """Evaluates the policy, saves it if it is the best so far, and returns the metrics `(n,)` of the episodes."""
+        policy = export_policy(self._learner.agent, self._metadata)
+        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._settings.eval_episodes)]
+        metrics = evaluate(policy, self._evaluation_environments, seeds)
+        result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
+        self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
+        self._successes = [*self._successes[-1:], result[0]]
+        if result > self._best:
+            self._best = result
+            self._save_policy(policy)
+        return metrics
 
-    def _keep(self, policy: TrainedPolicy) -> None:
-        found = {"seed": self._seed, "steps": self.steps, "success": self._best[0], "return": self._best[1]}
-        known = {**policy.metadata, "training": found}
-        dataclasses.replace(policy, metadata=known).save(self._folder / POLICY_FILE)
+    def _save_policy(self, policy: TrainedPolicy) -> None:
+        success, mean_return = self._best
+        training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
+        metadata = {**policy.metadata, "training": training}
+        dataclasses.replace(policy, metadata=metadata).save(self._folder / POLICY_FILE)
 
-    def _save(self) -> None:
-        counters = {"seconds": self._seconds, "best": list(self._best), "progress": self._progress}
-        state = {**self._learner.state(), **counters, "successes": self._successes}
+    def _save_checkpoint(self) -> None:
+        state = {
+            **self._learner.state(),
+            "seconds": self._seconds,
+            "best": list(self._best),
+            "progress": self._progress,
+            "successes": self._successes,
+        }
         checkpoints.save(self._folder, self.steps, state)
 
-    def _resume(self) -> bool:
+    def _restore(self) -> bool:
+        """Restores the newest checkpoint; returns whether there is one."""
         state = checkpoints.load_last(self._folder)
         if state is None:
             return False
         self._learner.load_state(state)
-        success, gain = state["best"]
-        self._best, self._seconds = (success, gain), state["seconds"]
+        success, mean_return = state["best"]
+        self._best, self._seconds = (success, mean_return), state["seconds"]
         self._progress, self._successes = state["progress"], state["successes"]
         return True
 
-    def _bar(self) -> tqdm:
-        description = f"seed {self._seed}"
-        total = self._schedule.num_steps
+    def _open_writer(self) -> SummaryWriter:
+        """Opens the curves; those that an interrupted run wrote after its last checkpoint are hidden."""
+        return SummaryWriter(str(self._folder), purge_step=self.steps + 1 if self.resumed else None)
+
+    def _progress_bar(self) -> tqdm:
         return tqdm(
-            total=total, initial=self.steps, desc=description, unit="step", unit_scale=True, disable=None, leave=False
+            total=self._settings.num_steps,
+            initial=self.steps,
+            desc=f"seed {self._seed}",
+            unit="step",
+            unit_scale=True,
+            disable=None,
+            leave=False,
         )
 
-    def _row(self, measures: Mapping[str, NDArray]) -> str:
-        means = {name: values.mean() for name, values in measures.items()}
+    def _row(self, metrics: Mapping[str, NDArray]) -> str:
+        """Returns the row of an evaluation, in the columns of `HEADING`."""
+        means = {name: values.mean() for name, values in metrics.items()}
         return (
             f"{self._seed:4d}  {self.steps:11,d}  {self._seconds / 60:7.1f}  {means['episode/return']:9.1f}  "
             f"{means['episode/progress']:8.3f}  {means['episode/success']:7.0%}"
         )
 
 
-HEADING = "seed        steps  minutes     return  progress  success"
-
-
-def _means(measures: Mapping[str, NDArray]) -> dict[str, float]:
-    return {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in measures.items()}
+def _means(metrics: Mapping[str, NDArray]) -> dict[str, float]:
+    return {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in metrics.items()}
 
 
 def _write(writer: SummaryWriter, means: Mapping[str, float], steps: int) -> None:

@@ -1,215 +1,178 @@
-"""What `kitchen-train` does once its flags are read."""
+"""The work of `kitchen-train`."""
 
 import contextlib
 import dataclasses
-import json
 import shutil
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
 
-import gymnasium
 import numpy as np
 import torch
+from dm_control.rl.control import PhysicsError
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import checks, files, gymnasium_env, suite
+from kitchen_suite import files
 from kitchen_suite.rendering import video
-from kitchen_suite.rollouts import rollout_job
+from kitchen_suite.rollouts.play_job import policy_rollout
+from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.rollout_job import RolloutJob
+from kitchen_suite.rollouts.settings import PlaySettings
+from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.training import run_folder
 from kitchen_suite.training.behaviour_cloning import load_demonstrations
+from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, Schedule, SeedRun, StopReason
+from kitchen_suite.training.learner import DivergedError, Learner
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
+from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-RUN_FILE = "training.json"
+# Arguments with which goals are arrays, as a network needs them.
+_FLAT_GOALS = {"kitchen": {"goal_format": "flat"}, "open_cabinet": {}}
 
-# What a trained policy sees: arrays alone.
-_ARRAYS = {"kitchen": {"goal_format": "flat", "info_format": "arrays"}, "open_cabinet": {}}
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What is asked for; see the flags of `train`."""
-
-    domain_name: str
-    task_name: str | None
-    task_kwargs: Mapping[str, Any]
-    hyperparameters: Mapping[str, Any]
-    schedule: Schedule
-    seed: int
-    restarts: int
-    num_threads: int | None
-    demonstrations: Path | None
-    output: Path
-    resume: bool
-    video: Path | None = None
+_VIDEO_FPS = PlaySettings.video_fps
 
 
 class TrainJob:
-    """A training run: one seed, and further ones where a seed comes to no progress."""
+    """Trains with one seed, and with further seeds as long as there is no progress."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Makes everything ready, so that nothing that can be known to be wrong stops the job later.
+    failures = (CheckpointError, DivergedError, OSError, PhysicsError)
+    usage_errors = ()
+
+    def __init__(self, settings: TrainSettings) -> None:
+        """Prepares the training, so that bad settings are refused before the first step.
 
         Raises:
-          ImportError: there is no ffmpeg, but a video is asked for.
-          OSError: the folder cannot be written to or holds another run, there is none to be resumed, or there are no
-            demonstrations where there should be.
-          TypeError: an argument or a hyperparameter has the wrong type, or there is no such argument.
+          ImportError: a video is asked for, but there is no ffmpeg.
+          OSError: the folder cannot be written to, holds another run, or holds none to resume; or there are no
+            demonstrations where the settings say so.
+          TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
           ValueError: an unknown name, or a value that is refused.
         """
-        domain = checks.choice(settings.domain_name, gymnasium_env.IDS.keys(), "env")
+        if settings.num_steps == 0 and not settings.demonstrations:
+            raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
         self._settings = settings
-        self._task_name = settings.task_name or suite.default_task(domain)
-        self._check_playable()
-        self._config = Hyperparameters.of(domain, settings.hyperparameters)
+        self._spec = self._make_spec()
+        if settings.video:
+            video.check_ffmpeg()
+        self._config = Hyperparameters.for_domain(settings.domain_name, settings.hyperparameters)
         self._metadata = {
-            "domain_name": domain,
-            "task_name": self._task_name,
+            "domain_name": settings.domain_name,
+            "task_name": self._spec.task_name,
             "task_kwargs": dict(settings.task_kwargs),
             "hyperparameters": dataclasses.asdict(self._config),
         }
-        self._environments = self._build(self._config.num_envs, AutoresetMode.SAME_STEP)
-        self._evaluated = self._build(settings.schedule.eval_episodes, AutoresetMode.NEXT_STEP)
-        # It refuses what does not fit the environments.
+        self._environments = self._make_environments(self._config.num_envs, AutoresetMode.SAME_STEP)
+        self._evaluation_environments = self._make_environments(settings.eval_episodes, AutoresetMode.DISABLED)
+        # Raises a ValueError if the hyperparameters do not fit the environments.
         Learner(self._environments, self._config, settings.seed)
         self._demonstrations = self._load_demonstrations()
+        self._seed_run: SeedRun | None = None
         self._best = (-1.0, 0.0)
-        claim(settings.output, {**self._metadata, "seed": settings.seed}, resume=settings.resume)
+        prepare = run_folder.open_run if settings.resume else run_folder.create_run
+        prepare(settings.output, {**self._metadata, "seed": settings.seed})
 
-    def run(self) -> None:
-        """Trains; prints a table of evaluations, and how it ended.
+    def progress(self) -> str:
+        steps = self._seed_run.steps if self._seed_run else 0
+        return (
+            f"after {steps:,} of {self._settings.num_steps:,} steps; "
+            "the same command with --resume continues from the last checkpoint"
+        )
+
+    def run(self) -> bool:
+        """Trains; prints a table of the evaluations, and why each seed stopped.
 
         Raises:
           CheckpointError: a run is to be resumed, but none of its checkpoints can be read.
-          DivergedError: a network is no longer finite.
+          DivergedError: the parameters of a network are no longer finite.
           OSError: a file cannot be written.
         """
-        # The matrices are small: a second thread costs more than it gives.
+        # The matrices are small: with a second thread, training is slower.
         torch.set_num_threads(1)
         settings = self._settings
-        _print(f"{settings.domain_name} {self._task_name}, PPO, in {settings.output}")
-        _print(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
-        with contextlib.closing(self._environments), contextlib.closing(self._evaluated):
+        print_line(f"{settings.domain_name} {self._spec.task_name}, PPO, in {settings.output}")
+        print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
+        with contextlib.closing(self._environments), contextlib.closing(self._evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
-                if self._attempt(seed) is not StopReason.NO_PROGRESS:
+                if self._train_seed(seed) is not StopReason.NO_PROGRESS:
                     break
-        _print(f"best policy: {settings.output / POLICY_FILE}")
+        print_line(f"best policy: {settings.output / POLICY_FILE}")
         if settings.video:
             self._film(settings.video)
+        return True
 
-    def _attempt(self, seed: int) -> StopReason:
+    def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; its policy becomes the run's if it is the best so far."""
         settings, folder = self._settings, self._settings.output / f"seed_{seed}"
         learner = Learner(self._environments, self._config, seed)
-        attempt = SeedRun(folder, seed, settings.schedule, learner, self._evaluated, self._metadata)
-        if self._demonstrations and not attempt.resumed:
-            with _cloning_bar(self._config.clone_epochs) as watch:
-                learner.imitate(*self._demonstrations, watch)
-        reason = attempt.run(_print)
-        success, gain = attempt.best
-        _print(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {gain:.1f}")
-        if attempt.best > self._best:
-            self._best = attempt.best
+        run = SeedRun(folder, seed, settings, learner, self._evaluation_environments, self._metadata)
+        self._seed_run = run
+        if self._demonstrations and not run.resumed:
+            with _cloning_bar(self._config.clone_epochs) as report:
+                learner.imitate(*self._demonstrations, report)
+        reason = run.run(print_line)
+        success, mean_return = run.best
+        print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
+        if run.best > self._best:
+            self._best = run.best
             with files.whole_file(settings.output / POLICY_FILE) as partial:
                 shutil.copyfile(folder / POLICY_FILE, partial)
         return reason
 
+    def _film(self, file: Path) -> None:
+        """Films the best policy on a seed that it was not trained with."""
+        policy = self._settings.output / POLICY_FILE
+        RolloutJob(
+            policy_rollout(policy, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=_VIDEO_FPS)
+        ).run()
+        print_line(f"video {file}")
+
+    def _make_spec(self) -> RecordingSpec:
+        """Returns the specification of the task, with which `kitchen-play` can play the policy."""
+        settings = self._settings
+        spec = RecordingSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.task_kwargs,
+            policy="zero",
+            seed=settings.seed,
+            seeding="gymnasium",
+            max_episode_steps=None,
+        )
+        spec.make_environment().close()
+        return spec
+
+    def _make_environments(self, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
+        options = _FLAT_GOALS[self._spec.domain_name]
+        return self._spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
+
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+        """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.
+
+        Raises:
+          ValueError: their shapes are not those of this task.
+        """
         folder = self._settings.demonstrations
         if folder is None:
             return None
-        observations, actions = load_demonstrations(folder, self._settings.domain_name, self._task_name)
+        observations, actions = load_demonstrations(folder, self._spec.domain_name, self._spec.task_name)
         space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
-        found, wanted = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
-        if found != wanted:
-            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {wanted}")
+        found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
+        if found != expected:
+            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
         return observations, actions
-
-    def _film(self, video: Path) -> None:
-        """Plays the best policy on a seed that it was not trained with."""
-        file = self._settings.output / POLICY_FILE
-        settings = rollout_job.settings_of_policy(file, num_episodes=1, seed=EVALUATION_SEEDS, video=video)
-        rollout_job.RolloutJob(settings).run()
-        _print(f"video {video}")
-
-    def _check_playable(self) -> None:
-        """Refuses arguments that `kitchen-play` could not play a policy with; raises what `suite.load` does."""
-        arguments = {**self._settings.task_kwargs, "visuals": False}
-        suite.load(self._settings.domain_name, self._task_name, arguments).close()
-        if self._settings.video:
-            video.check_ffmpeg()
-
-    def _build(self, count: int, mode: AutoresetMode) -> SuiteVectorEnv:
-        settings, domain = self._settings, self._settings.domain_name
-        arguments = {**suite.task_arguments(domain, self._task_name), **_ARRAYS[domain], **settings.task_kwargs}
-        return cast(
-            SuiteVectorEnv,
-            gymnasium.make_vec(
-                gymnasium_env.IDS[domain],
-                count,
-                vectorization_mode="vector_entry_point",
-                num_threads=settings.num_threads,
-                autoreset_mode=mode,
-                **arguments,
-            ),
-        )
-
-
-def claim(folder: Path, run: Mapping[str, Any], *, resume: bool) -> None:
-    """Makes a folder ready for a run, or sees to it that it holds the one to be resumed.
-
-    Raises:
-      OSError: it cannot be made or written to, or it holds a run that is not to be resumed, or none that is.
-      ValueError: it holds a run of something else.
-    """
-    path = folder / RUN_FILE
-    if not resume:
-        folder.mkdir(parents=True, exist_ok=True)
-        files.check_writable(folder)
-        if path.exists():
-            raise FileExistsError(f"{folder} holds a training run already: name another folder, or give --resume")
-        with files.whole_file(path) as partial:
-            partial.write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
-        return
-    if not path.exists():
-        raise FileNotFoundError(f"{folder} holds no training run to be resumed")
-    files.check_writable(folder)
-    for part in (folder, *folder.glob("seed_*")):
-        files.sweep(part)
-    present, wanted = _parts(json.loads(path.read_text(encoding="utf-8"))), _parts(json.loads(json.dumps(run)))
-    for name in {**wanted, **present}:
-        one, other = present.get(name), wanted.get(name)
-        if one != other:
-            raise ValueError(f"{folder} holds a run with {name} {json.dumps(one)}, not {json.dumps(other)}")
-
-
-def _parts(run: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run is of, with the arguments of the task and the hyperparameters one by one."""
-    parts: dict[str, Any] = {}
-    for name, value in run.items():
-        parts |= value if isinstance(value, dict) else {name: value}
-    return parts
 
 
 @contextlib.contextmanager
 def _cloning_bar(epochs: int) -> Iterator[Callable[[float], None]]:
-    """Gives what is to be called with the loss of each pass."""
+    """Shows a progress bar; yields the function that takes the loss of each epoch."""
     with tqdm(total=epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
 
-        def watch(loss: float) -> None:
+        def report(loss: float) -> None:
             bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
             bar.update()
 
-        yield watch
-
-
-def _print(text: str) -> None:
-    """Prints above the progress bar, at once: the reader may be a pipe."""
-    tqdm.write(text)
-    sys.stdout.flush()
+        yield report

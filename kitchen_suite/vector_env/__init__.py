@@ -1,4 +1,4 @@
-"""The suite's vectorised environments: many episodes stepped together, each exactly the single environment.
+"""The suite's vectorised environments: many episodes stepped together, each equal to the single environment's.
 
 `gymnasium.make_vec("kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1", num_envs=32)` builds one.
 """

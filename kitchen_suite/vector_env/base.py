@@ -1,4 +1,4 @@
-"""What the suite's vectorised environments share: many episodes in one call of MuJoCo's batched stepping."""
+"""The base of the suite's vectorised environments: many episodes in one call of MuJoCo's batched stepping."""
 
 import abc
 import contextlib
@@ -17,25 +17,25 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import PHYSICS_STATE, random_state
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.tasks import rows
-from kitchen_suite.vector_env import base, batching
+from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
-    """Many environments of one kind, each exactly the single one: the same numbers for the same seed and actions.
+    """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
-    Every episode is started by one single environment, whose state then moves into a batch of simulations. The batch
-    steps them on several threads; all else is the task's own rules, on arrays with one more axis.
+    One single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
+    batch steps them on several threads. Everything else is computed by the task's MDP, on arrays with a leading axis.
 
-    Infos hold arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's do. A simulation that
-    diverges ends its episode with reward 0 and is started anew at once; `physics_error` in the info tells which did.
+    Infos are arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's are. If a simulation
+    diverges, its episode ends with reward 0 and the next one starts in the same step; the infos then have a mask
+    `physics_error`.
     """
 
     # Class of the single environment.
     env_class: type[SuiteEnv]
 
-    # What is to be computed after the last physics step of a control step.
+    # Stage of MuJoCo's pipeline up to which the state after a control step is evaluated.
     stage = mujoco.mjtStage.mjSTAGE_NONE
 
     def __init__(
@@ -50,73 +50,91 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """Builds the environments.
 
         Args:
-          num_envs: how many.
-          num_threads: threads that step them, the caller's among them; as many as there are processors when omitted.
-          autoreset_mode: when an episode that has ended makes room for the next: in the `NextStep`, in the `SameStep`,
-            or, `Disabled`, when `reset` is called with a `reset_mask`.
+          num_envs: number of environments.
+          num_threads: number of threads that step them, including the calling one; by default one per processor.
+          autoreset_mode: when an environment whose episode has ended starts the next one: `NextStep`, `SameStep`, or
+            `Disabled` for a call of `reset` with a `reset_mask`; see `step`.
           max_episode_steps: control steps after which an episode truncates; never when omitted or -1.
-          **settings: of the single environment.
+          **settings: arguments of the single environment.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
         self.num_envs = checks.integer(num_envs, "num_envs", minimum=1)
-        threads = base.processors() if num_threads is None else checks.integer(num_threads, "num_threads", minimum=1)
+        threads = processors() if num_threads is None else checks.integer(num_threads, "num_threads", minimum=1)
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
         if settings.get("render_mode") == "human":
-            raise ValueError("render_mode 'human' shows one environment; give 'rgb_array' or 'depth_array'")
-        # Gymnasium's `make` takes -1 as no limit.
+            raise ValueError("render_mode 'human' shows one environment; use 'rgb_array' or 'depth_array'")
+        # Gymnasium's `make` accepts -1 for no limit.
         limit = None if max_episode_steps == -1 else max_episode_steps
-
-        self._template_env = self.env_class(max_episode_steps=limit, **settings)
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
-        self.render_mode = self._template_env.render_mode
-        self.metadata = {**self._template_env.metadata, "autoreset_mode": self._autoreset}
-        self.single_action_space = self._template_env.action_space
-        self.single_observation_space = self._template_env.observation_space
+        self._template_env = self.env_class(max_episode_steps=limit, **settings)
+        # The first reset compiles the model, which stays the same from then on.
+        self._template_env.reset()
+        self._copy_spaces()
+        self._make_batch(threads)
+        self._make_episodes()
+
+    def _copy_spaces(self) -> None:
+        """Takes spaces, metadata and render mode from the template."""
+        template = self._template_env
+        self.render_mode = template.render_mode
+        self.metadata = {**template.metadata, "autoreset_mode": self._autoreset}
+        self.single_action_space = template.action_space
+        self.single_observation_space = template.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
-        # Its first reset compiles the model, once and for all.
-        self._template_env.reset()
-        physics, task = self._template_env.environment.physics, self._template_env.environment.task
-        self._physics_steps = task.physics_steps_per_control_step
-        self._batch = Batch(physics.model.ptr, self.num_envs, threads, persistent=True)
-        self._fields: dict[str, NDArray] = {}
-        self._own_fields = {name: self._batch.expand(name) for name in self._randomized_fields()}
+    def _make_batch(self, threads: int) -> None:
+        """Builds the simulations, and the arrays over all of them."""
+        environment = self._template_env.environment
+        self._physics_steps = environment.task.physics_steps_per_control_step
+        self._batch = Batch(environment.physics.model.ptr, self.num_envs, threads, persistent=True)
+        self._data_fields: dict[str, NDArray] = {}
+        self._model_fields = {name: self._batch.expand(name) for name in self._randomized_fields()}
+        self._process = os.getpid()
+
+    def _make_episodes(self) -> None:
+        """Builds the state of the episodes; `reset` starts them."""
         self._streams = [random_state.Stream(None) for _ in range(self.num_envs)]
-        self._state: Any = rows.repeated(task.state, self.num_envs)
+        self._state: Any = batching.repeat(self._template_env.environment.task.state, self.num_envs)
         self._episode_steps = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
-        self._process = os.getpid()
+
+    def begin_run(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Resets what environments keep from one episode to the next; see `SuiteTask.begin_run`.
+
+        Args:
+          mask: environments `(n,)` that begin a run; all when omitted.
+        """
 
     def _randomized_fields(self) -> Sequence[str]:
-        """Fields of the model that a reset may change."""
+        """Names of the fields of the model that a reset may change."""
         return ()
 
     @abc.abstractmethod
     def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
-        """Writes the simulations' controls for actions `(n, ...)`; draws only for environments that are `stepping`."""
+        """Sets the simulations' controls for actions `(n, ...)`; draws random numbers only where `stepping`."""
 
     @abc.abstractmethod
     def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Brings the episodes' states up to date after a step; draws only where `stepping`.
+        """Updates the episodes' states after the simulations' step; draws random numbers only where `stepping`.
 
         Returns:
-          Rewards `(n,)` and terminations `(n,)`; what they hold elsewhere is not used.
+          Rewards `(n,)` and terminations `(n,)`, meaningful only where `stepping`.
         """
 
     @abc.abstractmethod
     def _get_obs(self) -> Any:
-        """The observations of all environments, in fresh arrays."""
+        """Returns the observations of all environments, in fresh arrays."""
 
     @abc.abstractmethod
     def _get_info(self) -> dict[str, NDArray]:
-        """The infos of all environments, in fresh arrays with a leading axis."""
+        """Returns the infos of all environments, in fresh arrays with a leading axis."""
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -125,7 +143,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seeds that they were last started with."""
+        """The seeds of the environments' random generators."""
         return tuple(stream.seed for stream in self._streams)
 
     def reset(
@@ -135,19 +153,19 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
         Args:
           seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
-          options: `{"reset_mask": mask}`, with a bool `(n,)`, starts only where the mask is True.
+          options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True.
 
         Raises:
           TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
-          ValueError: a seed is negative, there is not one for each environment, an option is unknown, or the mask has
-            the wrong shape or chooses nothing.
-          gymnasium.error.ResetNeeded: the mask leaves out environments that are of no episode.
+          ValueError: a seed is negative, the number of seeds is not that of environments, an option is unknown, or the
+            mask has the wrong shape or is False everywhere.
+          gymnasium.error.ResetNeeded: the mask omits environments that have no episode yet.
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """
         self._check_process()
         seeds, mask = vector_checks.seeds(seed, self.num_envs), vector_checks.reset_mask(options, self.num_envs)
         if self._needs_reset and not mask.all():
-            raise gymnasium.error.ResetNeeded("some environments are of no episode; call reset() for all of them first")
+            raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
         with self._all_or_nothing():
             for i in np.flatnonzero(mask):
                 if seeds[i] is not None:
@@ -159,92 +177,60 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def step(
         self, actions: ArrayLike
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Makes a control step in every environment, or starts an episode where the autoreset mode wants it.
+        """Makes a control step in every environment, or starts an episode, depending on the autoreset mode.
+
+        | mode       | environments whose episode ended in the last step | whose episode ends in this step           |
+        |------------|---------------------------------------------------|-------------------------------------------|
+        | `NextStep` | start the next one, reward 0                      | return its last observation               |
+        | `SameStep` | none                                              | start the next one; see `final_obs` and   |
+        |            |                                                   | `final_info` in the infos for the last    |
+        | `Disabled` | raise ResetNeeded                                 | return its last observation               |
 
         Args:
-          actions: `(n, ...)`; those of environments that start an episode must be legal, too, but are not used.
+          actions: `(n, ...)`; those of environments that start an episode must be valid, but are not used.
 
         Returns:
           Observations, rewards `(n,)`, terminations `(n,)`, truncations `(n,)` and infos.
 
         Raises:
-          gymnasium.error.ResetNeeded: before the first reset, after a step that was interrupted, or where an episode
-            has ended and nothing is to reset it.
+          gymnasium.error.ResetNeeded: before the first reset, after a step that was interrupted, or, with `Disabled`,
+            while the episode of an environment has ended.
           gymnasium.error.ClosedEnvironmentError: after `close`.
           TypeError: the actions do not hold real numbers.
-          ValueError: they have the wrong shape, or hold NaN or inf; nothing has changed then.
+          ValueError: the actions have the wrong shape, or hold NaN or inf; nothing has changed then.
         """
         self._check_process()
         self._check_episodes()
         actions = vector_checks.actions(actions, self.action_space)
-        starting = self._ended if self._autoreset == AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
-        stepping = ~starting
         with self._all_or_nothing():
-            rewards, terminations, diverged = self._make_step(actions, stepping)
-            truncations = (self._episode_steps >= self._step_limit) & stepping
-            self._start(starting | diverged)
-            infos = {"physics_error": diverged, "_physics_error": diverged.copy()} if diverged.any() else {}
+            restarting = self._restarting()
+            rewards, terminations, diverged = self._make_step(actions, ~restarting)
+            truncations = (self._episode_steps >= self._step_limit) & ~restarting
             self._ended = terminations | truncations
-            if self._autoreset == AutoresetMode.SAME_STEP and self._ended.any():
-                infos |= self._final(self._ended)
-                self._start(self._ended & ~diverged)
-            infos |= batching.complete(self._get_info(), self.num_envs)
+            self._start(restarting | diverged)
+            infos = batching.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
+            infos |= self._restart_in_same_step(diverged)
+            infos |= batching.with_masks(self._get_info(), np.full(self.num_envs, True))
             return self._get_obs(), rewards, terminations, truncations, infos
 
-    def render(self) -> tuple[NDArray, ...] | None:
-        """Gives a picture of every environment; see `render_some`."""
-        if self.render_mode is None:
-            gymnasium.logger.warn("render() was called without a render_mode; give one to the constructor")
-            return None
-        return self.render_some(range(self.num_envs))
+    def _restarting(self) -> NDArray[np.bool_]:
+        """Environments `(n,)` that start an episode instead of a control step: with `NextStep`, where one has ended."""
+        return self._ended if self._autoreset == AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
 
-    def render_some(self, indices: Iterable[int]) -> tuple[NDArray, ...]:
-        """Gives pictures `(height, width, 3)` uint8, or depth `(height, width)` float32, of chosen environments.
+    def _restart_in_same_step(self, diverged: NDArray[np.bool_]) -> dict[str, Any]:
+        """With `SameStep`, starts an episode where one has ended, unless the divergence of a simulation has started it.
 
-        Raises:
-          IndexError: there is no such environment.
-          ValueError: there is no `render_mode`.
-          gymnasium.error.ResetNeeded: there is no episode to look at.
+        Returns:
+          Infos with the last observation and the last info of each episode that has ended.
         """
-        self._check_process()
-        if self.render_mode is None:
-            raise ValueError("there are no pictures without a render_mode; give one to the constructor")
-        if self._needs_reset:
-            raise gymnasium.error.ResetNeeded("call reset() first: there is no episode to look at")
-        return tuple(self._picture(range(self.num_envs)[i]) for i in indices)
-
-    def close_extras(self, **kwargs: Any) -> None:
-        self._template_env.close()
-        # With the last reference to the batch its threads end.
-        del self._batch, self._fields, self._own_fields
-
-    def _field(self, name: str) -> NDArray[np.float64]:
-        """A field `(n, ...)` of MuJoCo's data over all simulations, live."""
-        if name not in self._fields:
-            self._fields[name] = self._batch.bind(name)
-        return self._fields[name]
-
-    def _read(self, name: str, columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Columns `(n, k)` of a field of MuJoCo's data over all simulations; a copy."""
-        return self._field(name).take(columns, axis=1)
-
-    @contextlib.contextmanager
-    def _all_or_nothing(self) -> Iterator[None]:
-        """An interrupt or an error inside must not leave physics and tasks at different times: it calls for a reset."""
-        self._needs_reset = True
-        yield
-        self._needs_reset = False
-
-    def _check_process(self) -> None:
-        if self.closed:
-            raise gymnasium.error.ClosedEnvironmentError("the environments are closed")
-        if os.getpid() != self._process:
-            raise RuntimeError(
-                "threads do not survive a fork: build the environments in the process that steps them, or start "
-                "processes with the method 'spawn'"
-            )
+        if self._autoreset != AutoresetMode.SAME_STEP or not self._ended.any():
+            return {}
+        infos = self._final_infos(self._ended)
+        self._start(self._ended & ~diverged)
+        return infos
 
     def _check_episodes(self) -> None:
+        """Checks that every environment has an episode; with `Disabled`, also that none has ended."""
         if self._needs_reset:
             raise gymnasium.error.ResetNeeded("call reset(): there is no episode yet, or its last step was interrupted")
         if self._autoreset == AutoresetMode.DISABLED and self._ended.any():
@@ -265,38 +251,93 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask is True."""
-        (chosen,) = mask.nonzero()
-        if not chosen.size:
+        (indices,) = mask.nonzero()
+        if not indices.size:
             return
         environment = self._template_env.environment
-        self._batch.reset(chosen, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        for i in chosen.tolist():
+        for i in indices.tolist():
             environment.random_state = self._streams[i].random_state
             environment.start_episode()
             mujoco.mj_getState(model, data, self._batch.state[i], PHYSICS_STATE)
-            for name, own in self._own_fields.items():
-                own[i] = getattr(model, name)
-            rows.put(self._state, i, environment.task.state)
+            for name, values in self._model_fields.items():
+                values[i] = getattr(model, name)
+            batching.put(self._state, i, environment.task.state)
         self._episode_steps[mask] = 0
 
-    def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
-        """What the infos say of episodes that end and are followed by the next in the same step."""
+    def _final_infos(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
+        """Returns the last observations and infos of episodes that end, as Gymnasium lays them out."""
         observations, last = self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
             last[i] = batching.row(observations, i)
         info = batching.masked(self._get_info(), ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
-    def _picture(self, i: int) -> NDArray:
+    def render(self) -> tuple[NDArray, ...] | None:
+        """Returns an image of every environment; see `render_some`."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() was called without a render_mode; pass one to the constructor")
+            return None
+        return self.render_some(range(self.num_envs))
+
+    def render_some(self, indices: Iterable[int]) -> tuple[NDArray, ...]:
+        """Returns images `(height, width, 3)` uint8, or depth `(height, width)` float32, of some environments.
+
+        Raises:
+          IndexError: there is no such environment.
+          ValueError: there is no `render_mode`.
+          gymnasium.error.ResetNeeded: there is no episode to render.
+        """
+        self._check_process()
+        if self.render_mode is None:
+            raise ValueError("there are no pictures without a render_mode; pass one to the constructor")
+        if self._needs_reset:
+            raise gymnasium.error.ResetNeeded("call reset() first: there is no episode to render")
+        return tuple(self._render_one(range(self.num_envs)[i]) for i in indices)
+
+    def _render_one(self, i: int) -> NDArray:
+        """Renders environment `i` with the template, which holds its state until the next episode starts."""
         model, data = self._template_env.environment.physics.model.ptr, self._template_env.environment.physics.data.ptr
-        for name, own in self._own_fields.items():
-            getattr(model, name)[:] = own[i]
+        for name, values in self._model_fields.items():
+            getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self._batch.state[i], PHYSICS_STATE)
         mujoco.mj_forward(model, data)
         return cast(NDArray, self._template_env.render())
 
+    def close_extras(self, **kwargs: Any) -> None:
+        self._template_env.close()
+        # The batch's threads end with the last reference to it.
+        del self._batch, self._data_fields, self._model_fields
+
+    def _field(self, name: str) -> NDArray[np.float64]:
+        """A field `(n, ...)` of MuJoCo's data over all simulations; a live view."""
+        if name not in self._data_fields:
+            self._data_fields[name] = self._batch.bind(name)
+        return self._data_fields[name]
+
+    def _read(self, name: str, columns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Columns `(n, k)` of a field of MuJoCo's data over all simulations; a copy."""
+        return self._field(name).take(columns, axis=1)
+
+    @contextlib.contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """Requires a reset after an interrupt or error, which may leave physics and tasks at different steps."""
+        self._needs_reset = True
+        yield
+        self._needs_reset = False
+
+    def _check_process(self) -> None:
+        """Checks that the environments are open, and in the process in which their threads run."""
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("the environments are closed")
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "threads do not survive a fork: build the environments in the process that steps them, or start "
+                "processes with the method 'spawn'"
+            )
+
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,31 +1,39 @@
-"""Small things of vectorised environments: random streams, rows of observations, Gymnasium's layout of infos."""
+"""Nested arrays of many environments, and Gymnasium's layout of their infos."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import tree
 from numpy.typing import NDArray
 
 
+def repeat(state: Any, count: int) -> Any:
+    """Returns the state of one episode `count` times, along a new first axis of every array."""
+    return tree.map_structure(lambda array: np.repeat(np.asarray(array)[np.newaxis], count, axis=0), state)
+
+
+def put(states: Any, i: int, state: Any) -> None:
+    """Writes the state of one episode to row `i` of the states of many."""
+    for rows, array in zip(tree.flatten(states), tree.flatten(state), strict=True):
+        rows[i] = array
+
+
 def row(observations: Any, i: int) -> Any:
-    """A copy of one environment's observation."""
-    if isinstance(observations, dict):
-        return {key: row(part, i) for key, part in observations.items()}
-    return observations[i].copy()
+    """Returns a copy of the observation of environment `i`."""
+    return tree.map_structure(lambda array: array[i].copy(), observations)
 
 
-def complete(infos: Mapping[str, NDArray], count: int) -> dict[str, NDArray]:
-    """Infos of `count` environments as Gymnasium lays them out: a mask beside each, here True everywhere."""
+def with_masks(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
+    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out."""
     laid_out = {}
-    for (name, array), mask in zip(infos.items(), np.ones((len(infos), count), bool), strict=True):
-        laid_out[name], laid_out[f"_{name}"] = array, mask
+    for key, array in infos.items():
+        laid_out[key], laid_out[f"_{key}"] = array, mask.copy()
     return laid_out
 
 
 def masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Infos likewise of some environments: nothing where the mask is False."""
-    laid_out = complete(infos, mask.size)
-    for name, array in infos.items():
+    """Returns infos with masks, after setting the arrays to 0 or None where the mask `(n,)` is False."""
+    for array in infos.values():
         array[~mask] = None if array.dtype == object else 0
-        laid_out[f"_{name}"][:] = mask
-    return laid_out
+    return with_masks(infos, mask)

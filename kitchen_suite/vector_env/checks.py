@@ -1,4 +1,4 @@
-"""Refuses bad arguments of vectorised environments."""
+"""Checks of the arguments of vectorised environments."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,11 +11,11 @@ from kitchen_suite import checks
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
-    """Returns actions of all environments as a fresh float64 array, unrounded.
+    """Returns the actions of all environments as a fresh float64 array, unrounded.
 
     Raises:
-      TypeError: they do not hold real numbers.
-      ValueError: they have another shape than those of `space`, or hold NaN or inf.
+      TypeError: the actions do not hold real numbers.
+      ValueError: the actions have another shape than `space`, or hold NaN or inf.
     """
     array = checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
@@ -34,12 +34,13 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     """Returns the seed of each of `count` environments.
 
     Args:
-      value: seed of the first, the others count on; or one for each, `None` to go on with its stream.
-      count: how many environments there are.
+      value: seed of environment 0, to which environment `i` adds `i`; or a sequence of seeds, in which `None` continues
+        the environment's stream.
+      count: number of environments.
 
     Raises:
       TypeError: a seed is no integer.
-      ValueError: one is negative, or there is not one for each.
+      ValueError: a seed is negative, or the number of seeds is not `count`.
     """
     if value is None:
         return [None] * count
@@ -54,11 +55,11 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool_]:
-    """Returns which of `count` environments the options of a reset choose: all without any.
+    """Returns the mask `(count,)` of environments that a reset with these options starts; all without options.
 
     Raises:
       TypeError: the options are no dict, or the mask is no array of bools.
-      ValueError: an option is unknown; the mask has the wrong shape or chooses nothing.
+      ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
     """
     if options is not None and not isinstance(options, Mapping):
         raise TypeError(f"options must be a dict, got {options!r}")

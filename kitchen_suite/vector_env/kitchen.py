@@ -1,4 +1,4 @@
-"""Many kitchens at once, as one Gymnasium vector environment."""
+"""The vectorised kitchen: many kitchens stepped together as one Gymnasium vector environment."""
 
 from typing import Any
 
@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv, progress_arrays
+from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
-# VectorEnv once more: some libraries tell by the direct bases what they have to do with.
+# VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
 class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
-    """Many `FrankaKitchenEnv`s; takes its arguments beside those of `SuiteVectorEnv`."""
+    """A vector of `FrankaKitchenEnv`s. Accepts the arguments of `SuiteVectorEnv` and of `FrankaKitchenEnv`."""
 
     env_class = FrankaKitchenEnv
     _template_env: FrankaKitchenEnv
     _state: KitchenState
 
     def __init__(self, num_envs: int = 1, **settings: Any) -> None:
-        """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for the arguments and errors."""
+        """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for arguments and errors."""
         super().__init__(num_envs, **settings)
         task = self._template_env.environment.task
         self._mdp, self._indices = task.mdp, task.indices
@@ -55,32 +55,38 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     def _get_info(self) -> dict[str, NDArray]:
         return {
             **(self._names() if self._template_env.info_format == "lists" else {}),
-            **progress_arrays(self._state),
+            **self._mdp.info(self._state),
             "is_success": self._state.progress.all_completed,
             "episode_step": self._episode_steps.copy(),
         }
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
-        """See `FrankaKitchenEnv.compute_reward`, as for the other two; takes infos of `step`, too."""
+        """Returns rewards as `FrankaKitchenEnv.compute_reward` does.
+
+        Args:
+          achieved_goal: dict by task or flat, with any leading axes.
+          desired_goal: dict by task or flat, with the same leading axes.
+          info: one dict, a list of dicts for a batch, or, for goals `(n, ...)`, the infos of this environment's `step`.
+        """
         return self._template_env.compute_reward(achieved_goal, desired_goal, self._split_infos(info))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Whether steps terminate."""
+        """Returns terminations as `FrankaKitchenEnv.compute_terminated` does; arguments as of `compute_reward`."""
         return self._template_env.compute_terminated(achieved_goal, desired_goal, self._split_infos(info))
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Whether steps truncate, by the infos' `episode_step`."""
+        """Returns truncations as `FrankaKitchenEnv.compute_truncated` does; arguments as of `compute_reward`."""
         return self._template_env.compute_truncated(achieved_goal, desired_goal, self._split_infos(info))
 
     def _split_infos(self, info: Infos) -> Infos:
-        """Infos of `step` as a list of one for each environment; others as they are."""
+        """Splits infos of `step` into a list of one for each environment; returns other infos unchanged."""
         if not isinstance(info, dict) or f"_{TO_COMPLETE}_mask" not in info:
             return info
         arrays = {key: array for key, array in info.items() if not key.startswith("_")}
         return [{key: array[i] for key, array in arrays.items()} for i in range(self.num_envs)]
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
-        """The lists of names that the infos of the single environment have."""
+        """Returns the lists of task names `(n,)` that infos of the single environment have."""
         goals, progress = self._mdp.goals, self._state.progress
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],

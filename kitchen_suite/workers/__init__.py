@@ -1,1 +1,1 @@
-"""Worker processes on Ray: the only package with Ray."""
+"""Worker processes on Ray; the only package that imports Ray."""

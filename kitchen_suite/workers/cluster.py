@@ -1,6 +1,6 @@
-"""Where workers are: on a Ray that is started here for the time being, or on a cluster that is there already.
+"""Connects to Ray: started on this machine for the duration of a run, or an existing cluster.
 
-Needs the extra `ray`, which is imported only when it is used.
+Needs the extra `ray`, which is imported only when a run starts.
 """
 
 import contextlib
@@ -10,79 +10,96 @@ import os
 import signal
 import socket
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
-from kitchen_suite.workers.worker import ClusterError
+from kitchen_suite.workers.worker import ClusterError, RunnerFactory
 
-# Read when Ray is imported or started. That a worker died is told in a line; usage is not reported.
-_QUIET = {
+# Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
+_RAY_VARIABLES = {
     "RAY_DEDUP_LOGS_SKIP_REGEX": "A worker died or was killed|Raylet is terminated",
     "RAY_USAGE_STATS_ENABLED": "0",
 }
-_CLIENT = "ray://"
-_PATIENCE = 5.0  # How long an address may take to answer [s].
+_CLIENT_SCHEME = "ray://"
+_CONNECT_TIMEOUT = 5.0  # [s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Cluster:
-    """A number of workers, and where they are.
+class RaySettings:
+    """Number of Ray workers and the cluster that they run on.
 
     Attributes:
-      workers: how many.
-      address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its server for clients, `auto` for the cluster that
-        this machine belongs to; None starts Ray here.
+      workers: number of worker processes.
+      address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its client server, `auto` for the cluster that this
+        machine belongs to; None starts Ray on this machine.
     """
 
     workers: int
     address: str | None = None
 
-    def check(self) -> None:
-        """Sees to it that there is something to connect to.
+    @classmethod
+    def of(cls, workers: int | None, address: str | None) -> "RaySettings | None":
+        """Returns checked settings, or None without workers: this process then plays the episodes.
 
         Raises:
-          ImportError: Ray is missing.
+          ImportError: Ray is not installed.
           OSError: nothing answers at the address.
-          ValueError: it is no address.
+          ValueError: the address is malformed, or there is one without a number of workers.
+        """
+        if workers is None:
+            if address is not None:
+                raise ValueError("--ray_address needs --workers: the number of processes there")
+            return None
+        settings = cls(workers=workers, address=address)
+        settings.check()
+        return settings
+
+    def check(self) -> None:
+        """Checks that Ray is installed and that a server accepts connections at the address.
+
+        Raises:
+          ImportError: Ray is not installed.
+          OSError: nothing answers at the address.
+          ValueError: the address is malformed.
         """
         if importlib.util.find_spec("ray") is None:
             raise ImportError("workers need Ray: pip install 'kitchen-suite[ray]'")
         if self.address not in (None, "auto"):
-            _check_answers(self.address)
+            _check_reachable(self.address)
 
-    def play(
-        self, build: Callable[[], Any], episodes: Sequence[tuple[int, int]], *, capacity: int, num_threads: int
+    def run(
+        self, build: RunnerFactory, episodes: Sequence[tuple[int, int]], *, capacity: int, num_threads: int
     ) -> Generator[tuple[int, Any], None, None]:
-        """Has episodes played; gives their numbers and what came of them as they end. To be closed if left early.
+        """Runs episodes on the workers and yields (index, result) as each finishes. Close the generator to stop early.
 
         Args:
-          build: makes what plays, a `ray_pool.Player`, in a worker's process; can be pickled.
-          episodes: their numbers and seeds.
-          capacity: how many a worker is given at once.
-          num_threads: processors that a worker takes.
+          build: builds the episode runner in a worker process; must be picklable.
+          episodes: (index, seed) of each.
+          capacity: maximum number of episodes that a worker holds.
+          num_threads: processors that a worker uses.
 
         Raises:
-          ClusterError: see there.
-          Exception: what playing an episode raised.
+          ClusterError: Ray cannot be used, or workers cannot start or die repeatedly.
+          Exception: raised by an episode.
         """
         with self._connected(self.workers * num_threads):
             from kitchen_suite.workers.pool import Pool
 
             pool = Pool(build, workers=self.workers, capacity=capacity, num_threads=num_threads)
             with contextlib.closing(pool):
-                yield from pool.play(episodes)
+                yield from pool.run(episodes)
 
     @contextlib.contextmanager
     def _connected(self, num_cpus: int) -> Iterator[None]:
-        """Connects to Ray, unless the program has done so already; leaves it, or stops it, at the end."""
-        with _environment(_QUIET):
+        """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
+        with _environment_defaults(_RAY_VARIABLES):
             import ray
 
             if ray.is_initialized():
                 yield
                 return
             try:
-                with _sigterm_kept():
+                with _sigterm_handler_kept():
                     self._connect(num_cpus)
                 yield
             finally:
@@ -98,20 +115,20 @@ class Cluster:
             raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
 
 
-def _check_answers(address: str) -> None:
-    """Raises a ValueError if it is no address, an OSError if nothing answers: Ray itself would try for minutes."""
-    host, _, port = address.removeprefix(_CLIENT).rpartition(":")
+def _check_reachable(address: str) -> None:
+    """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
+    host, _, port = address.removeprefix(_CLIENT_SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        raise ValueError(f"{address!r} is no address of Ray: it must be HOST:PORT, {_CLIENT}HOST:PORT or auto")
+        raise ValueError(f"{address!r} is not a Ray address: it must be HOST:PORT, {_CLIENT_SCHEME}HOST:PORT or auto")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
+        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT).close()
     except OSError as error:
         raise OSError(f"no Ray answers at {address}: {error}") from error
 
 
 @contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Sets environment variables where they are not set."""
+def _environment_defaults(variables: dict[str, str]) -> Iterator[None]:
+    """Sets those of the environment variables that are unset, and unsets them at the end."""
     added = {name: value for name, value in variables.items() if name not in os.environ}
     os.environ.update(added)
     try:
@@ -122,8 +139,8 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _sigterm_kept() -> Iterator[None]:
-    """Keeps the handler of SIGTERM, which Ray replaces by one of its own."""
+def _sigterm_handler_kept() -> Iterator[None]:
+    """Restores the handler of SIGTERM, which Ray replaces when it is started."""
     handler = signal.getsignal(signal.SIGTERM)
     try:
         yield

@@ -1,128 +1,130 @@
-"""Workers on Ray that share a list of episodes; one that dies is replaced, and what it was playing is played again.
+"""A pool of Ray workers that share a queue of episodes.
 
-Each worker is an actor that holds a few episodes and gives one as soon as it has ended; it is then given another one.
-Which worker plays an episode makes no difference, so that it may be played again by any other.
+Each worker is an actor that holds a few episodes and returns one as soon as it has ended; it is then given another. An
+episode does not depend on the worker that runs it, so the episodes of a worker that dies are run again by others.
 """
 
 import collections
 import dataclasses
 import logging
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import ray
 
 from kitchen_suite.versions import installed_versions
-from kitchen_suite.workers.worker import ClusterError, Worker
+from kitchen_suite.workers.worker import ClusterError, RunnerFactory, Worker
 
-# How often in a row a worker and its successors may die without having finished an episode.
-_MOST_DEATHS = 3
+# Deaths in a row in one slot, without a finished episode, after which the pool fails.
+_MAX_DEATHS = 3
 
-
-class Player(Protocol):
-    """What plays in a worker."""
-
-    def play(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Takes on more episodes, by number and seed; plays until any of those that it has has ended, and gives it."""
+_LOG = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(eq=False)
-class _Place:
-    """A worker, or the next one after it died.
+class _WorkerSlot:
+    """A worker, replaced in the same slot if it dies.
 
     Attributes:
       actor: Ray's handle.
-      hand: seeds, by number, of the episodes that it has been given and that have not ended.
-      deaths: since an episode ended.
+      in_flight: seed by index of the episodes that the worker holds.
+      deaths: number of deaths since an episode ended.
+      busy: whether a call to the worker is pending.
     """
 
     actor: Any
-    hand: dict[int, int] = dataclasses.field(default_factory=dict)
+    in_flight: dict[int, int] = dataclasses.field(default_factory=dict)
     deaths: int = 0
+    busy: bool = False
 
 
 class Pool:
-    """A number of workers."""
+    """A fixed number of workers."""
 
-    def __init__(self, build: Callable[[], Player], *, workers: int, capacity: int, num_threads: int) -> None:
-        """Starts them.
+    def __init__(self, build: RunnerFactory, *, workers: int, capacity: int, num_threads: int) -> None:
+        """Starts the workers.
 
         Args:
-          build: makes what plays, in a worker's process; can be pickled.
-          workers: how many.
-          capacity: how many episodes one may hold.
-          num_threads: processors that one takes.
+          build: builds the episode runner in a worker process; must be picklable.
+          workers: number of workers.
+          capacity: maximum number of episodes that a worker holds.
+          num_threads: processors that a worker uses.
         """
-        self._pickled, self._versions = pickle.dumps(build), installed_versions()
+        self._start_arguments = pickle.dumps(build), installed_versions()
         self._capacity = capacity
         self._actor_class = ray.remote(Worker).options(num_cpus=num_threads)
-        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
-        # By what they were asked last: the places of all that have not answered.
-        self._asked: dict[Any, _Place] = {}
-        self._places = [_Place(self._actor_class.remote()) for _ in range(workers)]
-        for place in self._places:
-            self._ask_to_start(place)
+        self._queue: collections.deque[tuple[int, int]] = collections.deque()
+        self._pending_calls: dict[Any, _WorkerSlot] = {}
+        self._slots = [_WorkerSlot(self._actor_class.remote()) for _ in range(workers)]
+        for slot in self._slots:
+            self._start_worker(slot)
 
     def close(self) -> None:
-        """Ends all workers."""
-        for place in self._places:
-            ray.kill(place.actor)
+        """Kills all workers."""
+        for slot in self._slots:
+            ray.kill(slot.actor)
 
-    def play(self, episodes: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Any]]:
-        """Has episodes, of given numbers and seeds, played; gives each one's number and what came of it when it ended.
+    def run(self, episodes: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Any]]:
+        """Runs episodes, given as (index, seed), and yields (index, result) as each finishes.
 
         Raises:
-          ClusterError: workers cannot start, or die again and again.
-          Exception: what playing an episode raised.
+          ClusterError: workers cannot start, or die repeatedly.
+          Exception: raised by an episode.
         """
-        self._waiting.extend(episodes)
-        self._hand_out()
-        while self._waiting or any(place.hand for place in self._places):
-            (answer,), _ = ray.wait([*self._asked])
-            ended = self._take(answer)
-            self._hand_out()
+        self._queue.extend(episodes)
+        self._assign_episodes()
+        while self._queue or any(slot.in_flight for slot in self._slots):
+            (call,), _ = ray.wait([*self._pending_calls])
+            ended = self._receive(call)
+            self._assign_episodes()
             if ended:
                 yield ended
 
-    def _take(self, answer: Any) -> tuple[int, Any] | None:
-        """Takes an answer: an episode that ended, if any."""
-        place = self._asked.pop(answer)
+    def _receive(self, call: Any) -> tuple[int, Any] | None:
+        """Receives the result of a call: index and result of the episode that ended, if any."""
+        slot = self._pending_calls.pop(call)
+        slot.busy = False
         try:
-            ended = ray.get(answer)
+            ended = ray.get(call)
         except ray.exceptions.RayTaskError as error:
             raise error.cause from error
         except ray.exceptions.RayError as error:
-            self._replace(place, error)
+            self._replace_worker(slot, error)
             return None
         if ended:
-            del place.hand[ended[0]]
-            place.deaths = 0
+            index, _ = ended
+            del slot.in_flight[index]
+            slot.deaths = 0
         return ended
 
-    def _replace(self, place: _Place, error: Exception) -> None:
-        """Puts a new worker in the place of one that died, or that cannot be reached."""
-        place.deaths += 1
-        reason = " ".join(str(error).split())
-        if place.deaths == _MOST_DEATHS:
-            raise ClusterError(f"{_MOST_DEATHS} workers died in a row without finishing an episode: {reason}")
-        logging.getLogger(__name__).warning("a worker died; another one plays its %d episodes", len(place.hand))
-        ray.kill(place.actor)
-        self._waiting.extendleft(reversed(place.hand.items()))
-        place.hand.clear()
-        place.actor = self._actor_class.remote()
-        self._ask_to_start(place)
+    def _replace_worker(self, slot: _WorkerSlot, error: Exception) -> None:
+        """Starts a new worker instead of one that died or cannot be reached, and returns its episodes to the queue."""
+        slot.deaths += 1
+        if slot.deaths == _MAX_DEATHS:
+            reason = " ".join(str(error).split())
+            raise ClusterError(f"{_MAX_DEATHS} workers died in a row without finishing an episode: {reason}")
+        _LOG.warning("a worker died; its %d episodes are run again", len(slot.in_flight))
+        ray.kill(slot.actor)
+        self._queue.extendleft(reversed(slot.in_flight.items()))
+        slot.in_flight.clear()
+        slot.actor = self._actor_class.remote()
+        self._start_worker(slot)
 
-    def _ask_to_start(self, place: _Place) -> None:
-        self._asked[place.actor.start.remote(self._pickled, self._versions)] = place
+    def _start_worker(self, slot: _WorkerSlot) -> None:
+        self._add_call(slot, slot.actor.start.remote(*self._start_arguments))
 
-    def _hand_out(self) -> None:
-        """Lets all play on that have answered, with as many episodes as they may hold."""
-        busy = set(map(id, self._asked.values()))
-        for place in self._places:
-            if id(place) in busy:
+    def _add_call(self, slot: _WorkerSlot, call: Any) -> None:
+        self._pending_calls[call] = slot
+        slot.busy = True
+
+    def _assign_episodes(self) -> None:
+        """Lets every idle worker continue, with as many episodes as it may hold."""
+        for slot in self._slots:
+            if slot.busy:
                 continue
-            more = [self._waiting.popleft() for _ in range(min(self._capacity - len(place.hand), len(self._waiting)))]
-            place.hand.update(more)
-            if place.hand:
-                self._asked[place.actor.play.remote(more)] = place
+            count = min(self._capacity - len(slot.in_flight), len(self._queue))
+            more = [self._queue.popleft() for _ in range(count)]
+            slot.in_flight.update(more)
+            if slot.in_flight:
+                self._add_call(slot, slot.actor.run.remote(more))

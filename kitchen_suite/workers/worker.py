@@ -1,51 +1,66 @@
-"""What runs in the process of a worker on Ray."""
+"""The actor that runs in each worker process on Ray."""
 
 import pickle
 import platform
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
 from kitchen_suite.rendering import gl
+from kitchen_suite.versions import installed_versions
 
-# All else is imported late, with what is unpickled: dm_control must not be before it is settled that no GL library is
-# needed.
+# Nothing here imports dm_control: the runner's modules, which do, are imported by unpickling it, after `gl.prepare`.
 
 
 class ClusterError(Exception):
-    """Ray cannot be reached or used, or its workers do not get anywhere."""
+    """Ray cannot be reached or used, or its workers fail repeatedly."""
+
+
+class EpisodeRunner(Protocol):
+    """Runs episodes in a worker process, one or several at a time."""
+
+    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
+        """Runs until one of the pending episodes has ended, and returns its index and result.
+
+        Args:
+          more: (index, seed) of further episodes, which become pending first.
+        """
+
+
+RunnerFactory = Callable[[], EpisodeRunner]
 
 
 class Worker:
-    """An actor that plays what it is given."""
+    """A Ray actor that runs episodes."""
 
     def start(self, pickled: bytes, versions: Mapping[str, str]) -> None:
-        """Makes everything ready.
+        """Builds the episode runner.
 
         Args:
-          pickled: what makes a `ray_pool.Player`.
-          versions: of the packages that decide what an episode looks like; they must be the same here.
+          pickled: a `RunnerFactory`.
+          versions: package versions of the main process, which must be installed here, too.
 
         Raises:
-          ClusterError: they are not, or something else is wrong on this machine.
+          ClusterError: other versions are installed, or the runner cannot be built on this machine.
         """
         try:
             gl.prepare(rendering=False)
             _check_versions(versions)
-            self._player = pickle.loads(pickled)()
+            self._runner: EpisodeRunner = pickle.loads(pickled)()
         except (ImportError, OSError, TypeError, ValueError) as error:
             raise ClusterError(f"a worker on {platform.node()} cannot start: {error}") from error
 
-    def play(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Plays, see `ray_pool.Player`."""
-        return self._player.play(more)
+    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
+        """Runs the episode runner until an episode has ended; see `EpisodeRunner.run`."""
+        return self._runner.run(more)
 
 
-def _check_versions(wanted: Mapping[str, str]) -> None:
-    """Raises a ValueError that names the packages of which another version is installed here."""
-    from kitchen_suite.versions import installed_versions
-
-    present = installed_versions()
-    if differing := [
-        f"{name} {present[name]} in place of {wanted[name]}" for name in wanted if present[name] != wanted[name]
-    ]:
-        raise ValueError(f"it has {', '.join(differing)}, so that its episodes would be others")
+def _check_versions(expected: Mapping[str, str]) -> None:
+    """Raises a ValueError that lists the packages of which another version is installed here."""
+    installed = installed_versions()
+    differing = [
+        f"{name} {installed[name]} instead of {version}"
+        for name, version in expected.items()
+        if installed[name] != version
+    ]
+    if differing:
+        raise ValueError(f"it has {', '.join(differing)}, so its episodes would differ")

@@ -1,1 +1,1 @@
-"""The kitchen domain: complete a set of tasks."""
+"""The kitchen domain: complete a set of tasks in any order."""

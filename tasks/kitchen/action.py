@@ -1,10 +1,10 @@
-"""Joint velocities in, position targets out: the kitchen's action."""
+"""Maps the kitchen's action (nine joint velocities) to position targets."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Velocities the robot may be asked for [rad/s, m/s], and positions [rad, m]; the reference's own bounds, which differ
-# a little from the limits of the joints.
+# Bounds of commanded velocities [rad/s, m/s] and positions [rad, m]; as in the reference, where they differ a little
+# from the joint limits.
 VELOCITY_LIMIT = 10.0
 POSITION_LOW = np.array([-2.9, -1.8, -2.9, -3.1, -2.9, 0.0, -2.9, 0.0, 0.0])
 POSITION_HIGH = np.array([2.9, 1.8, 2.9, 0.0, 2.9, 3.8, 2.9, 0.04, 0.04])
@@ -17,16 +17,16 @@ def position_target(
     velocity_scale: float,
     timestep: float,
 ) -> NDArray[np.float64]:
-    """Where the joints should be at the end of a control step.
+    """Returns the joint positions to be reached at the end of a control step.
 
     Args:
-      positions: `(..., 9)`, where they are taken to be at its beginning [rad, m].
+      positions: `(..., 9)`, joint positions from which the velocities are integrated [rad, m].
       action: `(..., 9)`, clipped to [-1, 1].
       velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
       timestep: length of the control step [s].
 
     Returns:
-      `(..., 9)` targets for the position servos [rad, m].
+      `(..., 9)` targets of the position actuators [rad, m].
     """
     velocity = np.minimum(np.maximum(action, -1.0), 1.0) * velocity_scale
     if velocity_scale > VELOCITY_LIMIT:

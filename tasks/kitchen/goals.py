@@ -1,4 +1,4 @@
-"""The seven goals of the kitchen, and the mathematics of reaching them.
+"""The seven goals of the kitchen, distances from them, and the completion of tasks.
 
 The functions work on arrays of shape `(..., n)`: one environment has no leading axis, a batch has one or more.
 """
@@ -14,21 +14,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 
-# Distance below which a task counts as complete, over all joints of the task together [rad, m]; the reference's.
+# Distance below which a task counts as complete, over all joints of the task together [rad, m]; as in the reference.
 THRESHOLD = 0.3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Goal:
-    """What one task asks for.
+    """Goal of one task.
 
     Attributes:
-      description: what is to be done, in one line.
-      elements: where its values stand in the 21 object positions of the observation.
-      value: where they should be [rad, m; the kettle: m and a quaternion w, x, y, z].
+      description: the task in one line.
+      joints: names of the joints that the goal is set for.
+      elements: indices of these joints' positions among the 21 object positions of the observation.
+      value: goal positions [rad, m; the kettle: m and a quaternion w, x, y, z].
     """
 
     description: str
+    joints: tuple[str, ...]
     elements: tuple[int, ...]
     value: tuple[float, ...]
 
@@ -38,36 +40,43 @@ GOALS: Mapping[str, Goal] = MappingProxyType(
     {
         "bottom burner": Goal(
             description="turn the knob of the bottom left burner",
+            joints=("oven/knob_Joint_2", "oven/bottom_left_burner"),
             elements=(2, 3),
             value=(-0.88, -0.01),
         ),
         "top burner": Goal(
             description="turn the knob of the top left burner",
+            joints=("oven/knob_Joint_4", "oven/top_left_burner"),
             elements=(6, 7),
             value=(-0.92, -0.01),
         ),
         "light switch": Goal(
             description="turn the light switch on the hood",
+            joints=("hood/light_switch", "hood/light_joint"),
             elements=(8, 9),
             value=(-0.69, -0.05),
         ),
         "slide cabinet": Goal(
             description="slide the cabinet's door open to the right",
+            joints=("slide_cabinet/slide_cabinet",),
             elements=(10,),
             value=(0.37,),
         ),
         "hinge cabinet": Goal(
             description="open the right door of the hinge cabinet, the left one stays shut",
+            joints=("hinge_cabinet/left_hinge_cabinet", "hinge_cabinet/right_hinge_cabinet"),
             elements=(11, 12),
             value=(0.0, 1.45),
         ),
         "microwave": Goal(
             description="open the microwave's door",
+            joints=("microwave/microwave",),
             elements=(13,),
             value=(-0.75,),
         ),
         "kettle": Goal(
             description="move the kettle to the top left burner",
+            joints=("kettle/",),
             elements=(14, 15, 16, 17, 18, 19, 20),
             value=(-0.23, 0.75, 1.62, 0.99, 0.0, 0.0, -0.06),
         ),
@@ -76,12 +85,12 @@ GOALS: Mapping[str, Goal] = MappingProxyType(
 
 
 def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | NDArray) -> NDArray[np.float64]:
-    """Euclidean distance of each task's values from its goal.
+    """Returns the Euclidean distance of each task's values from its goal.
 
     Args:
-      achieved: `(..., k)`, the values of all tasks one after the other.
-      desired: `(..., k)`, the goals, likewise.
-      starts: `(n,)`, where each task's values begin.
+      achieved: `(..., k)`, values of all tasks, end to end.
+      desired: `(..., k)`, goals of all tasks, end to end.
+      starts: `(n,)`, index of each task's first value among the `k`.
 
     Returns:
       `(..., n)` distances [rad, m].
@@ -90,14 +99,14 @@ def goal_distances(achieved: NDArray, desired: NDArray, starts: Sequence[int] | 
 
 
 class Progress(NamedTuple):
-    """How far the tasks of an episode are after some control step.
+    """Completion of the tasks of an episode after a control step.
 
     Attributes:
       step: `(..., 1)`, number of control steps made.
       within: `(..., n)`, whether each task is within its threshold.
-      completions: `(..., n)`, whether each task was completed in this step; each that was pays a reward of 1.
+      completions: `(..., n)`, whether each task was completed in this step, which is rewarded with 1.
       remaining: `(..., n)`, whether each task is still to be completed.
-      completion_steps: `(..., n)`, control step at which each was first completed, -1 where it has not been.
+      completion_steps: `(..., n)`, control step at which each task was first completed, -1 if it has not been.
     """
 
     step: NDArray[np.int64]
@@ -108,18 +117,18 @@ class Progress(NamedTuple):
 
     @classmethod
     def initial(cls, shape: tuple[int, ...]) -> Self:
-        """Before the first step; `shape` is `(..., n)`."""
-        nothing = np.zeros(shape, bool)
+        """Returns the progress before the first step; `shape` is `(..., n)`."""
+        none = np.zeros(shape, bool)
         return cls(
             step=np.zeros((*shape[:-1], 1), np.int64),
-            within=nothing,
-            completions=nothing,
+            within=none,
+            completions=none,
             remaining=np.ones(shape, bool),
             completion_steps=np.full(shape, -1),
         )
 
     def update(self, within: NDArray[np.bool_], *, remove_task_when_completed: bool) -> Self:
-        """After one more step, at whose end the tasks are `within` their thresholds or not."""
+        """Returns the progress after one more step, with the tasks then `within` `(..., n)` their thresholds."""
         step = self.step + 1
         completions = within & self.remaining
         first = completions & (self.completion_steps < 0)
@@ -138,18 +147,18 @@ class Progress(NamedTuple):
 
     @property
     def all_completed(self) -> NDArray[np.bool_]:
-        """`(...)`, whether all tasks have been."""
+        """`(...)`, whether all tasks have been completed."""
         return np.minimum.reduce(self.completion_steps, axis=-1) > 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GoalSet:
-    """The tasks of an environment, with their goals laid end to end.
+    """The tasks of an environment, with their goals end to end.
 
     Attributes:
-      tasks: names in configured order, `n` of them.
-      elements: `(k,)`, where the tasks' values stand in the 21 object positions.
-      starts: `(n,)`, where each task's values begin among the `k`.
+      tasks: names of the `n` tasks in configured order.
+      elements: `(k,)`, indices of the tasks' values among the 21 object positions.
+      starts: `(n,)`, index of each task's first value among the `k`.
       desired: `(k,)`, the goals.
     """
 
@@ -164,10 +173,10 @@ class GoalSet:
 
         Args:
           tasks: names of tasks, spelt as in `GOALS`.
-          goals: goals that replace those of `GOALS`, by task.
+          goals: goals that override those of `GOALS`, by task.
 
         Raises:
-          TypeError: `tasks` is no sequence of strings, or a goal does not hold numbers.
+          TypeError: `tasks` is not a sequence of strings, or a goal does not hold numbers.
           ValueError: `tasks` is empty, repeats a task or names an unknown one; a goal is for a task that is not among
             them, has the wrong length, or is not finite.
         """
@@ -176,10 +185,10 @@ class GoalSet:
         )
         if goals is not None and not isinstance(goals, Mapping):
             raise TypeError(f"goals must map tasks to their goals, got {goals!r}")
-        replaced = {checks.choice(name, names, "goal of task"): goal for name, goal in (goals or {}).items()}
+        overrides = {checks.choice(name, names, "goal of task"): goal for name, goal in (goals or {}).items()}
         sizes = [len(GOALS[name].elements) for name in names]
         desired = [
-            checks.vector(replaced.get(name, GOALS[name].value), size, f"goal of {name!r}")
+            checks.vector(overrides.get(name, GOALS[name].value), size, f"goal of {name!r}")
             for name, size in zip(names, sizes, strict=True)
         ]
         return cls(
@@ -190,24 +199,24 @@ class GoalSet:
         )
 
     def names(self, mask: NDArray[np.bool_]) -> list[str]:
-        """Tasks that a mask `(n,)` chooses, in configured order."""
-        return [task for task, chosen in zip(self.tasks, mask.tolist(), strict=True) if chosen]
+        """Returns the tasks selected by a mask `(n,)`, in configured order."""
+        return [task for task, selected in zip(self.tasks, mask.tolist(), strict=True) if selected]
 
     def by_completion(self, steps: NDArray[np.int64]) -> dict[str, int]:
-        """The `completion_steps` `(n,)` of one episode by task, in order of completion."""
+        """Returns the `completion_steps` `(n,)` of one episode by task, in order of completion."""
         done = ((task, step) for task, step in zip(self.tasks, steps.tolist(), strict=True) if step > 0)
         return dict(sorted(done, key=lambda item: item[1]))
 
     def split(self, flat: NDArray) -> dict[str, NDArray]:
-        """Cuts goals laid end to end, `(..., k)`, into the tasks' own; the pieces are views."""
-        return {task: flat[..., place] for task, place in self._places.items()}
+        """Returns views of goals end to end, `(..., k)`, by task."""
+        return {task: flat[..., indices] for task, indices in self._slices.items()}
 
     @functools.cached_property
-    def _places(self) -> dict[str, slice]:
-        """Where the tasks' values stand among all, by task."""
+    def _slices(self) -> dict[str, slice]:
+        """Slice of each task's values among the `k`."""
         stops = [*self.starts[1:], self.elements.size]
-        return {task: slice(*place) for task, *place in zip(self.tasks, self.starts, stops, strict=True)}
+        return {task: slice(start, stop) for task, start, stop in zip(self.tasks, self.starts, stops, strict=True)}
 
     def distances(self, achieved: NDArray) -> NDArray[np.float64]:
-        """Distances `(..., n)` of the tasks' values `(..., k)` from their goals."""
+        """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals."""
         return goal_distances(achieved, self.desired, self.starts)

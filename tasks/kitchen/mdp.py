@@ -1,7 +1,7 @@
-"""The kitchen's rules: what an action commands, and what a control step adds to an episode.
+"""The kitchen's Markov decision process: action to actuator targets, and the state after a control step.
 
-Nothing here knows of physics or of time gone by: a task holds the state of one episode, a vectorised environment that
-of many, in arrays with one more axis, and both ask the same rules.
+The functions know neither physics nor time. A task keeps the state of one episode; a vectorised environment that of
+many, in arrays with one more axis. Both call the same MDP.
 """
 
 import dataclasses
@@ -20,15 +20,15 @@ FEEDBACKS = ("observed", "true", "target")
 
 
 class KitchenState(NamedTuple):
-    """What an episode remembers from one control step to the next.
+    """State of an episode after a control step.
 
     Attributes:
-      noise: `(..., 59)`, what is added to the present observation.
-      positions: `(..., 9)`, where the robot's joints are [rad, m].
-      target: `(..., 9)`, where they were last told to go [rad, m].
-      achieved: `(..., k)`, what the goals are about, end to end [rad, m, quaternion].
-      distances: `(..., n)`, from the goals of the tasks [rad, m].
-      progress: how far the tasks are.
+      noise: `(..., 59)`, noise of the present observation.
+      positions: `(..., 9)`, positions of the robot's joints, without noise [rad, m].
+      target: `(..., 9)`, last targets of its actuators [rad, m].
+      achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
+      distances: `(..., n)`, distance of each task from its goal [rad, m].
+      progress: completion of the tasks.
     """
 
     noise: NDArray[np.float64]
@@ -41,16 +41,16 @@ class KitchenState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class KitchenMDP:
-    """A kitchen task's settings, and the mathematics of an episode under them; see `KitchenTask` for what they mean.
+    """Settings of a kitchen task, and the mathematics of an episode under them; `KitchenTask` explains the settings.
 
     Attributes:
       goals: the tasks, with their goals.
-      noise_scale: `(59,)`, greatest noise of each number of the observation.
-      threshold: [rad, m].
-      velocity_scale: [rad/s, m/s].
+      noise_scale: `(59,)`, greatest noise of each element of the observation.
+      threshold: distance below which a task is complete [rad, m].
+      velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
       feedback: one of `FEEDBACKS`.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
-      remove_task_when_completed: whether a task pays once.
+      remove_task_when_completed: whether a task is rewarded only once.
     """
 
     goals: GoalSet
@@ -62,7 +62,7 @@ class KitchenMDP:
     remove_task_when_completed: bool
 
     def initial_state(self, positions: NDArray, achieved: NDArray, draw: NDArray | float = 0.0) -> KitchenState:
-        """The state before the first step; arguments as `advance`, without a draw there is no noise."""
+        """Returns the state before the first step; arguments as in `step`, no noise without a draw."""
         distances = self.goals.distances(achieved)
         return KitchenState(
             noise=self.noise_scale * draw,
@@ -74,7 +74,7 @@ class KitchenMDP:
         )
 
     def compute_control(self, state: KitchenState, action: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Targets `(..., 9)` of the robot's servos [rad, m] for an action `(..., 9)`."""
+        """Returns targets `(..., 9)` of the robot's actuators [rad, m] for an action `(..., 9)`."""
         return position_target(
             self._feedback_positions(state), action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP
         )
@@ -82,13 +82,13 @@ class KitchenMDP:
     def step(
         self, state: KitchenState, *, target: NDArray, positions: NDArray, achieved: NDArray, draw: NDArray
     ) -> KitchenState:
-        """The state after one more control step.
+        """Returns the state after one more control step.
 
         Args:
-          state: the one before it.
-          target: `(..., 9)`, what was commanded [rad, m].
-          positions: `(..., 9)`, where that left the robot's joints [rad, m].
-          achieved: `(..., k)`, and what the goals are about [rad, m].
+          state: the state before it.
+          target: `(..., 9)`, targets of the actuators during it [rad, m].
+          positions: `(..., 9)`, positions of the robot's joints after it [rad, m].
+          achieved: `(..., k)`, achieved goals after it [rad, m, quaternion].
           draw: `(..., 59)`, from U(-1, 1), for the noise of the observation.
         """
         distances = self.goals.distances(achieved)
@@ -98,20 +98,31 @@ class KitchenMDP:
         return KitchenState(self.noise_scale * draw, positions, target, achieved, distances, progress)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Whether `(...)` the episode ends."""
+        """Whether `(...)` the episode terminates."""
         return state.progress.all_completed & self.terminate_on_tasks_completed
 
+    def info(self, state: KitchenState) -> dict[str, NDArray]:
+        """Returns the part of the infos that reports on the tasks: fresh arrays `(..., n)` in configured order."""
+        progress = state.progress
+        return {
+            "tasks_to_complete_mask": progress.remaining.copy(),
+            "step_task_completions_mask": progress.completions.copy(),
+            "episode_task_completions_mask": progress.completed,
+            "completion_steps": progress.completion_steps.copy(),
+            "task_distances": state.distances.copy(),
+        }
+
     def _feedback_positions(self, state: KitchenState) -> NDArray[np.float64]:
-        """What the velocities of the next action are integrated from."""
+        """Positions `(..., 9)` from which the velocities of the next action are integrated [rad, m]."""
         if self.feedback == "target":
             return state.target
         if self.feedback == "true":
             return state.positions
-        return state.positions + state.noise[..., noise.PARTS[0]]
+        return state.positions + state.noise[..., noise.SLICES[0]]
 
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
-    """A state as nested dicts of fresh arrays."""
+    """Returns a state as nested dicts of fresh arrays."""
     progress = {name: array.copy() for name, array in state.progress._asdict().items()}
     arrays = {name: np.array(array) for name, array in state._asdict().items() if name != "progress"}
     return {**arrays, "progress": progress}

@@ -1,31 +1,31 @@
-"""The kitchen's observation noise: `(ratio * amplitude) * U(-1, 1)`, one draw of 59 numbers for a control step."""
+"""Observation noise of the kitchen: `(ratio * amplitude) * U(-1, 1)`, one draw of 59 numbers per control step."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-# [rad, m, rad/s, m/s]. The reference takes them from a table written for another scene, hence the lack of a pattern.
+# Amplitudes [rad, m, rad/s, m/s]. The reference takes them from a table for another scene, hence the lack of a pattern.
 _ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
 _OBJECT_POSITIONS = [0.1, *[0.005] * 2, *[0.0005] * 6, *[0.005] * 3, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
 _OBJECT_VELOCITIES = [*[0.005] * 11, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
 
 AMPLITUDES = np.array([*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES, *_OBJECT_POSITIONS, *_OBJECT_VELOCITIES])
 
-# Robot positions, robot velocities, object positions, object velocities.
-PARTS = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
+# Slices of the observation: robot positions, robot velocities, object positions, object velocities.
+SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
 
 
 def scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
-    """Greatest noise of each of the 59 elements of the observation, in its unit."""
+    """Returns the greatest noise of each of the 59 elements of the observation, in its unit."""
     ratios = np.full(AMPLITUDES.size, object_ratio)
-    ratios[: PARTS[1].stop] = robot_ratio
+    ratios[: SLICES[1].stop] = robot_ratio
     return ratios * AMPLITUDES
 
 
 class AddNoise:
-    """A corruptor that adds whatever an array holds at the time."""
+    """A corruptor that adds the present values of an array."""
 
     def __init__(self, noise: NDArray[np.float64]) -> None:
-        """Keeps `noise`, an array that its owner rewrites at every control step."""
+        """Keeps a reference to `noise`, which the task overwrites at every control step."""
         self._noise = noise
 
     def __call__(self, observation: NDArray, random_state: np.random.RandomState | None = None) -> NDArray:

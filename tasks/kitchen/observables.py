@@ -1,4 +1,4 @@
-"""The kitchen's observations as composer observables: 59 noisy numbers in four parts, then the goals."""
+"""The kitchen's observation as composer observables: 59 noisy numbers in four parts, then the goals."""
 
 import collections
 import functools
@@ -9,25 +9,27 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import KitchenScene
-from kitchen_suite.entities.joint_observables import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.goals import GOALS, GoalSet
 
 
 class KitchenObservables:
-    """What is seen in the kitchen; all of it enabled.
+    """The enabled observables of the kitchen.
 
     - `franka/joint_positions` `(9,)` [rad, m] and `franka/joint_velocities` `(9,)` [rad/s, m/s]: the robot's own
       observables; noise by `robot_noise_ratio`.
     - `object_positions` `(21,)` [rad, m, quaternion] and `object_velocities` `(20,)` [rad/s, m/s]: qpos and qvel of the
-      things' joints; noise by `object_noise_ratio`.
-    - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present values of what a task's goal
-      is about, from qpos, and its goal, from the configuration; no noise.
+      objects' joints; noise by `object_noise_ratio`.
+    - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
+      a task's goal is set for, from qpos, and the goal; no noise.
+
+    The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
 
     Attributes:
-      by_name: the observables by public key. The robot's own are among them: composer adds the entities' later, and a
-        key keeps its first place.
-      noise: `(59,)`, what is added to the present observation; the task writes it.
+      by_name: the observables by observation key. The robot's own are included to be first in order: composer adds
+        those of the entities after them.
+      noise: `(59,)`, noise of the present observation.
     """
 
     def __init__(self, scene: KitchenScene, goals: GoalSet) -> None:
@@ -40,8 +42,8 @@ class KitchenObservables:
             "object_positions": JointPositions(lambda: scene.object_joints),
             "object_velocities": JointVelocities(lambda: scene.object_joints),
         }
-        for shown, part in zip(state.values(), noise.PARTS, strict=True):
-            shown.corruptor = noise.AddNoise(self.noise[part])
+        for part, indices in zip(state.values(), noise.SLICES, strict=True):
+            part.corruptor = noise.AddNoise(self.noise[indices])
         achieved = {
             f"achieved_goal/{task}": JointPositions(lambda: scene.object_joints, GOALS[task].elements)
             for task in goals.tasks
@@ -53,8 +55,8 @@ class KitchenObservables:
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             {**state, **achieved, **desired}
         )
-        for shown in self.by_name.values():
-            shown.enabled = True
+        for part in self.by_name.values():
+            part.enabled = True
 
 
 def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:

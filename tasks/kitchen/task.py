@@ -1,4 +1,4 @@
-"""The kitchen's multitask goal: bring some of seven things to where they should be."""
+"""The task of the kitchen domain: bring the objects of some of seven tasks to their goals."""
 
 import collections
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import KitchenArena, KitchenScene
-from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.tasks.base import Metrics, SuiteTask
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD, GoalSet, Progress
 from kitchen_suite.tasks.kitchen.highlighting import GoalHighlighting
@@ -30,16 +30,19 @@ from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
 
+# Greatest rounding error of a recorded observation beside its noise [rad, m].
+_ROUNDING = 1e-6
+
 
 class KitchenTask(SuiteTask):
     """Complete a set of tasks in the kitchen.
 
     Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
-      same but for the observation noise.
-    Reward: of each step, the number of tasks within their threshold after it, among those still to be completed.
-    End: discount 0 once every task has been completed at some step (unless told otherwise); at the time limit
-      discount 1.
-    Observations: noisy joint positions and velocities of robot and things, 59 numbers; goals without noise.
+      same except for the observation noise.
+    Reward: at each step, the number of tasks within their threshold after it, among those still to be completed.
+    End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
+      the time limit.
+    Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
     """
 
@@ -60,17 +63,18 @@ class KitchenTask(SuiteTask):
         """Sets the task up in a kitchen.
 
         Args:
-          scene: the furnished kitchen; one scene serves one task.
-          tasks_to_complete: names of the tasks, spelt as in `goals.GOALS`; the order is kept wherever they are listed.
+          scene: the furnished kitchen; each task needs a scene of its own.
+          tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
-          remove_task_when_completed: whether a task pays once (`True`), or in every step within its threshold.
-          object_noise_ratio: scale of the noise on what is seen of the things; 0 for none.
-          robot_noise_ratio: scale of the noise on what is seen of the robot; 0 for none.
+          remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
+          object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
+          robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
           velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
-          goals: goals that replace the usual ones, by task.
+          goals: goals that override the default ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
-          feedback: what the action's velocities are integrated from: the positions last `observed`, noise included
-            (as the reference does); the `true` positions; or the last `target`, so that zero action holds still.
+          feedback: positions from which the action's velocities are integrated: the positions last `observed`, with
+            their noise (as in the reference); the `true` positions; or the last `target`, with which the robot stands
+            still under zero actions.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -100,7 +104,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def scene(self) -> KitchenScene:
-        """Where the task takes place."""
+        """Arena, robot and props."""
         return self._scene
 
     @property
@@ -109,17 +113,15 @@ class KitchenTask(SuiteTask):
 
     @property
     def mdp(self) -> KitchenMDP:
-        """The task's settings, and the mathematics of an episode under them."""
         return self._mdp
 
     @property
     def indices(self) -> KitchenIndices:
-        """Where things stand in the arrays of the compiled model."""
+        """Indices of robot, objects and goals in the compiled model."""
         return self._indices
 
     @property
     def state(self) -> KitchenState:
-        """What the episode remembers; arrays without leading axes, not to be written to."""
         return self._state
 
     @property
@@ -134,7 +136,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def progress(self) -> Progress:
-        """How far the tasks are; arrays of shape `(n,)`, in configured order."""
+        """Completion of the tasks; arrays of shape `(n,)`, in configured order."""
         return self._state.progress
 
     @property
@@ -149,7 +151,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def step_task_completions(self) -> list[str]:
-        """Tasks that paid in the last step, in configured order."""
+        """Tasks rewarded in the last step, in configured order."""
         return self._mdp.goals.names(self.progress.completions)
 
     @property
@@ -163,9 +165,38 @@ class KitchenTask(SuiteTask):
         return self._mdp.goals.by_completion(self.progress.completion_steps)
 
     @property
-    def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
-        steps = self.completion_steps
+    def observation_size(self) -> int:
+        return self._mdp.noise_scale.size + 2 * self._mdp.goals.desired.size
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether all tasks were completed, and the control step of each completion."""
+        steps = self._mdp.goals.by_completion(infos["completion_steps"])
         return {"success": len(steps) == len(self._mdp.goals.tasks), "tasks_completed": steps}
+
+    def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
+        present = self._indices.observed(physics.data.qpos, physics.data.qvel)
+        return bool((np.abs(observation - present) <= self._mdp.noise_scale + _ROUNDING).all())
+
+    def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
+        self._indices.write(physics, observation)
+        positions, achieved = self._positions(physics)
+        distances = self._mdp.goals.distances(achieved)
+        self._set_state(
+            self._state._replace(positions=positions, target=positions, achieved=achieved, distances=distances)
+        )
+
+    def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
+        robot, changed = noise.SLICES[0], self._state.noise.copy()
+        changed[robot] = observation[robot] - self._state.positions
+        self._set_state(self._state._replace(noise=changed))
+
+    def completions(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]]:
+        key, goals = "observation/achieved_goal", self._mdp.goals
+        if key in arrays:
+            achieved = arrays[key]
+        else:
+            achieved = np.concatenate([arrays[f"{key}/{task}"] for task in goals.tasks], axis=1)
+        return goals.tasks, goals.distances(achieved) < self._mdp.threshold
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
@@ -178,18 +209,18 @@ class KitchenTask(SuiteTask):
         self._random = random_state
         self._indices = KitchenIndices(self._scene, self._mdp.goals, physics)
         self._highlighting = GoalHighlighting(physics, self._mdp.goals.tasks, self._scene.object_joints)
-        self._show(self._mdp.initial_state(*self._positions(physics)))
+        self._set_state(self._mdp.initial_state(*self._positions(physics)))
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        layout, data = self._indices, physics.data
-        data.qpos[layout.robot_qpos] = INITIAL_QPOS[: layout.robot_qpos.size]
-        data.qpos[layout.object_qpos] = INITIAL_QPOS[layout.robot_qpos.size :]
+        indices, data = self._indices, physics.data
+        data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
+        data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
-        self._show(self._mdp.initial_state(*self._positions(physics), self._draw(random_state)))
+        self._set_state(self._mdp.initial_state(*self._positions(physics), self._draw(random_state)))
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
-        """Sets the servos' targets for the whole control step.
+        """Sets the actuators' targets for the whole control step.
 
         Raises:
           TypeError: the action does not hold real numbers.
@@ -203,7 +234,8 @@ class KitchenTask(SuiteTask):
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         positions, achieved = self._positions(physics)
         draw = self._draw(random_state)
-        self._show(self._mdp.step(self._state, target=self._target, positions=positions, achieved=achieved, draw=draw))
+        state = self._mdp.step(self._state, target=self._target, positions=positions, achieved=achieved, draw=draw)
+        self._set_state(state)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
@@ -220,24 +252,24 @@ class KitchenTask(SuiteTask):
     def set_state(self, state: Mapping[str, Any]) -> None:
         state, goals = checks.matching(state, self.get_state(), "task state"), self._mdp.goals
         if not np.array_equal(state["desired"], goals.desired):
-            raise ValueError(f"the state is of other goals, {state['desired']}, than {goals.desired}")
+            raise ValueError(f"the state has other goals, {state['desired']}, than the task, {goals.desired}")
         arrays = {name: state[name] for name in KitchenState._fields}
-        self._show(KitchenState(**{**arrays, "progress": Progress(**state["progress"])}))
+        self._set_state(KitchenState(**{**arrays, "progress": Progress(**state["progress"])}))
 
-    def _show(self, state: KitchenState) -> None:
-        """Takes up a state; things show it by their noise and colour."""
+    def _set_state(self, state: KitchenState) -> None:
+        """Stores a state, and updates observation noise and colours."""
         self._state = state
         self._terminates = bool(self._mdp.terminates(state))
         self._observables.noise[:] = state.noise
         if self._visualize_reward:
-            self._highlighting.paint(state.progress.within)
+            self._highlighting.update(state.progress.within)
 
     def _draw(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
-        """Draws for the noise of one control step."""
+        """Returns draws `(59,)` from U(-1, 1) for the noise of one control step."""
         self._random = random_state
         return random_state.uniform(-1.0, 1.0, self._mdp.noise_scale.size)
 
     def _positions(self, physics: mjcf.Physics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the robot's joints are, and what the goals are about; copies."""
+        """Returns copies of the robot's joint positions `(9,)` and of the achieved goals `(k,)`."""
         qpos = physics.data.qpos
         return qpos[self._indices.robot_qpos], qpos[self._indices.goal_qpos]

@@ -1,4 +1,4 @@
-"""What there is to know about a gripper and a drawer at one moment; all that observation and reward are made of."""
+"""Physics features of robot, handle and drawer, from which observation and reward are computed."""
 
 import functools
 from collections.abc import Mapping
@@ -8,10 +8,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Distance up to which the drawer counts as opened by its handle [m].
+# Greatest distance between gripper and handle at which the drawer counts as held open [m].
 _HOLD_DISTANCE = 0.03
 
-# Where each part stands among the numbers of a features; a part with an index in place of a slice has no axis.
+# Index of each part in `Features.values`; a part with an integer instead of a slice has no axis.
 FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
     {
         "joint_positions": slice(0, 9),
@@ -26,60 +26,61 @@ FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
         "drawer_velocity": 35,
     }
 )
+FEATURES_SIZE = 36
 
 
 def scalars(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns `values (...)`; without any axis as a scalar, with which numpy computes several times as fast."""
+    """Returns values `(...)`; a 0-d array becomes a scalar, with which numpy computes several times as fast."""
     return values[()]
 
 
 class Features:
-    """Positions and velocities after a control step, in the world's frame; the parts are views of one array.
+    """Positions and velocities after a control step, in the world frame; the parts are views of one array.
 
     Attributes:
-      values: `(..., 36)`, all parts end to end.
+      values: `(..., 36)`, all parts end to end, in the order of `FEATURE_INDICES`.
     """
 
     def __init__(self, values: NDArray[np.float64]) -> None:
-        """Gives names to the parts of `values`."""
+        """Wraps `values`, without a copy."""
         self.values = values
 
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:
-        """Makes a snapshot of all its parts, by name."""
+        """Returns the features with the given parts, all of them by name."""
         arrays = [np.asarray(parts[name], np.float64) for name in FEATURE_INDICES]
-        axes = [isinstance(place, slice) for place in FEATURE_INDICES.values()]
-        columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, axes, strict=True)]
+        has_axis = [isinstance(index, slice) for index in FEATURE_INDICES.values()]
+        columns = [array if axis else array[..., np.newaxis] for array, axis in zip(arrays, has_axis, strict=True)]
         return cls(np.concatenate(columns, axis=-1))
 
     @property
     def joint_positions(self) -> NDArray[np.float64]:
-        """`(..., 9)`: the arm's seven joints [rad], left and right finger [m]."""
+        """`(..., 9)`: positions of the arm's seven joints [rad], left and right finger [m]."""
         return self.values[..., FEATURE_INDICES["joint_positions"]]
 
     @property
     def joint_velocities(self) -> NDArray[np.float64]:
-        """`(..., 9)`: likewise [rad/s, m/s]."""
+        """`(..., 9)`: velocities of the arm's seven joints [rad/s], left and right finger [m/s]."""
         return self.values[..., FEATURE_INDICES["joint_velocities"]]
 
     @property
     def tcp_position(self) -> NDArray[np.float64]:
-        """`(..., 3)`: the point between the finger tips [m]."""
+        """`(..., 3)`: tool centre point, the point between the finger tips [m]."""
         return self.values[..., FEATURE_INDICES["tcp_position"]]
 
     @property
     def tcp_quaternion(self) -> NDArray[np.float64]:
-        """`(..., 4)`: w, x, y, z; z is the direction of approach, y points to the left finger."""
+        """`(..., 4)`: gripper orientation w, x, y, z; z is the direction of approach, y points to the left finger."""
         return self.values[..., FEATURE_INDICES["tcp_quaternion"]]
 
     @property
     def handle_position(self) -> NDArray[np.float64]:
-        """`(..., 3)`: middle of the drawer's bar [m]."""
+        """`(..., 3)`: centre of the handle's bar [m]."""
         return self.values[..., FEATURE_INDICES["handle_position"]]
 
     @property
     def handle_quaternion(self) -> NDArray[np.float64]:
-        """`(..., 4)`: w, x, y, z; equal to the gripper's when it holds the bar from the front."""
+        """`(..., 4)`: handle orientation w, x, y, z; equal to the gripper's when it holds the bar from the front."""
         return self.values[..., FEATURE_INDICES["handle_quaternion"]]
 
     @property
@@ -94,34 +95,34 @@ class Features:
 
     @property
     def drawer_position(self) -> NDArray[np.float64]:
-        """`(...)`: 0 when closed, positive when open [m]."""
+        """`(...)`: opening of the drawer, 0 when closed [m]."""
         return scalars(self.values[..., FEATURE_INDICES["drawer_position"]])
 
     @property
     def drawer_velocity(self) -> NDArray[np.float64]:
-        """`(...)`: positive when opening [m/s]."""
+        """`(...)`: velocity of the drawer, positive when opening [m/s]."""
         return scalars(self.values[..., FEATURE_INDICES["drawer_velocity"]])
 
     @functools.cached_property
     def handle_offset(self) -> NDArray[np.float64]:
-        """`(..., 3)`: from the point between the finger tips to the handle, along the world's axes [m]."""
+        """`(..., 3)`: vector from the point between the finger tips to the handle, in the world frame [m]."""
         return self.handle_position - self.tcp_position
 
     @functools.cached_property
     def handle_distance(self) -> NDArray[np.float64]:
-        """`(...)`: how long that is [m]."""
+        """`(...)`: length of `handle_offset` [m]."""
         return np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
 
     @functools.cached_property
     def quaternion_product(self) -> NDArray[np.float64]:
-        """`(...)`: inner product of the two quaternions, plus or minus the cosine of half the angle between them."""
+        """`(...)`: inner product of the two orientations, plus or minus the cosine of half the angle between them."""
         return np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
 
     @functools.cached_property
     def is_held_open(self) -> NDArray[np.bool_]:
-        """`(...)`: whether the drawer is open at all, and the gripper within 0.03 m of its handle."""
+        """`(...)`: whether the drawer is open, and the gripper within 0.03 m of its handle."""
         return (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Copies of all parts by name; `Features.of(**arrays)` is the same features."""
-        return {name: np.array(self.values[..., place]) for name, place in FEATURE_INDICES.items()}
+        """Returns copies of all parts by name, from which `Features.of` makes equal features."""
+        return {name: np.array(self.values[..., index]) for name, index in FEATURE_INDICES.items()}

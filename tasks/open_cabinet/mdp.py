@@ -1,7 +1,7 @@
-"""The open_cabinet domain's rules: what an action commands, and what a control step adds to an episode.
+"""The open_cabinet domain's Markov decision process: action to actuator targets, and the state after a control step.
 
-Nothing here knows of physics or of time gone by: a task holds the state of one episode, a vectorised environment that
-of many, in arrays with one more axis, and both ask the same rules.
+The functions know neither physics nor time. A task keeps the state of one episode; a vectorised environment that of
+many, in arrays with one more axis. Both call the same MDP.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.open_cabinet.action import JOINT_LOW, arm_target, gripper_target
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, observe
-from kitchen_suite.tasks.open_cabinet.reward import TERMS, RewardTerms, succeeds
+from kitchen_suite.tasks.open_cabinet.reward import TERMS, RewardTerms, succeeds, terminates
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -24,16 +24,16 @@ ACTION_SIZE = JOINT_LOW.size
 
 
 class OpenCabinetState(NamedTuple):
-    """What an episode remembers from one control step to the next.
+    """State of an episode after a control step.
 
     Attributes:
-      features: `(..., 36)`, numbers of the present `Features`.
-      observation: `(..., 25)`, what is seen of it, without noise and not yet clipped.
-      noise: `(..., 25)`, what is added to that.
-      previous_action: `(..., 8)`.
+      features: `(..., 36)`, values of the present `Features`.
+      observation: `(..., 25)`, the observation without noise, not yet clipped.
+      noise: `(..., 25)`, noise of the observation.
+      previous_action: `(..., 8)`, action of the last step.
       terms: `(...)` each, the terms of the last step's reward by name.
-      terminates: `(...)`, whether the last step ended the episode.
-      succeeded: `(...)`, whether the drawer has been open far enough after some step.
+      terminates: `(...)`, whether the last step terminated the episode.
+      succeeded: `(...)`, whether the drawer has been open by 0.3 m or more after some step.
     """
 
     features: NDArray[np.float64]
@@ -51,18 +51,18 @@ class OpenCabinetState(NamedTuple):
 
     @property
     def is_success(self) -> NDArray[np.bool_]:
-        """`(...)`, whether the drawer is open far enough now."""
+        """`(...)`, whether the drawer is open by 0.3 m or more now."""
         return succeeds(Features(self.features).drawer_position)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class OpenCabinetMDP:
-    """A drawer task's settings, and the mathematics of an episode under them.
+    """Settings of an open_cabinet task, and the mathematics of an episode under them.
 
     Attributes:
-      samples_gripper: whether a draw decides on closing, or the sign of the action.
-      noise_scale: `(25,)`, greatest noise of each number of the observation, in its unit.
-      reward_terms: what gives the terms of a step's reward.
+      samples_gripper: whether closing is sampled with the probability of the gripper logit, or decided by its sign.
+      noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
+      reward_terms: reward function of a step.
     """
 
     samples_gripper: bool
@@ -71,19 +71,19 @@ class OpenCabinetMDP:
 
     @functools.cached_property
     def is_noisy(self) -> bool:
-        """Whether there is any noise; where there is none, none is drawn."""
+        """Whether the observation has noise; otherwise none is drawn."""
         return bool(self.noise_scale.any())
 
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
-        """Draws the noise `(25,)` of a control step."""
+        """Returns noise `(25,)` for a control step; draws nothing if there is none."""
         return self.noise_scale * random_state.uniform(-1.0, 1.0, SIZE) if self.is_noisy else np.zeros(SIZE)
 
     def draw_gripper(self, random_state: np.random.RandomState) -> float:
-        """Draws from U(0, 1) what decides on closing; where nothing is to be drawn, the median."""
+        """Returns a draw from U(0, 1) for `gripper_target` if the gripper is sampled, otherwise the median 0.5."""
         return random_state.random_sample() if self.samples_gripper else 0.5
 
     def initial_state(self, features: NDArray[np.float64], noise: NDArray[np.float64]) -> OpenCabinetState:
-        """The state before the first step; arguments as attributes of `OpenCabinetState`."""
+        """Returns the state before the first step; arguments as the attributes of `OpenCabinetState`."""
         axes = features.shape[:-1]
         return OpenCabinetState(
             features=features,
@@ -98,12 +98,12 @@ class OpenCabinetMDP:
     def compute_control(
         self, positions: NDArray[np.float64], action: NDArray[np.float64], draw: NDArray[np.float64] | float
     ) -> NDArray[np.float64]:
-        """Targets `(..., 9)` of the robot's servos [rad, m].
+        """Returns targets `(..., 9)` of the robot's actuators [rad, m].
 
         Args:
-          positions: `(..., 9)`, where its joints are [rad, m].
-          action: `(..., 8)`.
-          draw: `(...)`, what decides on closing.
+          positions: `(..., 9)`, present positions of its joints [rad, m].
+          action: `(..., 8)`, seven joint offsets [rad] and the gripper logit.
+          draw: `(...)`, from `draw_gripper`.
         """
         target = np.empty(positions.shape)
         target[..., :7] = arm_target(positions[..., :7], action[..., :7])
@@ -120,30 +120,43 @@ class OpenCabinetMDP:
         features: NDArray[np.float64],
         noise: NDArray[np.float64],
     ) -> OpenCabinetState:
-        """The state after one more control step.
+        """Returns the state after one more control step.
 
         Args:
-          state: the one before it.
-          action: `(..., 8)`.
-          target: `(..., 9)`, what was commanded [rad, m].
-          total_steps: `(...)`, control steps of the environment's life before it.
-          features: `(..., 36)`, what came of it.
-          noise: `(..., 25)`, of the observation after it.
+          state: the state before it.
+          action: `(..., 8)`, its action.
+          target: `(..., 9)`, targets of the actuators during it [rad, m].
+          total_steps: `(...)`, control steps of the task before it, over all episodes.
+          features: `(..., 36)`, values of the `Features` after it.
+          noise: `(..., 25)`, noise of the observation after it.
         """
         after = Features(features)
-        # It may be infinite; the reward bounds it.
+        # The change may be infinite; the reward bounds it.
         with np.errstate(over="ignore"):
             change = action - state.previous_action
-        gripper = scalars(target[..., 7])
-        terms = self.reward_terms(after, gripper=gripper, action_change=change, total_steps=total_steps)
-        succeeded = state.succeeded | succeeds(after.drawer_position)
+        terminated = terminates(after)
+        terms = self.reward_terms(
+            after,
+            gripper=scalars(target[..., 7]),
+            action_change=change,
+            total_steps=total_steps,
+            terminated=terminated,
+        )
         return OpenCabinetState(
             features=features,
             observation=observe(after),
             noise=noise,
             previous_action=action,
             terms=terms,
-            # The term is negative where the step terminates.
-            terminates=terms["termination"] < 0.0,
-            succeeded=succeeded,
+            terminates=terminated,
+            succeeded=state.succeeded | succeeds(after.drawer_position),
         )
+
+    def info(self, state: OpenCabinetState) -> dict[str, NDArray]:
+        """Returns the part of the infos that reports on drawer and reward: fresh arrays `(...)`."""
+        return {
+            **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
+            "drawer_opening": np.array(Features(state.features).drawer_position),
+            "is_success": np.array(state.is_success),
+            "success_at_any_time": np.array(state.succeeded),
+        }

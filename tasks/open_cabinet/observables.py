@@ -1,4 +1,4 @@
-"""The open_cabinet domain's observation as composer observables, with noise drawn once for all of them."""
+"""The open_cabinet domain's observation as composer observables, whose noise the task draws once for all of them."""
 
 import collections
 import functools
@@ -14,18 +14,18 @@ from kitchen_suite.tasks.open_cabinet import observation
 
 
 class OpenCabinetObservables:
-    """Holds what is seen now; one observable for each part, enabled.
+    """One enabled observable for each part of the present observation, which the task sets with `update`.
 
     Attributes:
-      by_name: the observables by public key, in the order of the flat vector.
-      noise_scale: `(25,)`, greatest noise of each number, in its unit.
+      by_name: the observables by observation key, in the order of the flat vector.
+      noise_scale: `(25,)`, greatest noise of each element, in its unit.
     """
 
     def __init__(self, noise_widths: Mapping[str, float] | None) -> None:
-        """Builds the observables; those with noise get a corruptor.
+        """Builds the observables; those with noise have a corruptor, which returns the noisy part.
 
         Args:
-          noise_widths: half width of the uniform noise on parts, by their names and in their units; `None` for none.
+          noise_widths: half widths of the uniform noise by part, in the unit of the part; `None` for none.
 
         Raises:
           TypeError: `noise_widths` is no mapping to numbers.
@@ -35,29 +35,33 @@ class OpenCabinetObservables:
         self._is_noisy = bool(self.noise_scale.any())
         self._clean = self._noisy = np.zeros(observation.SIZE, np.float32)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict()
-        for name, place in observation.SLICES.items():
-            self.by_name[name] = observable.Generic(functools.partial(self._part, place))
+        for name, indices in observation.SLICES.items():
+            self.by_name[name] = observable.Generic(functools.partial(self._part, indices))
             self.by_name[name].enabled = True
-            if self.noise_scale[place].any():
-                self.by_name[name].corruptor = functools.partial(self._noisy_part, place)
+            if self.noise_scale[indices].any():
+                self.by_name[name].corruptor = functools.partial(self._noisy_part, indices)
 
-    def show(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-        """Makes the observation of what is seen `(25,)`, without and with the noise `(25,)`."""
-        self._clean = observation.shown(values)
-        # Noise is added before clipping, so that what is shown keeps its range.
-        self._noisy = observation.shown(values + noise) if self._is_noisy else self._clean
+    def update(self, values: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
+        """Sets the present observation.
 
-    def _part(self, place: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
+        Args:
+          values: `(25,)`, without noise and not yet clipped.
+          noise: `(25,)`, added before clipping, so that noisy observations keep the range.
+        """
+        self._clean = observation.clipped(values)
+        self._noisy = observation.clipped(values + noise) if self._is_noisy else self._clean
+
+    def _part(self, indices: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         del physics
-        return self._clean[place]
+        return self._clean[indices]
 
-    def _noisy_part(self, place: slice, clean: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
+    def _noisy_part(self, indices: slice, clean: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
         del clean, random_state
-        return self._noisy[place]
+        return self._noisy[indices]
 
 
 def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
-    """Half width of the noise on each of the 25 numbers."""
+    """Returns the half width of the noise on each of the 25 elements."""
     if not isinstance(widths, Mapping | None):
         raise TypeError(f"observation_noise must map parts of the observation to widths, got {widths!r}")
     scale = np.zeros(observation.SIZE)

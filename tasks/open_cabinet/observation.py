@@ -1,4 +1,4 @@
-"""The 25 numbers that the open_cabinet domain shows, as named parts whose concatenation is the flat vector."""
+"""The open_cabinet domain's observation: 25 numbers, as named parts whose concatenation is the flat vector."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.features import Features
 
-# Every number is clipped to this range, both ways.
+# Observations are clipped to [-LIMIT, LIMIT].
 LIMIT = 5.0
 
 _MIDDLE = (JOINT_HIGH + JOINT_LOW) / 2.0
 _HALF_RANGE = (JOINT_HIGH - JOINT_LOW) / 2.0
 
-# From w, x, y, z to the order in which the system shows quaternions.
+# Indices of x, y, z, w, the order in observations, among w, x, y, z.
 _XYZW = np.array([1, 2, 3, 0])
 
 
@@ -62,18 +62,18 @@ def _sign(value: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Part:
-    """A named piece of the observation.
+    """A named part of the observation.
 
     Attributes:
-      size: how many numbers.
-      compute: what they are, before clipping.
+      size: number of elements.
+      compute: function that returns the elements, before clipping.
     """
 
     size: int
     compute: Callable[[Features], NDArray[np.float64]]
 
 
-# By public name, in the order of the flat vector.
+# Parts by observation key, in the order of the flat vector.
 PARTS: Mapping[str, Part] = MappingProxyType(
     {
         "joint_positions": Part(size=8, compute=scaled_joint_positions),
@@ -85,7 +85,7 @@ PARTS: Mapping[str, Part] = MappingProxyType(
     }
 )
 
-# Where each part stands in the flat vector.
+# Slice of each part in the flat vector.
 SLICES: Mapping[str, slice] = MappingProxyType(
     {
         name: slice(int(stop) - part.size, int(stop))
@@ -96,11 +96,11 @@ SLICES: Mapping[str, slice] = MappingProxyType(
 SIZE = sum(part.size for part in PARTS.values())
 
 
-def shown(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Values as they are shown: clipped, in single precision."""
+def clipped(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Returns values clipped to [-5, 5], in single precision."""
     return np.minimum(np.maximum(values, -LIMIT), LIMIT).astype(np.float32)
 
 
 def observe(features: Features) -> NDArray[np.float64]:
-    """The flat vector `(..., 25)`, not yet clipped."""
+    """Returns the flat vector `(..., 25)`, not yet clipped."""
     return np.concatenate([part.compute(features) for part in PARTS.values()], axis=-1)

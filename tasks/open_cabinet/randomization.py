@@ -1,7 +1,7 @@
-"""What a reset of the open_cabinet domain may draw anew: where the cabinet stands, and what resists the robot."""
+"""Domain randomisation of open_cabinet: cabinet pose, drawer resistance and pad friction, drawn at resets."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
@@ -17,13 +17,12 @@ from kitchen_suite.entities import OpenCabinetScene
 # A composer variation or a constant.
 Variation = Any
 
-
 # Fields of MuJoCo's model that a `Randomizer` changes.
 MODEL_FIELDS = ("body_pos", "body_quat", "dof_damping", "dof_frictionloss", "geom_friction")
 
 
 def checked(values: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-    """Values of a `Randomization`'s attributes, by their names, as arrays.
+    """Returns values of a `Randomization`'s attributes, by name, as arrays.
 
     Raises:
       TypeError: one of them is not made of real numbers.
@@ -51,16 +50,17 @@ def _is_constant(value: Variation) -> bool:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Randomization:
-    """What is drawn at every reset; each a composer variation, a constant, or `None` for the scene as it was built.
+    """Parameters of the scene that are drawn at every reset.
 
-    Constants are checked at once, what variations give at each reset. Friction and damping must not be negative.
+    Each is a composer variation, a constant, or `None` for the scene as it was built. Constants are checked at once,
+    values of variations at each reset. Friction and damping must not be negative.
 
     Attributes:
-      cabinet_offset: `(3,)`, from the cabinet's place, along the world's axes [m].
-      cabinet_yaw: turn of the cabinet about the vertical [rad].
+      cabinet_offset: `(3,)`, translation of the cabinet from its built position, in the world frame [m].
+      cabinet_yaw: rotation of the cabinet about the vertical [rad].
       drawer_friction: dry friction of the drawer's slides [N].
-      drawer_damping: [N s/m].
-      pad_friction: coefficient of sliding friction of the finger pads; contact takes the greater one of pad and bar.
+      drawer_damping: damping of the drawer's slides [N s/m].
+      pad_friction: coefficient of sliding friction of the finger pads; a contact has the greater one of pad and bar.
     """
 
     cabinet_offset: Variation | None = None
@@ -74,7 +74,7 @@ class Randomization:
         checked({name: value for name, value in wanted.items() if value is not None and _is_constant(value)})
 
 
-# A few centimetres and degrees, and resistances within about a third of the built ones.
+# A few centimetres and degrees, and resistances within about a third of the default ones.
 MODERATE = Randomization(
     cabinet_offset=distributions.Uniform(low=(-0.03, -0.05, 0.0), high=(0.03, 0.05, 0.0)),
     cabinet_yaw=distributions.Uniform(low=-0.1, high=0.1),
@@ -85,21 +85,22 @@ MODERATE = Randomization(
 
 
 class Randomizer:
-    """Applies a `Randomization` to a compiled scene; draws nothing for what is `None`.
+    """Applies a `Randomization` to a compiled scene; draws nothing for parameters that are `None`.
 
     Attributes:
-      values: what holds now, by the names of `Randomization`'s attributes; before the first draw, as it was built.
+      values: present values of the parameters that are drawn, by name; before the first reset, those of the built
+        scene.
     """
 
     def __init__(
         self, scene: OpenCabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics
     ) -> None:
-        """Notes how the scene was built; to be called before anything has been drawn."""
+        """Stores the values of the built scene; to be called before anything has been drawn."""
         self._physics = physics
         self._cabinet = scene.cabinet
         self._slide = physics.bind(scene.cabinet.drawer_joint(drawer))
         self._pads = [physics.bind(scene.robot.finger_geoms(side)[0]) for side in ("left", "right")]
-        self._place = np.array(physics.bind(mjcf.get_attachment_frame(scene.cabinet.mjcf_model)).pos)
+        self._built_position = np.array(physics.bind(mjcf.get_attachment_frame(scene.cabinet.mjcf_model)).pos)
         built = {
             "cabinet_offset": np.zeros(3),
             "cabinet_yaw": np.zeros(()),
@@ -109,28 +110,35 @@ class Randomizer:
         }
         wanted = {name: getattr(randomization, name) for name in built}
         self._variations = {name: value for name, value in wanted.items() if value is not None}
+        self._setters: dict[str, Callable[[NDArray[np.float64]], None]] = {
+            "cabinet_offset": self._set_cabinet_offset,
+            "cabinet_yaw": self._set_cabinet_yaw,
+            "drawer_friction": self._set_drawer_friction,
+            "drawer_damping": self._set_drawer_damping,
+            "pad_friction": self._set_pad_friction,
+        }
         self.values = {name: np.array(built[name]) for name in self._variations}
 
     def draw(self, random_state: np.random.RandomState) -> dict[str, NDArray[np.float64]]:
-        """Values to set, drawn in the order of `Randomization`'s attributes; sets nothing.
+        """Returns new values, drawn in the order of `Randomization`'s attributes; sets nothing.
 
         Raises:
-          TypeError: a variation gave something else than real numbers.
-          ValueError: it gave the wrong shape, or numbers that are out of range.
+          TypeError: a variation returned something else than real numbers.
+          ValueError: it returned the wrong shape, or numbers that are out of range.
         """
         return checked(
             {name: variation.evaluate(wanted, random_state=random_state) for name, wanted in self._variations.items()}
         )
 
     def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """Sets everything to checked values; brings what follows from positions up to date."""
+        """Sets checked values, and updates the kinematics."""
         self.values = {name: np.array(value, np.float64) for name, value in values.items()}
         for name, value in self.values.items():
-            getattr(self, f"_set_{name}")(value)
+            self._setters[name](value)
         mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)
 
     def _set_cabinet_offset(self, offset: NDArray[np.float64]) -> None:
-        self._cabinet.set_pose(self._physics, position=self._place + offset)
+        self._cabinet.set_pose(self._physics, position=self._built_position + offset)
 
     def _set_cabinet_yaw(self, yaw: NDArray[np.float64]) -> None:
         self._cabinet.set_pose(self._physics, quaternion=(np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))

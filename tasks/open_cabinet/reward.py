@@ -1,7 +1,7 @@
-"""The seven reward terms of the open_cabinet domain, its ends and its success; all on arrays of shape `(..., n)`.
+"""The seven reward terms of the open_cabinet domain, its termination and its success, on arrays of shape `(..., n)`.
 
-Figures are those of MotrixLab's franka-open-cabinet (Apache-2.0), but for the stage of the penalties, which follows
-the environment's published description.
+Constants are those of MotrixLab's franka-open-cabinet (Apache-2.0), except for the step at which the penalties grow,
+which follows the environment's published description.
 """
 
 from typing import Protocol
@@ -12,28 +12,28 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 
-# Names of the terms, in their order; each is a function of this module.
+# Names of the terms in order; each is a function of this module.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
 
-# Control steps of an environment's life after which the penalties grow.
+# Control steps of a task, over all its episodes, after which the penalties grow.
 LATE_STAGE = 8_000
 
-# Opening from which the drawer counts as open [m].
+# Least opening that counts as success [m].
 SUCCESS_OPENING = 0.3
 
-# Distance up to which closing pays [m].
+# Distance from the handle below which closing the gripper is rewarded [m].
 _GRASP_DISTANCE = 0.025
 
-# How far the gripper may reach behind the handle [m], and how fast a joint may move [rad/s, m/s].
+# Greatest reach behind the handle [m] and greatest joint speed [rad/s, m/s] without termination.
 _REACH_LIMIT = 0.03
 _SPEED_LIMIT = 5.0
 
-# Any finite action is legal, but squares of greater changes than this would be infinite.
+# Greatest change of an action that enters the reward: any finite action is legal, but its square may overflow.
 _CHANGE_LIMIT = 1e150
 
 
 class RewardTerms(Protocol):
-    """What gives the terms of a step's reward; `reward_terms`, or what is called as it is."""
+    """Signature of a reward function: features after a control step to named terms. See `reward_terms`."""
 
     def __call__(
         self,
@@ -42,6 +42,7 @@ class RewardTerms(Protocol):
         gripper: NDArray[np.float64] | float,
         action_change: NDArray[np.float64],
         total_steps: NDArray[np.int64] | int,
+        terminated: NDArray[np.bool_],
     ) -> dict[str, NDArray[np.float64]]: ...
 
 
@@ -78,7 +79,7 @@ def straddling(features: Features) -> NDArray[np.float64]:
 
 
 def penalty_coefficients(total_steps: NDArray[np.int64] | int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weights `(...)` of the action's change and of the joint speeds, after `(...)` control steps of life."""
+    """Returns the weights `(...)` of the action's change and of the joint speeds, after `(...)` total control steps."""
     late = np.multiply(1.0, total_steps >= LATE_STAGE)
     return 1e-3 * (1.0 + late), 2e-7 * late
 
@@ -92,9 +93,9 @@ def effort(
     return -(of_action * _squared(change) + of_velocity * _squared(features.joint_velocities[..., :8]))
 
 
-def termination(features: Features) -> NDArray[np.float64]:
+def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
-    return _choose(terminates(features), -10.0, 0.0)
+    return _choose(terminated, -10.0, 0.0)
 
 
 def reward_terms(
@@ -103,14 +104,16 @@ def reward_terms(
     gripper: NDArray[np.float64] | float,
     action_change: NDArray[np.float64],
     total_steps: NDArray[np.int64] | int,
+    terminated: NDArray[np.bool_],
 ) -> dict[str, NDArray[np.float64]]:
-    """The seven terms by name, in their order; their sum is the reward.
+    """Returns the seven terms by name, in order; their sum is the reward.
 
     Args:
-      features: the state after the control step.
-      gripper: `(...)`, the fingers' target during it [m].
-      action_change: `(..., 8)`, its action minus the one before.
-      total_steps: `(...)`, control steps of the environment's life before it.
+      features: features after the control step.
+      gripper: `(...)`, target of the fingers during it [m].
+      action_change: `(..., 8)`, its action minus the previous one.
+      total_steps: `(...)`, control steps of the task before it, over all episodes.
+      terminated: `(...)`, whether it terminates the episode; see `terminates`.
 
     Returns:
       Arrays of shape `(...)`.
@@ -122,13 +125,13 @@ def reward_terms(
         opening(features),
         straddling(features),
         effort(features, action_change, total_steps),
-        termination(features),
+        termination(terminated),
     )
     return dict(zip(TERMS, values, strict=True))
 
 
 def terminates(features: Features) -> NDArray[np.bool_]:
-    """Whether `(...)` the gripper reaches through the handle, or any of the nine joints moves too fast."""
+    """Whether `(...)` the gripper reaches behind the handle, or any of the nine joints moves too fast."""
     behind = scalars(features.handle_offset[..., 0]) > _REACH_LIMIT
     return behind | (np.maximum.reduce(np.abs(features.joint_velocities), axis=-1) > _SPEED_LIMIT)
 
@@ -136,16 +139,16 @@ def terminates(features: Features) -> NDArray[np.bool_]:
 def _choose(
     condition: NDArray[np.bool_], where_true: NDArray[np.float64] | float, elsewhere: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """`(...)`, one number or the other."""
+    """Returns `(...)`, like `np.where`, but scalars where there is no axis."""
     return scalars(np.where(condition, where_true, elsewhere))
 
 
 def _squared(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Squares `(...)` of the lengths of vectors `(..., n)`."""
-    # The order in memory decides in which order numbers are added: one vector gives what it gives among many.
+    """Returns the squared lengths `(...)` of vectors `(..., n)`."""
+    # Memory order C fixes the order of summation, so that a vector has the same result alone and in a batch.
     return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
-    """Whether `(...)` a drawer is open far enough."""
+    """Whether `(...)` a drawer is open by 0.3 m or more."""
     return np.greater_equal(drawer_position, SUCCESS_OPENING)

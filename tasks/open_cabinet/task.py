@@ -1,4 +1,4 @@
-"""Open a drawer of the cabinet: reach for its handle, grasp it, pull."""
+"""The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
 import collections
 from collections.abc import Callable, Mapping
@@ -9,13 +9,14 @@ import numpy as np
 from dm_control import mjcf
 from dm_control.composer.observation import observable
 from dm_env import specs
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.props.cabinet import DRAWERS
-from kitchen_suite.tasks.base import SuiteTask
-from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN, JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
+from kitchen_suite.tasks.open_cabinet import observation
+from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
 from kitchen_suite.tasks.open_cabinet.mdp import (
@@ -33,11 +34,11 @@ from kitchen_suite.tasks.open_cabinet.sensors import FeatureSensors, refresh
 
 TIME_LIMIT = 7.0  # [s], 700 control steps
 
-# How the robot starts [rad; fingers: m], before noise of at most as much on each joint [rad, m].
+# Initial joint positions of the robot [rad; fingers: m], and greatest noise on each of them [rad, m].
 DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
 RESET_NOISE = 0.125
 
-# By public name what makes a reward for a cabinet.
+# Reward functions by public name, as functions of the cabinet's config.
 REWARDS: Mapping[str, Callable[[CabinetConfig], RewardTerms]] = MappingProxyType(
     {
         "original": lambda config: reward_terms,
@@ -45,18 +46,17 @@ REWARDS: Mapping[str, Callable[[CabinetConfig], RewardTerms]] = MappingProxyType
     }
 )
 
-_OPEN_RGBA = (0.25, 0.75, 0.3, 1.0)
-
 
 class OpenCabinetTask(SuiteTask):
     """Pull a drawer of the cabinet open.
 
-    Start: the robot bent before the cabinet, each joint off by U(-0.125, 0.125) within its limits; everything closed.
-    Reward: of each step, the sum of seven terms, those of `drawer_reward.reward_terms` or of `GraspReward`.
-    End: discount 0 when the gripper reaches through the handle or a joint moves faster than 5 rad/s or m/s; at the
-      time limit discount 1. Success, an opening of 0.3 m or more, ends nothing.
+    Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
+      limits; drawers and doors closed.
+    Reward: at each step, the sum of seven terms, those of `reward.reward_terms` or of `GraspReward`.
+    End: discount 0 when the gripper reaches behind the handle or a joint moves faster than 5 rad/s or m/s; discount 1
+      at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
-    Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists where and why this task differs from it.
+    Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists the differences and their reasons.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class OpenCabinetTask(SuiteTask):
         """Sets the task up in a scene.
 
         Args:
-          scene: where it takes place; one scene serves one task.
-          drawer: `top` or `bottom`.
-          gripper: `sampled` closes with the probability that the action's last element stands for; `deterministic`
-            closes where that is above one half, and draws nothing.
+          scene: robot and cabinet in their arena; each task needs a scene of its own.
+          drawer: drawer to be opened, `top` or `bottom`.
+          gripper: `sampled` closes with the probability of the gripper logit, the action's last element;
+            `deterministic` closes where that probability is above one half, and draws nothing.
           reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
-          observation_noise: half width of the uniform noise on parts of the observation, by their names, in the units
-            of the part; none when omitted.
-          randomization: what else a reset draws; nothing when omitted.
+          observation_noise: half widths of the uniform noise by part of the observation, in the unit of the part; no
+            noise when omitted.
+          randomization: parameters of the scene that a reset draws; none when omitted.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -87,13 +87,13 @@ class OpenCabinetTask(SuiteTask):
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
         samples_gripper = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
-        self._observation = OpenCabinetObservables(observation_noise)
+        self._observables = OpenCabinetObservables(observation_noise)
         if not isinstance(randomization, Randomization | None):
             raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
         self._randomization = randomization
         self._mdp = OpenCabinetMDP(
             samples_gripper=samples_gripper,
-            noise_scale=self._observation.noise_scale,
+            noise_scale=self._observables.noise_scale,
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
         self._reward_name = reward
@@ -108,42 +108,40 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def scene(self) -> OpenCabinetScene:
-        """Where the task takes place."""
+        """Robot and cabinet in their arena."""
         return self._scene
 
     @property
     def drawer(self) -> str:
-        """Which drawer is to be opened."""
+        """The drawer to be opened: `top` or `bottom`."""
         return self._drawer
 
     @property
     def reward_name(self) -> str:
-        """Which reward it pays, by its key in `REWARDS`."""
+        """Key of the reward function in `REWARDS`."""
         return self._reward_name
 
     @property
     def mdp(self) -> OpenCabinetMDP:
-        """The task's settings, and the mathematics of an episode under them."""
         return self._mdp
 
     @property
     def sensors(self) -> FeatureSensors:
-        """What the task's snapshots are read from."""
+        """The sensors from which the task's features are read."""
         return self._sensors
 
     @property
     def is_randomized(self) -> bool:
-        """Whether a reset draws more than the robot's pose."""
+        """Whether a reset draws parameters of the scene as well as the robot's pose."""
         return self._randomization is not None
 
     @property
     def state(self) -> OpenCabinetState:
-        """What the episode remembers; arrays without leading axes, not to be written to."""
         return self._state
 
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return self._observation.by_name.copy()
+        return self._observables.by_name.copy()
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -152,17 +150,17 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def drawer_opening(self) -> float:
-        """How far the drawer is open now [m]."""
+        """Present opening of the drawer [m]."""
         return float(Features(self._state.features).drawer_position)
 
     @property
     def is_success(self) -> bool:
-        """Whether the drawer is open by 0.3 m or more now."""
+        """Whether the present opening is 0.3 m or more."""
         return bool(self._state.is_success)
 
     @property
     def total_steps(self) -> int:
-        """Control steps made since the task was set up; resets do not restart the count."""
+        """Control steps since the task was built or `begin_run` was called; resets do not restart the count."""
         return self._total_steps
 
     @total_steps.setter
@@ -170,18 +168,28 @@ class OpenCabinetTask(SuiteTask):
         self._total_steps = checks.integer(value, "total_steps", minimum=0)
 
     @property
-    def episode_results(self) -> dict[str, bool | float | dict[str, int]]:
-        """What came of the episode so far, for reports: open now, open at any time, how far now [m]."""
+    def observation_size(self) -> int:
+        return observation.SIZE
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""
         return {
-            "success": self.is_success,
-            "success_at_any_time": bool(self._state.succeeded),
-            "drawer_opening": self.drawer_opening,
+            "success": bool(infos["is_success"]),
+            "success_at_any_time": bool(infos["success_at_any_time"]),
+            "drawer_opening": float(infos["drawer_opening"]),
         }
 
+    def begin_run(self) -> None:
+        self._total_steps = 0
+
+    def completions(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        key = "info/is_success"
+        return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
+
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
-        """Seven joint offsets [rad] and the wish to close the gripper (log odds); unbounded, but finite."""
+        """Seven joint offsets [rad] and the gripper logit (log odds of closing); unbounded, but finite."""
         del physics
-        # One number for both fingers: the last actuator follows the one before it.
+        # The last element moves both fingers.
         names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:ACTION_SIZE])
         infinite = np.full(ACTION_SIZE, np.inf)
         return specs.BoundedArray(infinite.shape, infinite.dtype, minimum=-infinite, maximum=infinite, name=names)
@@ -193,11 +201,11 @@ class OpenCabinetTask(SuiteTask):
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         refresh(physics)
-        self._show(self._mdp.initial_state(self._sensors.read(physics), np.zeros(self._mdp.noise_scale.shape)), physics)
+        no_noise = np.zeros(self._mdp.noise_scale.shape)
+        self._set_state(self._mdp.initial_state(self._sensors.read(physics), no_noise), physics)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        # The right finger has the left one's limits.
-        low, high = np.append(JOINT_LOW, JOINT_LOW[-1]), np.append(JOINT_HIGH, JOINT_HIGH[-1])
+        low, high = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         pose = np.clip(DEFAULT_POSE + offsets, low, high)
         drawn = self._randomizer.draw(random_state) if self._randomizer else {}
@@ -209,10 +217,11 @@ class OpenCabinetTask(SuiteTask):
             self._randomizer.set(drawn)
         self._random = random_state
         refresh(physics)
-        self._show(self._mdp.initial_state(self._sensors.read(physics), self._mdp.draw_noise(random_state)), physics)
+        noise = self._mdp.draw_noise(random_state)
+        self._set_state(self._mdp.initial_state(self._sensors.read(physics), noise), physics)
 
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
-        """Sets the servos' targets for the whole control step.
+        """Sets the actuators' targets for the whole control step.
 
         Raises:
           TypeError: the action does not hold real numbers.
@@ -227,7 +236,7 @@ class OpenCabinetTask(SuiteTask):
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         if not physics.legacy_step:
-            # MuJoCo's own step leaves positions in space where they were before it.
+            # MuJoCo's own step leaves kinematics and sensors as they were before it.
             refresh(physics)
         state = self._mdp.step(
             self._state,
@@ -238,7 +247,7 @@ class OpenCabinetTask(SuiteTask):
             noise=self._mdp.draw_noise(random_state),
         )
         self._total_steps += 1
-        self._show(state, physics)
+        self._set_state(state, physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
@@ -271,11 +280,11 @@ class OpenCabinetTask(SuiteTask):
             self._randomizer.set(drawn)
         start = self._mdp.initial_state(Features.of(**state["features"]).values, state["noise"])
         arrays = {name: state[name] for name in ("previous_action", "terms", "terminates", "succeeded")}
-        self._show(start._replace(**arrays))
+        self._set_state(start._replace(**arrays))
 
-    def _show(self, state: OpenCabinetState, physics: mjcf.Physics | None = None) -> None:
-        """Takes up a state; the observation shows it, and with a physics the handle's colour."""
+    def _set_state(self, state: OpenCabinetState, physics: mjcf.Physics | None = None) -> None:
+        """Stores a state and updates the observation and, given a physics, the handle's colour."""
         self._state = state
-        self._observation.show(state.observation, state.noise)
+        self._observables.update(state.observation, state.noise)
         if self._visualize_reward and physics is not None:
-            physics.bind(self._handle).rgba = _OPEN_RGBA if self.is_success else self._plain_rgba
+            physics.bind(self._handle).rgba = SUCCESS_RGBA if self.is_success else self._plain_rgba

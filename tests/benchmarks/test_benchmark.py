@@ -1,5 +1,7 @@
-"""The benchmark measures what it says, on a very small scale."""
+"""Benchmarks measure and report all their cases; each measure is run once, on a very small scale."""
 
+import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -7,66 +9,113 @@ import sys
 
 import pytest
 
-from kitchen_suite.benchmarks import report as benchmark_report
-from kitchen_suite.benchmarks import speed as benchmark_measure
-from kitchen_suite.benchmarks.cases import BARE, Contender
-from kitchen_suite.benchmarks.domains import DOMAINS
+from kitchen_suite.benchmarks import benchmark_job, report, speed
+from kitchen_suite.benchmarks.benchmark_job import DOMAINS, BenchmarkJob, command_line
+from kitchen_suite.benchmarks.cases import BARE, Case
+from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.cli import benchmark
 
-SMALL = ["--rounds=1", "--steps=2", "--environments=2"]
+SMALL = {"rounds": 1, "max_episode_steps": 2, "num_envs": (2,)}
 
 
-@pytest.mark.parametrize("domain", DOMAINS)
-def test_it_prints_a_row_for_every_contender_and_comparison(domain, capsys):
-    assert benchmark.main(["kitchen-benchmark", f"--domain_name={domain}", *SMALL]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    for name in DOMAINS[domain].contenders(2):
+@pytest.fixture(scope="module", params=DOMAINS)
+def measured(request):
+    """A domain, whose cases are built once, and the results of its speed."""
+    domain = DOMAINS[request.param]
+    domain = dataclasses.replace(domain, cases=functools.cache(domain.cases))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(benchmark_job, "DOMAINS", {request.param: domain})
+        return domain, BenchmarkJob(BenchmarkSettings(domain_name=request.param, **SMALL)).measure()
+
+
+@pytest.fixture(scope="module")
+def scaling():
+    """The command that measures the scaling of open_cabinet, run where no GL library can be loaded."""
+    flags = ["--domain_name=open_cabinet", "--measure=scaling", "--num_envs=1,3", "--num_steps=30", "--json"]
+    command = [sys.executable, "-m", "kitchen_suite.cli.benchmark", *flags]
+    return subprocess.run(command, env={**os.environ, "MUJOCO_GL": "nonsense"}, capture_output=True, text=True)
+
+
+def test_every_case_has_a_row(measured):
+    domain, results = measured
+    lines = report.plain(results).splitlines()
+    for name in domain.cases(2):
         (row,) = [line for line in lines if line.startswith(f"{name} ")]
-        ratio, least, greatest, a_thread, rate = map(float, row.removeprefix(name).split())
-        assert 0 < least == ratio == greatest
-        assert a_thread == pytest.approx(ratio / (2 if "2 threads" in name else 1), abs=0.006)
+        ratio, minimum, maximum, per_thread, rate = map(float, row.removeprefix(name).split())
+        assert 0 < minimum == ratio == maximum
+        assert per_thread == pytest.approx(ratio / (2 if "2 threads" in name else 1), abs=0.006)
         assert rate > 1
+
+
+def test_every_named_ratio_has_a_row(measured):
+    domain, results = measured
+    lines = report.plain(results).splitlines()
+    for name in domain.ratios(2):
+        (row,) = [line for line in lines if line.startswith(f"{name} ")]
+        numbers = [float(number) for number in row.removeprefix(name).split()]
+        assert len(numbers) == 3
+        assert min(numbers) > 0
+
+
+def test_the_overhead_has_a_row_for_each_layer(measured):
+    _, results = measured
+    lines = report.plain(results).splitlines()
     for name in ("the task's hooks", "suite.load", "Gymnasium adapter"):
         (row,) = [line for line in lines if line.removeprefix(name).strip().replace(".", "").isdigit()]
         assert float(row.removeprefix(name)) > 0
-    for name in DOMAINS[domain].comparisons(2):
-        (row,) = [line for line in lines if line.startswith(f"{name} ")]
-        assert all(float(number) > 0 for number in row.removeprefix(name).split())
 
 
-def test_json_holds_the_same_and_the_versions(capsys):
-    assert benchmark.main(["kitchen-benchmark", *SMALL, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["results"][BARE]["ratio"] == 1.0
-    assert {"mujoco", "dm_control", "numpy"} <= result["versions"].keys()
-    assert result["command"] == "kitchen-benchmark --rounds=1 --steps=2 --environments=2"
+def test_the_ratio_of_bare_mujoco_to_itself_is_one(measured):
+    _, results = measured
+    assert results["results"][BARE]["ratio"] == 1.0
 
 
-def test_the_scaling_law_has_a_row_for_every_size_and_number_of_threads(capsys):
-    flags = ["--domain_name=open_cabinet", "--measure=scaling", "--sizes=1,3", "--control_steps=30"]
-    assert benchmark.main(["kitchen-benchmark", *flags, "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["results"]
-    assert [(row["environments"], row["threads"]) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
+def test_results_name_the_versions_and_the_command(measured):
+    _, results = measured
+    assert {"python", "mujoco", "dm-control", "numpy"} <= results["versions"].keys()
+    assert results["command"].startswith("kitchen-benchmark ")
+    assert results["command"].endswith("--rounds=1 --max_episode_steps=2 --num_envs=2")
+
+
+def test_the_command_line_leaves_out_defaults_and_json():
+    settings = BenchmarkSettings(domain_name="open_cabinet", num_envs=(1, 8), json=True)
+    assert command_line(settings).split() == ["kitchen-benchmark", "--domain_name=open_cabinet", "--num_envs=1,8"]
+
+
+def test_a_gl_library_that_does_not_exist_does_not_matter(scaling):
+    assert (scaling.returncode, scaling.stderr) == (0, "")
+
+
+def test_scaling_has_a_row_for_every_number_of_environments_and_threads(scaling):
+    rows = json.loads(scaling.stdout)["results"]
+    assert [(row["num_envs"], row["num_threads"]) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row["steps_per_second"] > 0 for row in rows)
-    # An environment more takes some memory, but no second model.
+    # A further environment takes some memory, but no second model.
     (memory,) = [row["memory"] for row in rows if row["memory"] is not None]
     assert -5 < memory < 20
 
 
-def test_a_soak_tells_the_memory_along_the_run(capsys):
-    flags = ["--domain_name=open_cabinet", "--measure=soak", "--environments=2", "--control_steps=400"]
-    assert benchmark.main(["kitchen-benchmark", *flags, "--json"]) == 0
-    results = json.loads(capsys.readouterr().out)["results"]
-    assert results["control_steps"][0] == 0
-    assert results["control_steps"][-1] == 400
-    assert len(results["memory"]) == len(results["control_steps"])
+def test_a_soak_samples_the_memory_along_the_run(capsys):
+    flags = ["--domain_name=open_cabinet", "--measure=soak", "--num_envs=2", "--num_steps=400"]
+    assert benchmark.main([*flags, "--json"]) == 0
+    output = json.loads(capsys.readouterr().out)
+    assert output["command"].split()[0] == "kitchen-benchmark"
+    assert sorted(output["command"].split()[1:]) == sorted(flags)
+    results = output["results"]
+    assert results["num_steps"][0] == 0
+    assert results["num_steps"][-1] == 400
+    assert len(results["memory"]) == len(results["num_steps"])
     assert min(results["memory"]) > 10
 
 
-def test_pages_and_terminals_get_the_same_numbers():
-    row = {"builder": "vectorised", "environments": 2, "threads": 1, "steps_per_second": 1234.4, "memory": 0.5}
+def test_pages_and_terminals_get_the_same_numbers(capsys, monkeypatch):
+    row = {"vector_env": "vectorised", "num_envs": 2, "num_threads": 1, "steps_per_second": 1234.4, "memory": 0.5}
     results = {"measure": "scaling", "command": "kitchen-benchmark", "versions": {"mujoco": "3"}, "results": [row]}
-    for text in (benchmark_report.plain(results), benchmark_report.markdown(results)):
+    monkeypatch.setattr(BenchmarkJob, "measure", lambda job: results)
+    assert benchmark.main([]) == 0
+    printed = capsys.readouterr().out
+    assert printed == report.plain(results) + "\n"
+    for text in (printed, report.markdown(results)):
         assert "vectorised, 2" in text
         assert "1234" in text
         assert "0.50" in text
@@ -74,34 +123,38 @@ def test_pages_and_terminals_get_the_same_numbers():
 
 
 @pytest.mark.parametrize(
-    "flag", ["--rounds=0", "--rounds=many", "--speed", "fast", "--domain_name=bath", "--sizes=1,x", "--sizes=0"]
+    "flag",
+    [
+        "--rounds=0",
+        "--rounds=many",
+        "--speed",
+        "fast",
+        "--domain_name=bath",
+        "--measure=comfort",
+        "--num_envs=1,8",
+        "--num_envs=1,x",
+        "--num_envs=0",
+        "--num_steps=0",
+    ],
 )
 def test_bad_flags_end_with_code_2(flag, capsys):
-    assert benchmark.main(["kitchen-benchmark", flag]) == 2
+    assert benchmark.main([flag]) == 2
     assert "kitchen-benchmark:" in capsys.readouterr().err
 
 
 def test_help_names_the_flags(capsys):
-    assert benchmark.main(["kitchen-benchmark", "--help"]) == 0
+    assert benchmark.main(["--help"]) == 0
     assert "--domain_name" in capsys.readouterr().out
-
-
-def test_a_gl_library_that_does_not_exist_does_not_matter():
-    command = [sys.executable, "-m", "kitchen_suite.cli.benchmark", "--domain_name=open_cabinet", *SMALL]
-    done = subprocess.run(command, env={**os.environ, "MUJOCO_GL": "nonsense"}, capture_output=True, check=False)
-    assert done.returncode == 0
 
 
 def test_the_summary_takes_medians_of_ratios_round_by_round():
     rates = {BARE: [100.0, 200.0, 400.0], "other": [50.0, 200.0, 800.0]}
-    contenders = {BARE: Contender(episode=print), "other": Contender(episode=print, environments=4, threads=2)}
-    assert benchmark_measure.summarize(rates, contenders)["other"] == {
+    cases = {BARE: Case(episode=print), "other": Case(episode=print, num_envs=4, num_threads=2)}
+    assert speed.summarize(rates, cases)["other"] == {
         "ratio": 1.0,
-        "least": 0.5,
-        "greatest": 2.0,
+        "min": 0.5,
+        "max": 2.0,
         "ratio_per_thread": 0.5,
         "steps_per_second": 200.0,
     }
-    assert benchmark_measure.compare(rates, {"slower": (BARE, "other")}) == {
-        "slower": {"ratio": 1.0, "least": 0.5, "greatest": 2.0}
-    }
+    assert speed.named_ratios(rates, {"slower": (BARE, "other")}) == {"slower": {"ratio": 1.0, "min": 0.5, "max": 2.0}}

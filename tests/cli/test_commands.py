@@ -1,39 +1,356 @@
-"""How commands end."""
+"""Properties of every command: its flags, its help, and its exit statuses."""
+
+import dataclasses
+import importlib.metadata
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 
-from kitchen_suite.cli import common
+import kitchen_suite
+from kitchen_suite.cli import benchmark, play, record, replay, rollout, train
+from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.options import OPTIONS
+
+COMMANDS = {command.COMMAND.name: command.COMMAND for command in (benchmark, play, record, replay, rollout, train)}
 
 
-def perform(error):
-    def work():
+class UsageError(Exception):
+    """An error that is the user's."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Settings:
+    source: str
+    output: Path
+    num_episodes: int = 3
+    num_envs: tuple[int, ...] = (1, 8)
+    video_fps: float = 25.0
+    measure: str = "speed"
+    seed: int | None = None
+    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    resume: bool = False
+
+
+class Job:
+    """Records its settings, and does as the test says."""
+
+    failures = (OSError,)
+    usage_errors = (UsageError,)
+    settings: ClassVar[list[Settings]] = []
+
+    def __init__(self, settings):
+        if settings.num_episodes > 100:
+            raise ValueError("too many\n episodes")
+        self.settings.append(settings)
+
+    def run(self):
+        return True
+
+    def progress(self):
+        return "after 1 of 3 episodes"
+
+
+def command(**changes):
+    defaults = {"name": "kitchen-test", "description": "Tests.", "settings": Settings, "positional": "source"}
+    return Command(**{**defaults, "job": f"{__name__}:Job", **changes})
+
+
+REQUIRED = ("runs", "--output=folder")
+
+
+@pytest.fixture(autouse=True)
+def no_settings():
+    Job.settings.clear()
+
+
+def test_arguments_become_settings_of_their_types():
+    arguments = [
+        "--num_episodes=5",
+        "--num_envs=2,4",
+        "--video_fps=12.5",
+        "--measure=soak",
+        "--seed=0",
+        '--task_kwargs={"threshold": 0.1}',
+        "--resume",
+    ]
+    assert command().main([*REQUIRED, *arguments]) == 0
+    assert Job.settings == [
+        Settings(
+            source="runs",
+            output=Path("folder"),
+            num_episodes=5,
+            num_envs=(2, 4),
+            video_fps=12.5,
+            measure="soak",
+            seed=0,
+            task_kwargs={"threshold": 0.1},
+            resume=True,
+        )
+    ]
+
+
+def test_defaults_are_those_of_the_settings_in_every_run():
+    tested = command()
+    assert tested.main([*REQUIRED, "--num_episodes=5", '--task_kwargs={"threshold": 0.1}', "--resume"]) == 0
+    assert tested.main(["--output=folder", "runs"]) == 0
+    assert Job.settings[1] == Settings(source="runs", output=Path("folder"))
+
+
+BAD = {
+    "--output=folder": "source is missing: Folder of kitchen-record",
+    "runs": "--output is missing: Folder to write to.",
+    "runs more --output=folder": "unexpected argument 'more': all others are flags, see --help",
+    "runs --output=": "is empty",
+    "runs --output=folder --num_episodes=0": "must be at least 1",
+    "runs --output=folder --num_episodes=-3": "must be at least 1",
+    "runs --output=folder --num_episodes=1.5": "'1.5' is not an integer",
+    "runs --output=folder --num_episodes=": "'' is not an integer",
+    "runs --output=folder --num_episodes": "Missing value for flag --num_episodes",
+    "runs --output=folder --num_episodes=101": "too many episodes",
+    "runs --output=folder --num_envs=1,0": "must be at least 1",
+    "runs --output=folder --num_envs=1,,2": "'' is not an integer",
+    "runs --output=folder --video_fps=0": "must be at least 0.1",
+    "runs --output=folder --video_fps=nan": "must be at least 0.1",
+    "runs --output=folder --video_fps=fast": "'fast' is not a number",
+    "runs --output=folder --measure=time": "must be one of speed, scaling, soak",
+    "runs --output=folder --seed=-1": "must be at least 0",
+    "runs --output=folder --task_kwargs=[1]": "must be a JSON object",
+    "runs --output=folder --task_kwargs={": "not JSON",
+    "runs --output=folder --resume=perhaps": "perhaps",
+    "runs --output=folder --colour=red": "Unknown command line flag 'colour'",
+    "runs --output=folder --sed=1": "Unknown command line flag 'sed'. Did you mean: seed ?",
+}
+
+
+@pytest.mark.parametrize("arguments", BAD)
+def test_a_bad_argument_gets_one_line_and_status_2(arguments, capsys):
+    assert command().main(arguments.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"kitchen-test: [^\n]+\n", err)
+    assert BAD[arguments] in err
+    assert Job.settings == []
+
+
+@pytest.mark.parametrize("error", [ImportError, OSError, TypeError, ValueError])
+def test_an_error_of_the_preparation_gets_one_line_and_status_2(error, capsys, monkeypatch):
+    def refuse(self, settings):
+        raise error("no\nsuch   job")
+
+    monkeypatch.setattr(Job, "__init__", refuse)
+    assert command().main(REQUIRED) == 2
+    assert capsys.readouterr() == ("", "kitchen-test: no such job\n")
+
+
+def test_an_interrupt_of_the_preparation_gets_one_line(capsys, monkeypatch):
+    def interrupt(self, settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Job, "__init__", interrupt)
+    assert command().main(REQUIRED) == 130
+    assert capsys.readouterr() == ("", "kitchen-test: interrupted\n")
+
+
+def raise_in_run(monkeypatch, error):
+    def run(self):
         raise error
 
-    return common.perform(
-        "kitchen-test", work, interrupted=lambda: "interrupted early", failures=(OSError,), misuses=(KeyError,)
-    )
+    monkeypatch.setattr(Job, "run", run)
 
 
 @pytest.mark.parametrize(
     ("error", "status", "words"),
     [
-        (KeyboardInterrupt(), 130, "interrupted early"),
+        (KeyboardInterrupt(), 130, "interrupted after 1 of 3 episodes"),
         (OSError("disk\nfull"), 1, "disk full"),
-        (KeyError("lost"), 2, "'lost'"),
+        (UsageError("lost"), 2, "lost"),
     ],
 )
-def test_what_ends_a_command_is_told_in_one_line(error, status, words, capsys):
-    assert perform(error) == status
-    assert capsys.readouterr().err == f"kitchen-test: {words}\n"
+def test_an_error_of_the_job_gets_one_line_and_its_status(error, status, words, capsys, monkeypatch):
+    raise_in_run(monkeypatch, error)
+    assert command().main(REQUIRED) == status
+    assert capsys.readouterr() == ("", f"kitchen-test: {words}\n")
 
 
-@pytest.mark.parametrize("error", [BrokenPipeError(), ZeroDivisionError()])
-def test_what_is_not_the_commands_to_tell_goes_on(error, capsys):
+# A broken pipe is an OSError, but no failure of the job; others are bugs.
+@pytest.mark.parametrize("error", [BrokenPipeError(), ZeroDivisionError(), ValueError(), TypeError()])
+def test_other_errors_of_the_job_are_raised(error, capsys, monkeypatch):
+    raise_in_run(monkeypatch, error)
     with pytest.raises(type(error)):
-        perform(error)
-    assert capsys.readouterr().err == ""
+        command().main(REQUIRED)
+    assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("given", "status"), [(None, 0), (1, 1)])
-def test_work_may_give_a_status(given, status):
-    assert common.perform("kitchen-test", lambda: given, interrupted=str, failures=()) == status
+@pytest.mark.parametrize(("success", "status"), [(True, 0), (False, 1)])
+def test_the_status_is_the_jobs_success(success, status, monkeypatch):
+    monkeypatch.setattr(Job, "run", lambda self: success)
+    assert command().main(REQUIRED) == status
+
+
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys):
+    needs = (("json", "no_such_package", "nor_this_one"), "train")
+    assert command(needs=needs).main(REQUIRED) == 2
+    assert capsys.readouterr().err == (
+        "kitchen-test: kitchen-test needs no_such_package and nor_this_one: pip install 'kitchen-suite[train]'\n"
+    )
+
+
+@pytest.mark.parametrize("wanted", [False, True])
+def test_a_gl_library_is_prepared_for_jobs_that_render(wanted, monkeypatch):
+    prepared = []
+    monkeypatch.setattr("kitchen_suite.rendering.gl.prepare", lambda rendering: prepared.append(rendering))
+    assert command(renders=lambda settings: settings.resume).main([*REQUIRED, *(["--resume"] if wanted else [])]) == 0
+    assert prepared == [wanted]
+
+
+SCRIPT = """
+import os, signal, sys
+from kitchen_suite.cli import common
+from kitchen_suite.rollouts.settings import PlaySettings
+
+class Job:
+    failures = usage_errors = ()
+
+    def __init__(self, settings):
+        self.count = settings.num_episodes
+
+    def run(self):
+        {run}
+
+    def progress(self):
+        return f"after 2 of {{self.count}} episodes"
+
+common.gl.prepare = lambda rendering: None
+command = common.Command(name="kitchen-test", description=None, settings=PlaySettings, job="__main__:Job")
+sys.exit(command.console_main())
+"""
+
+
+def run_process(run, **streams):
+    script = SCRIPT.format(run=run)
+    return subprocess.Popen([sys.executable, "-c", script, "--num_episodes=9"], stderr=subprocess.PIPE, **streams)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_both_signals_interrupt_the_job(number):
+    with run_process(
+        f"os.kill(os.getpid(), {int(number)}); signal.pause()",
+        stdout=subprocess.PIPE,
+        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, b"")
+    assert err == b"kitchen-test: interrupted after 2 of 9 episodes\n"
+
+
+# Python notices a closed pipe when it flushes: during the job, or after it.
+@pytest.mark.parametrize("run", ["print('line' * 100_000); return True", "print('line'); return True"])
+def test_a_closed_pipe_gets_its_own_status_and_no_traceback(run):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with run_process(run, stdout=writer) as process:
+        os.close(writer)
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (141, b"")
+
+
+def test_all_commands_are_tested_here():
+    scripts = importlib.metadata.entry_points(group="console_scripts")
+    installed = {script.name: script.load() for script in scripts if script.value.startswith("kitchen_suite.")}
+    assert installed == {name: tested.console_main for name, tested in COMMANDS.items()}
+
+
+def flags_of(tested):
+    """Names of a command's flags."""
+    names = {field.name for field in dataclasses.fields(tested.settings)} - {tested.positional}
+    return names | {"help", "version"}
+
+
+def flag_lines(text):
+    """Help of each flag by its name, in the order of the text, with single spaces."""
+    _, flags = text.split("\nFlags:\n")
+    rows = re.findall(r"^  --(\w+) +(.*(?:\n {24}.*)*)", flags, flags=re.MULTILINE)
+    assert f"\n{flags}".count("\n  --") == len(rows)
+    return {name: " ".join(text.split()) for name, text in rows}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_lists_every_flag_in_the_order_and_words_of_the_options(name, flag, capsys):
+    tested = COMMANDS[name]
+    assert tested.main([flag]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith(f"{tested.description}\nFlags:\n")
+    assert f"\n  {name}" in tested.description
+    assert len(out.splitlines()) <= 60
+    lines = flag_lines(out)
+    assert list(lines) == [option for option in OPTIONS if option in flags_of(tested)]
+    for option, text in lines.items():
+        # The same in every command, but for the default.
+        assert re.fullmatch(re.escape(OPTIONS[option].help) + r"( Default: [^ ]+\.)?", text)
+        assert text.count("Default: ") <= 1
+
+
+def test_help_shows_defaults():
+    tested = command()
+    lines = flag_lines(tested._help())
+    assert lines["num_episodes"] == "Number of episodes. Default: 3."
+    assert lines["num_envs"].endswith(" Default: 1,8.")
+    assert lines["video_fps"].endswith(" Default: 25.0.")
+    for name in ("output", "seed", "task_kwargs", "resume"):
+        assert lines[name] == OPTIONS[name].help
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_version_is_that_of_the_package(name, capsys):
+    assert COMMANDS[name].main(["--version"]) == 0
+    assert capsys.readouterr() == (f"{name} {kitchen_suite.__version__}\n", "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_unknown_flag_gets_one_line_with_the_nearest_and_status_2(name, capsys):
+    flag = next(option for option in OPTIONS if option in flags_of(COMMANDS[name]) and len(option) > 5)
+    assert COMMANDS[name].main([f"--{flag[:-1]}=1"]) == 2
+    assert capsys.readouterr() == (
+        "",
+        f"{name}: Unknown command line flag '{flag[:-1]}'. Did you mean: {flag} ?\n",
+    )
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_argument_too_many_gets_one_line_and_status_2(name, capsys):
+    tested = COMMANDS[name]
+    assert tested.main(["one", "two"]) == 2
+    extra = "two" if tested.positional else "one"
+    assert capsys.readouterr() == ("", f"{name}: unexpected argument '{extra}': all others are flags, see --help\n")
+
+
+REQUIRED_SETTINGS = {"kitchen-record": "--output", "kitchen-replay": "source", "kitchen-train": "--output"}
+
+
+@pytest.mark.parametrize("name", REQUIRED_SETTINGS)
+def test_a_missing_argument_gets_one_line_and_status_2(name, capsys):
+    assert COMMANDS[name].main([]) == 2
+    argument = REQUIRED_SETTINGS[name]
+    option = OPTIONS[argument.removeprefix("--")]
+    assert capsys.readouterr() == ("", f"{name}: {argument} is missing: {option.help}\n")
+
+
+def test_options_are_the_settings_of_all_commands():
+    used = {field.name for tested in COMMANDS.values() for field in dataclasses.fields(tested.settings)}
+    assert used | {"help", "version"} == OPTIONS.keys()
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_the_help_of_an_option_is_one_or_two_sentences(name):
+    assert re.fullmatch(r"[A-Za-z][^\n]*[.]", OPTIONS[name].help)
+    assert len(OPTIONS[name].help) <= 220

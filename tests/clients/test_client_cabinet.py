@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import CABINET_ID
+from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 
 pytestmark = pytest.mark.clients
 
@@ -16,7 +16,7 @@ def test_stable_baselines3_trains_ppo_saves_and_loads(tmp_path):
 
     torch.set_num_threads(1)
     # Stable-Baselines3 insists on finite bounds.
-    env = gymnasium.make(CABINET_ID, action_limit=1.0)
+    env = gymnasium.make(OPEN_CABINET_ID, action_limit=1.0)
     agent = PPO("MlpPolicy", env, n_steps=500, batch_size=100, n_epochs=2, seed=0, device="cpu")
     agent.learn(2_000)
     assert agent.num_timesteps == 2_000
@@ -33,7 +33,7 @@ def test_torchrl_rolls_out_the_same_for_the_same_seed():
     from torchrl.envs.utils import check_env_specs
 
     def rollout():
-        env = GymEnv(f"kitchen_suite.gymnasium_env:{CABINET_ID}", action_limit=0.02).auto_register_info_dict()
+        env = GymEnv(f"kitchen_suite.gymnasium_env:{OPEN_CABINET_ID}", action_limit=0.02).auto_register_info_dict()
         check_env_specs(env)
         torch.manual_seed(0)
         env.set_seed(3)

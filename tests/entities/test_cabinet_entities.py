@@ -38,7 +38,7 @@ def test_the_panda_has_its_own_joint_names_and_limits(scene, physics):
     np.testing.assert_array_equal(physics.bind(scene.robot.joints).range, np.transpose([low, high]))
 
 
-def test_the_panda_weighs_what_was_published(scene, physics):
+def test_the_panda_has_the_published_masses(scene, physics):
     bodies = [scene.robot.mjcf_model.find("body", f"link{i}") for i in range(8)]
     # Gaz et al. 2019, by way of franka_ros.
     published = [0.629769, 4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522]
@@ -63,7 +63,7 @@ def test_the_gripper_frame_at_the_default_pose(scene, physics):
     np.testing.assert_allclose(right.xpos - middle, -0.045 * axes[:, 1], atol=1e-12)
 
 
-def test_the_top_handle_is_where_the_system_has_it(scene, physics):
+def test_the_position_of_the_top_handle(scene, physics):
     site = scene.cabinet.handle_site("top")
     assert site.full_identifier == "cabinet/drawer_top_handle"
     np.testing.assert_allclose(site.pos, [0.303, 0, 0.01], atol=1e-12)
@@ -99,21 +99,21 @@ def test_doors_open_outwards(scene, physics, door):
 
 
 @pytest.mark.parametrize("drawer", DRAWERS)
-def test_a_drawer_weighs_what_its_design_says(scene, physics, drawer):
+def test_a_drawer_has_the_mass_of_its_config(scene, physics, drawer):
     body = scene.cabinet.drawer_joint(drawer).parent
     np.testing.assert_allclose(physics.bind(body).mass, scene.cabinet.config.drawer_mass, rtol=1e-12)
 
 
-def test_a_design_moves_what_it_names():
-    design = entities.CabinetConfig(handle_height=-0.03, handle_clearance=0.05, drawer_friction=7.0)
-    cabinet = entities.Cabinet(design, visuals=False)
+def test_a_config_changes_the_parts_it_names():
+    config = entities.CabinetConfig(handle_height=-0.03, handle_clearance=0.05, drawer_friction=7.0)
+    cabinet = entities.Cabinet(config, visuals=False)
     physics = mjcf.Physics.from_mjcf_model(cabinet.mjcf_model)
     np.testing.assert_allclose(physics.bind(cabinet.handle_site("top")).xpos, [0.318, 0, 0.22], atol=1e-12)
     assert physics.bind(cabinet.drawer_joint("top")).frictionloss == 7.0
 
 
 @pytest.mark.parametrize("change", [{"drawer_mass": 0.0}, {"drawer_damping": float("nan")}, {"size": (0.5, -1, 0.8)}])
-def test_a_design_refuses_what_cannot_be_built(change):
+def test_a_config_that_cannot_be_built_is_refused(change):
     with pytest.raises(ValueError, match=rf"{next(iter(change))} of a cabinet must be finite and positive, got"):
         dataclasses.replace(entities.CabinetConfig(), **change)
 
@@ -141,13 +141,13 @@ def test_a_design_refuses_what_cannot_be_built(change):
         ({"size": (0.524, 0.76, 0.7), "drawer_heights": (0.1, -0.2)}, ValueError),
     ],
 )
-def test_a_design_refuses_by_name_what_does_not_fit(change, error):
+def test_sizes_that_do_not_fit_are_refused_by_name(change, error):
     with pytest.raises(error, match=rf"{next(iter(change))} of a cabinet .*must"):
         entities.CabinetConfig(**change)
 
 
-def test_designs_at_the_edge_of_what_fits_can_be_built():
-    designs = [
+def test_configs_at_the_limits_can_be_built():
+    configs = [
         {"drawer_heights": (0.244, 0.05)},
         {"drawer_heights": (0.273, 0.05)},
         {"handle_half_length": 0.371},
@@ -156,8 +156,8 @@ def test_designs_at_the_edge_of_what_fits_can_be_built():
         {"size": (0.1, 0.2, 0.8)},
         {"drawer_heights": (0.0, -0.22)},
     ]
-    for design in designs:
-        mjcf.Physics.from_mjcf_model(entities.Cabinet(entities.CabinetConfig(**design), visuals=False).mjcf_model)
+    for config in configs:
+        mjcf.Physics.from_mjcf_model(entities.Cabinet(entities.CabinetConfig(**config), visuals=False).mjcf_model)
 
 
 @pytest.mark.parametrize("which", DRAWERS)
@@ -201,7 +201,7 @@ def test_energy_does_not_grow_in_a_closed_idle_scene(physics):
     for _ in range(2000):
         mujoco.mj_step(model, data)
         energy.append(data.energy.sum())
-    # The arm sinks into its servos by a few millimetres; rounding of 110 J is 1e-14.
+    # The arm sinks by a few millimetres against its actuators; rounding of 110 J is 1e-14.
     assert np.diff(energy).max() < 1e-10
     assert data.energy[1] < 1e-12
     np.testing.assert_array_equal(data.warning.number, 0)

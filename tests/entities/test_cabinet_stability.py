@@ -1,4 +1,4 @@
-"""Physics under random actions: no NaN, no warning of MuJoCo's, no error."""
+"""Physics under random actions: no NaN, no MuJoCo warning, no error."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_gentle_actions_stay_gentle():
 
 
 def sinking(env, pose=None):
-    """How far the gripper sinks under actions of zeros in an episode [m]."""
+    """Returns the height that the gripper loses in an episode of zero actions [m]."""
     env.reset()
     if pose is not None:
         with env.physics.reset_context():

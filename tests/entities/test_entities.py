@@ -1,4 +1,4 @@
-"""The entities: what they offer by name, and that visuals change no physics."""
+"""The entities: joints, actuators, geoms and observables by name, and physics without visuals."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ PROPS = (entities.Oven, entities.Hood, entities.SlideCabinet, entities.HingeCabi
 
 
 @pytest.mark.parametrize("prop", PROPS)
-def test_a_props_observables_show_its_joints(prop):
+def test_a_props_observables_are_of_its_joints(prop):
     alone = prop(visuals=False)
     physics = mjcf.Physics.from_mjcf_model(alone.mjcf_model)
     physics.data.qpos[:] = np.arange(physics.model.nq)
@@ -30,7 +30,7 @@ def test_a_kettle_gets_its_joint_from_the_arena():
 
 
 @pytest.mark.parametrize("fixed", [entities.Counter, entities.Walls])
-def test_what_does_not_move_has_nothing_to_observe(fixed):
+def test_props_without_joints_have_no_observables(fixed):
     assert not fixed(visuals=False).observables.as_dict()
 
 
@@ -73,7 +73,7 @@ def test_a_finger_closes_in_less_than_two_seconds():
     assert physics.time() > 0.2
 
 
-def test_without_visuals_only_what_collides_is_left():
+def test_without_visuals_only_colliding_geoms_are_left():
     kitchen = entities.build_kitchen_scene(visuals=False)
     model = mjcf.Physics.from_mjcf_model(kitchen.arena.mjcf_model).model
     rest = {model.geom(i).name for i in range(model.ngeom) if not model.geom_contype[i] | model.geom_conaffinity[i]}
@@ -81,7 +81,7 @@ def test_without_visuals_only_what_collides_is_left():
     assert (model.ngeom - len(rest), model.nmat, model.ntex) == (124, 0, 0)
 
 
-def test_the_kitchen_lists_its_things_in_the_order_of_the_observation():
+def test_the_kitchen_lists_its_props_in_the_order_of_the_observation():
     kitchen = entities.build_kitchen_scene(visuals=False)
     assert [joint.full_identifier for joint in kitchen.object_joints][:2] == [
         "oven/knob_Joint_1",

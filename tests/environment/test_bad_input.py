@@ -1,4 +1,4 @@
-"""Bad input gets an error that names the value, the place and what is allowed, and changes nothing."""
+"""Bad input raises an error that names the argument, its value and the values allowed, and changes nothing."""
 
 import sys
 from importlib import util
@@ -71,7 +71,7 @@ def test_arguments(arguments, error, words):
     assert all(word in str(raised.value) for word in words), str(raised.value)
 
 
-def test_environment_kwargs_have_a_place_of_their_own():
+def test_environment_kwargs_are_no_task_kwargs():
     with pytest.raises(TypeError, match="environment_kwargs"):
         suite.load("kitchen", "all", {"environment_kwargs": {"flat_observation": True}})
     with pytest.raises(TypeError, match="task_kwargs must be a dict"):
@@ -126,10 +126,10 @@ def test_random_takes_numpys_integers():
     assert make_random_state(np.int64(3)).uniform() == np.random.RandomState(3).uniform()
 
 
-def test_the_room_names_its_places():
+def test_the_arena_lists_its_sites():
     toaster = Microwave(visuals=False, name="toaster")
-    with pytest.raises(ValueError, match=r"no place for 'toaster'.*'microwave'"):
-        KitchenArena(visuals=False).place(toaster)
+    with pytest.raises(ValueError, match=r"no site for 'toaster'.*'microwave'"):
+        KitchenArena(visuals=False).attach_at_site(toaster)
 
 
 def test_without_gymnasium_robotics_the_error_says_what_to_install(monkeypatch):
@@ -146,5 +146,5 @@ def test_a_gymnasium_robotics_without_the_assets_is_named_too(monkeypatch, tmp_p
     (tmp_path / "gymnasium_robotics" / "__init__.py").touch()
     monkeypatch.delitem(sys.modules, "gymnasium_robotics", raising=False)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    with pytest.raises(FileNotFoundError, match=r"carries no folder .*kitchen_franka.*gymnasium-robotics==1\.4\.2"):
+    with pytest.raises(FileNotFoundError, match=r"has no folder .*kitchen_franka.*gymnasium-robotics==1\.4\.2"):
         assets.asset_dir()

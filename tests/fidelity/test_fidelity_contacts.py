@@ -11,7 +11,7 @@ from reference import BODIES, colliding_geoms, reference_model, same_geoms
 from kitchen_suite.entities import build_kitchen_scene
 
 FIELDS = ("dist", "pos", "frame", "includemargin", "friction", "solref", "solreffriction", "solimp", "dim")
-# Corners of a box that holds the room and some of what is beyond its walls and below its floor [m].
+# Corners of a box around the room that extends beyond its walls and below its floor [m].
 ROOM = ((-2.0, -1.5, -0.2), (2.0, 2.0, 3.2))
 
 
@@ -40,7 +40,7 @@ def test_contacts_are_equal_and_in_the_same_order(ours, reference, count):
         for pair in map(set, expected.geom.tolist()):
             met_kettle |= pair - kettle if pair & kettle else set()
             met_robot |= pair - robot if pair & robot else set()
-    # The kettle met everything, the robot most of what it can reach.
+    # The kettle met every geom, the robot most of those within reach.
     assert met_kettle == set(colliding_geoms(reference)) - kettle
     assert len(met_robot) > 40
 
@@ -70,7 +70,7 @@ def contacts(model, data, qpos):
 
 
 def geoms_of(model, entity):
-    """The colliding geoms of what the reference has in place of one of our moving entities."""
+    """The colliding geoms of the reference's counterpart of one of our moving entities."""
     bodies = [model.body(there).id for here, there in BODIES.items() if here.startswith(entity)]
     return {i for i in colliding_geoms(model) if model.body_weldid[model.geom_bodyid[i]] in bodies}
 

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import CABINET_ID, FrankaOpenCabinetEnv
+from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.tasks.open_cabinet.reward import TERMS
 
@@ -25,11 +25,11 @@ def assert_same(one, other):
 @pytest.mark.filterwarnings("ignore:.*Box action space.*")
 @pytest.mark.parametrize("drawer", ["top", "bottom"])
 def test_gymnasiums_checker_is_content(drawer):
-    check_env(gymnasium.make(CABINET_ID, drawer=drawer).unwrapped, skip_render_check=True)
+    check_env(gymnasium.make(OPEN_CABINET_ID, drawer=drawer).unwrapped, skip_render_check=True)
 
 
 def test_spaces_are_those_of_the_system():
-    env = gymnasium.make(CABINET_ID)
+    env = gymnasium.make(OPEN_CABINET_ID)
     assert env.observation_space == gymnasium.spaces.Box(-5.0, 5.0, (25,), np.float32)
     assert env.action_space == gymnasium.spaces.Box(-np.inf, np.inf, (8,), np.float32)
     assert env.spec.max_episode_steps == 700
@@ -44,6 +44,9 @@ def test_it_is_the_suites_environment_for_the_same_random_stream():
     timestep = plain.reset()
     for action in actions(50):
         np.testing.assert_array_equal(observation, np.concatenate([*timestep.observation.values()]))
+        assert_same(env.suite_observation(observation), dict(timestep.observation))
+        assert list(env.suite_observation(observation)) == list(timestep.observation)
+        assert not any(np.shares_memory(part, observation) for part in env.suite_observation(observation).values())
         observation, reward, terminated, _, info = env.step(action)
         timestep = plain.step(action)
         assert (reward, terminated) == (timestep.reward, timestep.last())
@@ -65,7 +68,7 @@ def test_the_reward_is_the_sum_of_its_terms_and_infos_keep_their_shape():
     assert [info["episode_step"] for info in infos] == list(range(21))
 
 
-def test_the_life_counter_survives_resets_and_travels_with_the_state():
+def test_the_step_counter_survives_resets_and_is_part_of_the_state():
     env = FrankaOpenCabinetEnv()
     env.reset(seed=0)
     for action in actions(5):
@@ -80,7 +83,7 @@ def test_the_life_counter_survives_resets_and_travels_with_the_state():
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("arguments", [{}, {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}])
 def test_a_copy_goes_on_where_the_original_stands(duplicate, arguments):
-    env = gymnasium.make(CABINET_ID, **arguments)
+    env = gymnasium.make(OPEN_CABINET_ID, **arguments)
     env.reset(seed=2**40)
     for action in actions(15):
         env.step(action)
@@ -113,9 +116,10 @@ def test_bad_arguments_are_refused(arguments, error, words):
         FrankaOpenCabinetEnv(**arguments)
 
 
+@pytest.mark.parametrize("limit", [None, 1.0])
 @pytest.mark.parametrize("action", [np.zeros(9), np.full(8, np.inf), ["up"] * 8])
-def test_bad_actions_change_nothing(action):
-    env = FrankaOpenCabinetEnv()
+def test_bad_actions_change_nothing(action, limit):
+    env = FrankaOpenCabinetEnv(action_limit=limit)
     env.reset(seed=0)
     state = env.get_state()
     with pytest.raises((ValueError, TypeError), match="action"):

@@ -13,6 +13,7 @@ from dm_control.rl import control
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from reference import random_actions
 
+from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
 
 QUALIFIED_ID = f"kitchen_suite.gymnasium_env:{KITCHEN_ID}"
@@ -80,6 +81,25 @@ def test_the_flat_goals_are_the_dicts_end_to_end():
     for kind in ("achieved_goal", "desired_goal"):
         np.testing.assert_array_equal(other[kind], np.concatenate([one[kind]["kettle"], one[kind]["microwave"]]))
         assert flat.observation_space[kind].shape == (8,)
+
+
+@pytest.mark.parametrize("goal_format", ["dict", "flat"])
+def test_the_suites_observation_follows_from_the_adapters(goal_format):
+    env = FrankaKitchenEnv(["kettle", "microwave"], goal_format=goal_format)
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(5)))
+    options = {"tasks_to_complete": ["kettle", "microwave"], "random": np.random.RandomState(generator.bit_generator)}
+    plain = suite.load("kitchen", "all", {"visuals": False, **options})
+    observation, timestep = env.reset(seed=5)[0], plain.reset()
+    for action in actions(4):
+        view = env.suite_observation(observation)
+        assert list(view) == list(timestep.observation)
+        for key, value in timestep.observation.items():
+            np.testing.assert_array_equal(view[key], value)
+        frozen = copy.deepcopy(observation)
+        for value in view.values():
+            value[:] = np.nan
+        assert_same(observation, frozen)
+        observation, timestep = env.step(action)[0], plain.step(action)
 
 
 def test_infos_are_fresh_at_every_step():
@@ -443,11 +463,11 @@ class TestRendering:
         env.close()
 
 
-def test_the_true_frame_rate_is_told():
+def test_the_frame_rate_is_that_of_the_control_steps():
     assert FrankaKitchenEnv.metadata["render_fps"] == 12.5
 
 
-def test_without_a_render_mode_rendering_warns_and_gives_nothing():
+def test_without_a_render_mode_rendering_warns_and_returns_none():
     env = FrankaKitchenEnv()
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None

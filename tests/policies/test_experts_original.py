@@ -1,4 +1,4 @@
-"""The expert's actions, played again in the original environment, complete the same tasks at the same steps."""
+"""The expert's actions complete the same tasks at the same steps in the original environment."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ TASKS = ["microwave", "kettle", "light switch", "slide cabinet"]
 
 
 @pytest.mark.parametrize("seed", [5, 2**33 + 1])
-def test_demonstrations_do_in_the_original_what_they_do_here(seed):
+def test_demonstrations_are_the_same_in_the_original(seed):
     ours = FrankaKitchenEnv(tasks_to_complete=TASKS)
     expert = experts.KitchenExpert(TASKS, style=experts.MotionStyle(action_noise=0.05, jitter=0.01))
     expert.reset(np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""The policies of `kitchen-rollout`, on any action space; and its report, on any results."""
+"""Policies by name: actions on bounded and unbounded specs, options, and a user's own."""
 
 import sys
 import types
@@ -9,8 +9,6 @@ import pytest
 from dm_env import specs
 
 from kitchen_suite import policies, suite
-from kitchen_suite.rollouts.episode import EpisodeStats
-from kitchen_suite.rollouts.report import Report
 
 START = dm_env.restart(observation={})
 
@@ -69,62 +67,6 @@ def test_importing_a_module_that_exits_does_not_exit(tmp_path, monkeypatch):
         policies.find("script_of_a_user:act")
 
 
-def outcome(seed=0, **results):
-    return EpisodeStats(seed=seed, steps=10, total_reward=-1234.5678, results=results, seconds=0.5)
-
-
-def test_any_results_are_reported():
-    report = Report(last_seed=10)
-    text = report.add(outcome(9, opened_at={"drawer": 3}, success=True, drawer_opening=0.31234567))
-    assert text.splitlines() == [
-        "episode  seed    return  steps  seconds  success  drawer opening  opened at (at control step)",
-        "      0     9   -1234.6     10     0.50      yes         0.31235  drawer (3)",
-    ]
-    assert report.add(outcome(10, opened_at={}, success=False, drawer_opening=-1.0)).splitlines() == [
-        "      1    10   -1234.6     10     0.50       no              -1  none",
-    ]
-    assert report.count == 2
-    assert report.summary().splitlines() == [
-        "episodes             2",
-        "mean return          -1234.6",
-        "mean opened at       0.5",
-        "success rate         50% (1 of 2)",
-        "mean drawer opening  -0.34383",
-        "steps per second     20",
-    ]
-
-
-def test_many_events_take_several_lines_of_a_hundred_columns():
-    text = Report(last_seed=0).add(outcome(tasks_completed=dict.fromkeys([f"task number {i}" for i in range(7)], 200)))
-    heading, *lines = text.splitlines()
-    column = heading.index("tasks completed")
-    assert len(lines) > 1
-    assert max(map(len, lines)) <= 100
-    assert all(line[:column].isspace() and line[column:].startswith("task number") for line in lines[1:])
-    told = " ".join(line[column:] for line in lines)
-    assert told == ", ".join(f"task number {i} (200)" for i in range(7))
-
-
-@pytest.mark.parametrize("seed", [10**24, 10**90])
-def test_a_long_seed_leaves_the_heading_in_one_line(seed):
-    heading, *lines = Report(last_seed=seed).add(outcome(seed, tasks_completed={"kettle": 1})).splitlines()
-    assert heading.endswith("tasks completed (at control step)")
-    assert " ".join(line.strip() for line in lines).endswith("kettle (1)")
-    assert lines[0].index("kettle") == heading.index("tasks")
-
-    assert Report(last_seed=0).add(outcome()).splitlines() == [
-        "episode  seed    return  steps  seconds",
-        "      0     0   -1234.6     10     0.50",
-    ]
-
-
-def test_a_task_without_results_is_reported_too():
-    assert Report(last_seed=0).add(outcome()).splitlines() == [
-        "episode  seed    return  steps  seconds",
-        "      0     0   -1234.6     10     0.50",
-    ]
-
-
 @pytest.fixture(scope="module")
 def kettle():
     return suite.load("kitchen", "kettle", {"visuals": False})
@@ -138,12 +80,12 @@ def test_the_expert_takes_options_by_name(kettle):
     "name",
     ["expert(0.5)", "expert(speed=)", "expert(speed=fast)", "expert(**{})", "import os; expert()", "zero(speed=1)"],
 )
-def test_options_that_are_none_are_refused(name):
+def test_malformed_options_are_rejected(name):
     with pytest.raises(ValueError, match="options"):
         policies.find(name)
 
 
 @pytest.mark.parametrize("name", ["expert(speed=2)", "expert(haste=1)", "expert(jitter='much')"])
-def test_options_that_the_expert_does_not_take_are_the_policys_fault(name, kettle):
+def test_options_that_the_expert_rejects_are_policy_errors(name, kettle):
     with pytest.raises(policies.PolicyError, match="cannot be built"):
         policies.find(name)(kettle, np.random.default_rng(0))

@@ -1,21 +1,21 @@
-"""The policies that come with the package open the drawer, whichever way they are played; one of them by a grasp."""
+"""The policies that come with the package open the drawer in all kinds of environments; one of them grasps it."""
 
 import cabinet_expert
 import gymnasium
 import numpy as np
 import pytest
+from suite_episode import play
 
 from kitchen_suite import suite
 from kitchen_suite.policies import find
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
-from kitchen_suite.rollouts.episode import play
 
 CABINET = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1"
 
-# By the reward they were trained for.
+# Names of the policies, by the reward that they were trained for.
 POLICIES = {"original": "top_drawer", "grasp": "top_drawer_grasp"}
 
-# Training and its evaluations take theirs from 500,000,000 on.
+# First of the seeds; training and its evaluations take theirs from 500,000,000 on.
 UNSEEN = 30_000
 
 
@@ -24,10 +24,13 @@ def load(reward):
 
 
 def through_suite(reward, count):
+    successes = []
     with load(reward) as environment:
         build = find("trained")
-        outcomes = [play(environment, build, seed).outcome for seed in range(UNSEEN, UNSEEN + count)]
-    return [outcome.results["success"] for outcome in outcomes]
+        for seed in range(UNSEEN, UNSEEN + count):
+            play(environment, build, seed)
+            successes.append(environment.task.episode_metrics["success"])
+    return successes
 
 
 def through_gymnasium(reward, count):
@@ -60,53 +63,53 @@ def through_vector(reward, count):
 
 
 REWARDS = pytest.mark.parametrize("reward", POLICIES)
-WAYS = pytest.mark.parametrize("way", [through_suite, through_gymnasium, through_vector])
+ENVIRONMENTS = pytest.mark.parametrize("play_episodes", [through_suite, through_gymnasium, through_vector])
 
 
 @REWARDS
-@WAYS
-def test_it_opens_the_drawer(way, reward):
-    assert sum(way(reward, 5)) >= 4
+@ENVIRONMENTS
+def test_it_opens_the_drawer(play_episodes, reward):
+    assert sum(play_episodes(reward, 5)) >= 4
 
 
 @pytest.mark.slow
 @REWARDS
-@WAYS
-def test_it_opens_the_drawer_nearly_always(way, reward):
-    assert sum(way(reward, 100)) >= 98
+@ENVIRONMENTS
+def test_it_opens_the_drawer_nearly_always(play_episodes, reward):
+    assert sum(play_episodes(reward, 100)) >= 98
 
 
-def shares_held(reward, count):
-    """Of each episode the share of the pulling steps with both pads on the bar."""
-    build, shares = find("trained"), []
+def grasp_fractions(reward, count):
+    """For each episode, the fraction of the pulling steps with both pads on the bar."""
+    build, fractions = find("trained"), []
     with load(reward) as environment:
         for seed in range(UNSEEN, UNSEEN + count):
             environment.random_state = seed
-            opening, share, _ = cabinet_expert.pulling_episode(
+            opening, fraction, _ = cabinet_expert.pulling_episode(
                 environment, lambda env: build(env, np.random.default_rng(0))
             )
             assert opening > 0.1
-            shares.append(share)
-    return shares
+            fractions.append(fraction)
+    return fractions
 
 
-def test_the_one_paid_for_grasping_pulls_with_both_pads():
-    assert np.mean(shares_held("grasp", 3)) >= 0.8
+def test_the_policy_of_the_grasp_reward_pulls_with_both_pads():
+    assert np.mean(grasp_fractions("grasp", 3)) >= 0.8
 
 
-def test_the_other_one_drags():
-    assert np.mean(shares_held("original", 3)) < 0.5
+def test_the_policy_of_the_original_reward_drags():
+    assert np.mean(grasp_fractions("original", 3)) < 0.5
 
 
 @pytest.mark.slow
-def test_the_one_paid_for_grasping_pulls_with_both_pads_in_twenty_episodes():
-    shares = shares_held("grasp", 20)
-    assert np.mean(shares) >= 0.8
-    assert np.median(shares) >= 0.8
+def test_the_policy_of_the_grasp_reward_pulls_with_both_pads_in_twenty_episodes():
+    fractions = grasp_fractions("grasp", 20)
+    assert np.mean(fractions) >= 0.8
+    assert np.median(fractions) >= 0.8
 
 
 @pytest.mark.parametrize("name", POLICIES.values())
-def test_it_acts_without_chance(name):
+def test_actions_are_deterministic(name):
     policy = TrainedPolicy.load(shipped_as(name))
     observations = np.random.default_rng(0).uniform(-1, 1, (4, policy.observation_size)).astype(np.float32)
     assert np.array_equal(policy(observations), policy(observations))

@@ -1,7 +1,8 @@
-"""Trained policies: their file, their arithmetic, and that they act alike in every kind of environment."""
+"""Trained policies: their file, their arithmetic, and equal actions in every kind of environment."""
 
 import json
 import math
+import os
 import subprocess
 import sys
 
@@ -12,25 +13,25 @@ import pytest
 import kitchen_suite
 from kitchen_suite import policies, suite
 from kitchen_suite.cli import record
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.recordings.folder import RecordingFolder
-from kitchen_suite.rollouts.episode_arrays import nested
+from kitchen_suite.rollouts.episode import unflatten
+from kitchen_suite.rollouts.folder import RecordingFolder
 
 TASKS = {"kitchen": "mixed", "open_cabinet": "top_drawer"}
 MIXED = ["microwave", "kettle", "bottom burner", "light switch"]
-# Of observation and action; the kitchen's goals of these tasks have 1, 7, 2 and 2 elements.
+# Sizes of observation and action; the kitchen's goals of these tasks have 1, 7, 2 and 2 elements.
 SIZES = {"kitchen": (59 + 2 * 12, 9), "open_cabinet": (25, 8)}
 IDS = {
     "kitchen": (KITCHEN_ID, {"tasks_to_complete": MIXED, "goal_format": "flat", "info_format": "arrays"}),
-    "open_cabinet": (CABINET_ID, {}),
+    "open_cabinet": (OPEN_CABINET_ID, {}),
 }
 DOMAINS = list(SIZES)
 
 
 def make(domain="open_cabinet", hidden=(6, 4), seed=0, **changes):
-    """A small policy of random weights, with actions that keep a robot busy."""
+    """A small policy of random weights, whose actions move a robot."""
     generator = np.random.default_rng(seed)
     observed, acted = SIZES[domain]
     sizes = [observed, *hidden, acted]
@@ -51,7 +52,7 @@ def make(domain="open_cabinet", hidden=(6, 4), seed=0, **changes):
 
 
 def act_by_hand(policy, observation):
-    """The formula of the documentation, number by number."""
+    """The formula of the documentation, in plain Python."""
     values = [
         min(max((float(value) - float(mean)) / float(deviation), -policy.clip), policy.clip)
         for value, mean, deviation in zip(observation, policy.mean, policy.deviation, strict=True)
@@ -75,7 +76,7 @@ def saved(tmp_path):
 
 
 def rewrite(path, *, without=(), metadata=None, **arrays):
-    """Changes what is in a policy's file."""
+    """Changes the contents of a policy's file."""
     with np.load(path, allow_pickle=False) as file:
         present = dict(file)
     known = {**json.loads(str(present["metadata"])), **(metadata or {})}
@@ -106,7 +107,7 @@ def test_any_leading_axes_give_the_same_actions():
     np.testing.assert_allclose(policy(observations[0, 0]), actions[0, 0], rtol=1e-5, atol=1e-7)
 
 
-def test_a_file_gives_the_same_policy_back(saved):
+def test_a_saved_policy_is_loaded_unchanged(saved):
     policy, loaded = make(), TrainedPolicy.load(saved)
     for name in ("mean", "deviation", "clip", "action_scale"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(policy, name), name)
@@ -126,7 +127,7 @@ def test_acting_needs_neither_torch_nor_skrl(saved):
 import sys
 from pathlib import Path
 import numpy as np
-from kitchen_suite.trained_policy import TrainedPolicy
+from kitchen_suite.policies.trained import TrainedPolicy
 assert TrainedPolicy.load(Path({str(saved)!r}))(np.zeros(25)).shape == (8,)
 assert not {{"torch", "skrl"}} & sys.modules.keys()
 """
@@ -141,18 +142,18 @@ def test_a_truncated_file_is_an_os_error(saved, size):
         TrainedPolicy.load(saved)
 
 
-def test_a_damaged_file_is_refused_or_harmless(saved):
-    whole, observations, refused = saved.read_bytes(), np.random.default_rng(1).normal(size=(4, 25)), 0
+def test_a_damaged_file_is_rejected_or_harmless(saved):
+    whole, observations, rejected = saved.read_bytes(), np.random.default_rng(1).normal(size=(4, 25)), 0
     for start in range(0, len(whole), 37):
         saved.write_bytes(whole[:start] + b"damaged!" + whole[start + 8 :])
         try:
             loaded = TrainedPolicy.load(saved)
         except (OSError, ValueError):
-            refused += 1
+            rejected += 1
         else:
-            # What was hit is of no consequence, such as the time of writing.
+            # Damage to bytes that are not read, such as the time of writing.
             np.testing.assert_array_equal(loaded(observations), make()(observations))
-    assert refused > len(whole) / 37 / 2
+    assert rejected > len(whole) / 37 / 2
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -161,14 +162,14 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"text", b"PK\x03\x04", b"\x80\x04N."])
-def test_what_is_no_npz_is_an_os_error(tmp_path, content):
+def test_a_file_that_is_not_an_npz_is_an_os_error(tmp_path, content):
     path = tmp_path / "policy.npz"
     path.write_bytes(content)
     with pytest.raises(OSError, match=r"policy\.npz does not hold a trained policy"):
         TrainedPolicy.load(path)
 
 
-def test_an_npz_of_something_else_is_refused(tmp_path):
+def test_an_npz_of_something_else_is_rejected(tmp_path):
     np.savez(tmp_path / "other.npz", metadata=np.array(json.dumps({"episode": 0})), action=np.zeros((3, 8)))
     with pytest.raises(ValueError, match=r"other\.npz holds no trained policy: it has no format version"):
         TrainedPolicy.load(tmp_path / "other.npz")
@@ -193,14 +194,14 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_an_array_of_another_shape_or_kind_is_refused(saved, name):
+def test_an_array_of_another_shape_or_kind_is_rejected(saved, name):
     rewrite(saved, **{name: WRONG[name]})
     with pytest.raises(ValueError, match=r"policy\.npz holds no trained policy: "):
         TrainedPolicy.load(saved)
 
 
 @pytest.mark.parametrize("name", ["mean", "deviation", "clip", "weight_1", "bias_0", "action_scale"])
-def test_numbers_that_are_not_finite_are_refused(saved, name):
+def test_numbers_that_are_not_finite_are_rejected(saved, name):
     with np.load(saved) as file:
         array = np.full_like(file[name], np.nan)
     rewrite(saved, **{name: array})
@@ -208,26 +209,26 @@ def test_numbers_that_are_not_finite_are_refused(saved, name):
         TrainedPolicy.load(saved)
 
 
-def test_a_deviation_of_zero_is_refused():
+def test_a_deviation_of_zero_is_rejected():
     with pytest.raises(ValueError, match="deviation and clip must be positive"):
         make(deviation=np.zeros(25, np.float32))
 
 
-def test_another_format_version_is_refused(saved):
+def test_another_format_version_is_rejected(saved):
     rewrite(saved, metadata={"format": 2})
     with pytest.raises(ValueError, match=r"policy\.npz has format 2; this version reads 1"):
         TrainedPolicy.load(saved)
 
 
 @pytest.mark.parametrize("name", ["domain_name", "task_name", "task_kwargs"])
-def test_a_file_that_does_not_name_its_task_is_refused(saved, name):
+def test_a_file_that_does_not_name_its_task_is_rejected(saved, name):
     rewrite(saved, metadata={name: None})
     with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: its {name} is None"):
         TrainedPolicy.load(saved)
 
 
 def load(domain, seed=0, **kwargs):
-    """The suite's environment, with the random stream that Gymnasium makes of the seed."""
+    """Loads the suite's environment with the random stream that Gymnasium makes of the seed."""
     stream = np.random.RandomState(gymnasium.utils.seeding.np_random(seed)[0].bit_generator)
     return suite.load(domain, TASKS[domain], {"random": stream, "visuals": False, **kwargs})
 
@@ -237,7 +238,7 @@ def acting(path, environment):
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_a_policy_sees_what_its_gymnasium_environment_shows(domain):
+def test_dm_env_and_gymnasium_observations_are_flattened_alike(domain):
     name, settings = IDS[domain]
     environment, gym = load(domain, seed=3), gymnasium.make(name, **settings)
     timestep, (observation, _) = environment.reset(), gym.reset(seed=3)
@@ -301,30 +302,45 @@ def test_a_policy_can_be_recorded(domain, tmp_path):
     assert record.main(arguments) == 0
     for index in range(2):
         arrays = RecordingFolder.open(tmp_path / "episodes").load(index).arrays
-        seen = trained_policy.flat(nested(arrays, "observation"))[:-1]
+        seen = trained_policy.flat(unflatten(arrays, "observation"))[:-1]
         # Several observations are summed up in another order than one.
         np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize(("own", "other"), [DOMAINS, DOMAINS[::-1]])
-def test_a_policy_of_another_task_is_the_policys_fault(own, other, tmp_path):
+def test_a_policy_of_another_task_is_a_policy_error(own, other, tmp_path):
     make(own).save(tmp_path / "policy.npz")
     with pytest.raises(policies.PolicyError, match=f"it was trained for {own} {TASKS[own]}"):
         acting(tmp_path / "policy.npz", load(other))
 
 
-def test_a_file_that_cannot_be_read_is_the_policys_fault(tmp_path):
+def test_a_file_that_cannot_be_read_is_a_policy_error(tmp_path):
     with pytest.raises(policies.PolicyError, match=r"cannot be built: .*nothing\.npz"):
         acting(tmp_path / "nothing.npz", load("open_cabinet"))
 
 
+def test_a_file_is_read_once_until_it_is_modified(tmp_path, monkeypatch):
+    environment, path, reads = load("open_cabinet"), tmp_path / "policy.npz", []
+    load_policy = TrainedPolicy.load
+    monkeypatch.setattr(TrainedPolicy, "load", lambda path: reads.append(path) or load_policy(path))
+    make().save(path)
+    timestep = environment.reset()
+    first, again = (acting(path, environment)(timestep) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert reads == [path]
+    make(seed=1).save(path)
+    os.utime(path, ns=(0, 0))
+    assert not np.array_equal(acting(path, environment)(timestep), first)
+    assert reads == [path, path]
+
+
 @pytest.mark.parametrize("options", ["file=3", "speed=1", "file='policy.npz', speed=1"])
-def test_options_that_are_none_are_the_policys_fault(options):
+def test_bad_options_are_policy_errors(options):
     with pytest.raises(policies.PolicyError, match="cannot be built"):
         policies.find(f"trained({options})")(load("open_cabinet"), np.random.default_rng(0))
 
 
-def test_where_no_policy_comes_with_the_package_those_that_do_are_listed(monkeypatch, tmp_path):
+def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkeypatch, tmp_path):
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")
     with pytest.raises(policies.PolicyError, match=r"'top_drawer' does not exist.*; choose from \['bottom_drawer'\]"):

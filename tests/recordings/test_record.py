@@ -1,4 +1,4 @@
-"""`kitchen-record` as its user meets it: what is in the files, what an interrupt leaves, and what a second run does."""
+"""`kitchen-record` from the command line: the files, interrupts, and completing a recording."""
 
 import json
 import os
@@ -13,12 +13,14 @@ import gymnasium
 import numpy as np
 import pytest
 import tqdm
+from episode_files import assert_same_arrays
+from episode_files import load_episode as load
 
 from kitchen_suite import policies
 from kitchen_suite.cli import record, rollout
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
-from kitchen_suite.rollouts import progress
-from kitchen_suite.rollouts.episode_arrays import flatten
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
+from kitchen_suite.rollouts import report
+from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 
@@ -33,11 +35,11 @@ import os
 import numpy as np
 
 def brake(timestep):
-    # As a feedback loop does, it hangs on every number of the observation, reward and start of the episode.
-    shown = sum(value.sum() for value in timestep.observation.values())
+    # It depends on every element of the observation, on the reward, and on whether the episode has just begun.
+    total = sum(value.sum() for value in timestep.observation.values())
     for value in timestep.observation.values():
         value[...] = np.nan
-    return np.sin(np.arange(9) * shown) + (0.1 if timestep.first() else timestep.reward)
+    return np.sin(np.arange(9) * total) + (0.1 if timestep.first() else timestep.reward)
 
 def far(timestep):
     return np.full(9, 3.0)
@@ -57,7 +59,7 @@ def broken(timestep):
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs the command in a folder that holds `my_policies.py`; gives status, stdout and stderr."""
+    """Runs the command in a folder that holds `my_policies.py`; returns status, stdout and stderr."""
     tmp_path.joinpath("my_policies.py").write_text(POLICIES)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -71,12 +73,6 @@ def run(capsys, tmp_path, monkeypatch):
     sys.modules.pop("my_policies", None)
 
 
-def load(path):
-    with np.load(path, allow_pickle=False) as file:
-        arrays = dict(file)
-    return json.loads(str(arrays.pop("metadata"))), arrays
-
-
 def load_all(folder):
     return {name: load(f"{folder}/{name}") for name in sorted(os.listdir(folder)) if name != "recording.json"}
 
@@ -85,15 +81,8 @@ def names(*indices):
     return [f"episode_{index:06d}.npz" for index in indices]
 
 
-def assert_same_arrays(one, other):
-    assert one.keys() == other.keys()
-    for name, array in one.items():
-        assert array.dtype == other[name].dtype, name
-        np.testing.assert_array_equal(array, other[name], name)
-
-
 def played_alone(environment, policy_name, seed):
-    """The episode as a loop over the single environment gives it."""
+    """Returns the arrays of an episode, played by a loop over the single environment."""
     inner = environment.unwrapped.environment
     policy = policies.find(policy_name)(inner, np.random.default_rng((seed, 1)))
     observation, info = environment.reset(seed=seed)
@@ -113,7 +102,7 @@ def played_alone(environment, policy_name, seed):
 
 
 def split(environment, observation):
-    """The parts of an observation that the suite's own environment shows one by one; copies."""
+    """Returns copies of the parts of an observation, one for each of the suite environment's own."""
     if isinstance(observation, dict):
         parts = np.split(observation["observation"].copy(), [9, 18, 39])
         tasks = environment.unwrapped.environment.task.goals
@@ -150,7 +139,7 @@ def test_rewards_of_the_cabinet_do_not_depend_on_what_was_played_before(run, mon
     assert (status, err) == (0, "")
     lengths = set()
     for index, (_, arrays) in enumerate(load_all("runs").values()):
-        assert_same_arrays(arrays, played_alone(gymnasium.make(CABINET_ID), "random", index))
+        assert_same_arrays(arrays, played_alone(gymnasium.make(OPEN_CABINET_ID), "random", index))
         assert arrays["action"].dtype == np.float32
         lengths.add(len(arrays["reward"]))
     # They end at different times, so that environments are reset one by one.
@@ -165,7 +154,7 @@ def test_actions_are_recorded_as_they_were_applied(run):
 
 def test_the_policy_acts_as_in_a_rollout(run):
     run("--output=runs", "--num_episodes=2", *SHORT)
-    rollout.main(["--output=rolled", "--num_episodes=2", "--time_limit=0.4"])
+    rollout.main(["--output=rolled", "--num_episodes=2", *SHORT])
     for name in names(0, 1):
         rolled = load(f"rolled/{name}")[1]["action"]
         np.testing.assert_array_equal(load(f"runs/{name}")[1]["action"], rolled.astype(np.float32))
@@ -188,7 +177,7 @@ def test_seeds_may_be_of_any_size(run):
     assert [about["seed"] for about, _ in load_all("runs").values()] == [10**30, 10**30 + 1]
 
 
-def test_a_recording_tells_what_it_is_made_of(run, tmp_path):
+def test_a_recording_holds_its_specification(run, tmp_path):
     status, out, _ = run("--output=runs", "--num_episodes=2", "--task_name=kettle", "--policy=zero", *SHORT)
     assert status == 0
     assert out.startswith("kitchen kettle, policy zero, seeds from 0\n2 episodes in runs, 0 of them there already\n")
@@ -202,6 +191,7 @@ def test_a_recording_tells_what_it_is_made_of(run, tmp_path):
         "task_kwargs": {},
         "policy": "zero",
         "seed": 0,
+        "seeding": "gymnasium",
         "max_episode_steps": 5,
     }
 
@@ -211,7 +201,7 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
     tmp_path.joinpath("stop").touch()
     assert run("--num_episodes=1", *command)[::2] == (
         130,
-        "kitchen-record: interrupted after 0 of 5 episodes; run the same again to go on\n",
+        "kitchen-record: interrupted after 0 of 5 episodes; the same command completes the recording\n",
     )
     assert list(load_all("runs")) == []
     tmp_path.joinpath("stop").unlink()
@@ -236,7 +226,7 @@ def test_the_bar_counts_episodes_and_successes(run, monkeypatch):
         def display(self, *args, **kwargs):
             shown.append((self.n, self.total, self.postfix))
 
-    monkeypatch.setattr(progress, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
+    monkeypatch.setattr(report, "tqdm", lambda **settings: Bar(**settings | {"disable": False, "mininterval": 0}))
     # So great that every task is complete after one step.
     easy = '--task_kwargs={"threshold": 9}'
     assert run("--output=runs", "--num_episodes=2", "--num_envs=1", easy)[0] == 0
@@ -258,7 +248,7 @@ def test_a_complete_recording_is_left_alone(run):
 
 
 def started(folder, *arguments):
-    """The command as a process that records for long, after it has written three episodes."""
+    """Starts the command as a process; returns it once it has written three episodes of many."""
     process = subprocess.Popen(
         [*COMMAND, f"--output={folder}", "--num_episodes=100000", "--num_envs=3", "--num_threads=1", *arguments],
         stdout=subprocess.PIPE,
@@ -282,15 +272,18 @@ def test_a_signal_keeps_the_finished_episodes(tmp_path, monkeypatch, number):
     count = len(load_all("runs"))
     assert count >= 3
     assert process.returncode == 130
-    assert err == f"kitchen-record: interrupted after {count} of 100000 episodes; run the same again to go on\n"
+    assert (
+        err
+        == f"kitchen-record: interrupted after {count} of 100000 episodes; the same command completes the recording\n"
+    )
     assert f"\nepisodes              {count}\n" in out
 
 
-def test_kill_9_costs_no_more_than_the_episodes_being_played(run, tmp_path):
+def test_kill_9_loses_only_the_episodes_in_progress(run, tmp_path):
     with started(tmp_path / "runs", *SHORT) as process:
         process.kill()
         assert process.communicate(timeout=60)[1] == ""
-    # Every file is whole, and the rest can be had.
+    # Every file is whole, and the same command adds the others.
     count = len(list(tmp_path.glob("runs/episode_*.npz"))) + 4
     assert run("--output=runs", f"--num_episodes={count}", "--num_envs=2", *SHORT)[0] == 0
     assert sorted(os.listdir("runs")) == [*names(*range(count)), "recording.json"]
@@ -327,10 +320,25 @@ def test_a_recording_made_with_another_mujoco_is_not_continued(run, tmp_path):
 
 
 def test_a_folder_of_rollouts_is_refused(run):
-    rollout.main(["--output=runs", "--num_episodes=1", "--time_limit=0.4"])
+    rollout.main(["--output=runs", "--num_episodes=1", *SHORT])
+    before = load_all("runs")
+    status, out, err = run("--output=runs", *SHORT)
+    assert (status, out.count("\n\nseed")) == (2, 0)
+    assert err == (
+        'kitchen-record: runs holds a recording with seeding "dm_control", not "gymnasium": name another folder\n'
+    )
+    os.remove("runs/recording.json")
     status, _, err = run("--output=runs", *SHORT)
-    assert status == 2
+    assert (status, err.count("\n")) == (2, 1)
     assert "holds episodes already" in err
+    assert load_all("runs")[names(0)[0]][0] == before[names(0)[0]][0]
+
+
+def test_a_recording_is_refused_by_a_rollout(run, capsys, tmp_path):
+    assert run("--output=runs", "--num_episodes=1", *SHORT)[0] == 0
+    assert rollout.main(["--output=runs", "--num_episodes=1", *SHORT]) == 2
+    assert "holds episodes already" in capsys.readouterr().err
+    assert json.loads(tmp_path.joinpath("runs/recording.json").read_text(encoding="utf-8"))["seeding"] == "gymnasium"
 
 
 def test_an_episode_whose_physics_diverges_is_left_out_and_named(run, monkeypatch):
@@ -352,7 +360,7 @@ def test_an_episode_whose_physics_diverges_is_left_out_and_named(run, monkeypatc
     assert [len(arrays["reward"]) for _, arrays in load_all("runs").values()] == [5, 5, 5]
 
 
-def test_a_full_disk_is_told_in_one_line(run, monkeypatch):
+def test_a_full_disk_gets_one_line(run, monkeypatch):
     def fail(file, **arrays):
         raise OSError(28, "No space left on device")
 
@@ -365,11 +373,11 @@ def test_a_full_disk_is_told_in_one_line(run, monkeypatch):
 
 BAD = {
     "--colour=red": "Unknown command line flag 'colour'",
-    "--num_episodes=0": "positive",
-    "--num_envs=0": "positive",
-    "--num_threads=0": "positive",
-    "--max_episode_steps=0": "positive",
-    "--seed=-1": "non-negative",
+    "--num_episodes=0": "must be at least 1",
+    "--num_envs=0": "must be at least 1",
+    "--num_threads=0": "must be at least 1",
+    "--max_episode_steps=0": "must be at least 1",
+    "--seed=-1": "must be at least 0",
     "--domain_name=kitchn": "did you mean 'kitchen'?",
     "--task_name=kettel": "did you mean 'kettle'?",
     "--policy=rndom": "did you mean 'random'?",
@@ -377,12 +385,15 @@ BAD = {
     "--policy=my_policies:broken": "'my_policies:broken' raised KeyError: 'lost'",
     "--policy=my_policies:too_great": "returned a bad action",
     "--output=my_policies.py": "my_policies.py",
-    "--output=": "--output is missing",
+    "--output=": "is empty",
     "--task_kwargs=[1]": "JSON object",
     "--task_kwargs={": "not JSON",
-    '--task_kwargs={"colour": 1}': "colour",
+    '--task_kwargs={"colour": 1}': "unexpected keyword argument 'colour'",
     '--task_kwargs={"threshold": -1}': "threshold must be",
     '--task_kwargs={"info_format": "lists"}': "info_format cannot be among the task_kwargs",
+    '--task_kwargs={"random": 1}': "random cannot be among the task_kwargs",
+    '--task_kwargs={"time_limit": 1}': "time_limit cannot be among the task_kwargs",
+    '--task_kwargs={"num_envs": 1}': "num_envs cannot be among the task_kwargs",
     "--dataset=kitchen": "'kitchen' is no name of a dataset",
     "--dataset=a b-v0": "'a b-v0' is no name of a dataset",
     "all": "unexpected argument 'all'",
@@ -403,7 +414,7 @@ def test_an_action_beyond_float32_is_refused(run):
     assert "does not fit into float32" in err
 
 
-def test_what_the_task_fixes_cannot_be_changed(run):
+def test_arguments_that_the_task_fixes_are_refused(run):
     status, _, err = run("--output=runs", "--domain_name=open_cabinet", '--task_kwargs={"drawer": "bottom"}')
     assert status == 2
     assert "task 'top_drawer' fixes ['drawer']" in err
@@ -413,10 +424,3 @@ def test_what_the_task_fixes_cannot_be_changed(run):
 def test_nothing_is_made_before_all_arguments_are_known_to_be_good(run, argument):
     assert run("--output=runs", argument)[:2] == (2, "")
     assert not os.path.exists("runs")
-
-
-def test_help_tells_of_every_flag(run):
-    status, out, err = run("--help")
-    assert (status, err) == (0, "")
-    for name in ("output", "dataset", "num_envs", "num_threads", "max_episode_steps", "data_path"):
-        assert f"--{name}: " in out

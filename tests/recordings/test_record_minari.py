@@ -1,6 +1,5 @@
 """Recordings as Minari datasets: read back, recovered, whole or absent."""
 
-import json
 import os
 import sys
 
@@ -8,10 +7,11 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
+from episode_files import load_episode
 from minari.dataset.minari_dataset import MinariDataset
 
 from kitchen_suite.cli import record
-from kitchen_suite.rollouts.episode_arrays import flatten
+from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 KITCHEN = ["--num_threads=1", "--output=runs", "--num_episodes=3", "--num_envs=2", "--seed=5", "--max_episode_steps=5"]
@@ -25,7 +25,7 @@ DATASETS = {
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs the command, with datasets in `datasets`; gives status, stdout and stderr."""
+    """Runs the command, with datasets in `datasets`; returns status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
 
@@ -36,10 +36,8 @@ def run(capsys, tmp_path, monkeypatch):
     return run
 
 
-def staged(index):
-    with np.load(f"runs/episode_{index:06d}.npz", allow_pickle=False) as file:
-        arrays = dict(file)
-    return json.loads(str(arrays.pop("metadata"))), arrays
+def recorded(index):
+    return load_episode(f"runs/episode_{index:06d}.npz")
 
 
 def arrays_of(episode):
@@ -64,7 +62,7 @@ def test_minari_reads_back_what_was_recorded(run, arguments, recwarn):
     assert (dataset.total_episodes, seeds) == (3, [5, 6, 7])
     assert dataset.total_steps == sum(len(episode.rewards) for episode in dataset)
     for index, episode in enumerate(dataset):
-        _, expected = staged(index)
+        _, expected = recorded(index)
         found = arrays_of(episode)
         assert found.keys() == expected.keys()
         for name, array in expected.items():
@@ -82,18 +80,18 @@ def test_the_recovered_environment_plays_an_episode_again(run, arguments):
     episode = dataset[1]
     observation, _ = environment.reset(seed=6)
     assert environment.observation_space.contains(observation)
-    shown, steps = [flatten(observation, "observation")], []
+    observations, steps = [flatten(observation, "observation")], []
     for action in episode.actions:
         observation, *step, _ = environment.step(action)
-        shown.append(flatten(observation, "observation"))
+        observations.append(flatten(observation, "observation"))
         steps.append(step)
     for name, rows in flatten(episode.observations, "observation").items():
-        np.testing.assert_array_equal(rows, [row[name] for row in shown], name)
+        np.testing.assert_array_equal(rows, [row[name] for row in observations], name)
     assert steps == list(map(list, zip(episode.rewards, episode.terminations, episode.truncations, strict=True)))
     assert episode.terminations[-1] or episode.truncations[-1]
 
 
-def test_a_dataset_tells_what_it_is_made_of(run):
+def test_a_dataset_holds_its_specification(run):
     assert run(f"--dataset={ID}", "--task_name=kettle", "--policy=zero")[0] == 0
     about = minari.list_local_datasets()[ID]
     assert about["algorithm_name"] == "zero"
@@ -110,7 +108,7 @@ def minari_versions(about):
 
 def test_a_dataset_can_be_made_of_a_recording_that_is_there(run, monkeypatch):
     assert run()[0] == 0
-    monkeypatch.setattr("kitchen_suite.recordings.spec.RecordingSpec.environments", None)  # Nothing is played again.
+    monkeypatch.setattr("kitchen_suite.rollouts.spec.RecordingSpec.make_vector_env", None)  # Nothing is played again.
     # Minari's ids need no namespace.
     assert run("--dataset=random-v1")[0] == 0
     assert minari.load_dataset("random-v1").total_episodes == 3
@@ -145,7 +143,10 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(MinariDataset, "update_dataset_from_buffer", interrupt)
         status, _, err = run(f"--dataset={ID}")
-    assert (status, err) == (130, "kitchen-record: interrupted after 3 of 3 episodes; run the same again to go on\n")
+    assert (status, err) == (
+        130,
+        "kitchen-record: interrupted after 3 of 3 episodes; the same command completes the recording\n",
+    )
     assert os.listdir("datasets") == []
     # What a killed process leaves.
     (tmp_path / "datasets" / ".999999999.kitchen-record" / ID).mkdir(parents=True)
@@ -154,7 +155,7 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
     assert minari.load_dataset(ID).total_episodes == 3
 
 
-def test_what_diverged_is_not_in_the_dataset(run, monkeypatch):
+def test_episodes_that_diverged_are_not_in_the_dataset(run, monkeypatch):
     step = SuiteVectorEnv.step
 
     def diverge(self, actions):

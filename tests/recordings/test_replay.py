@@ -1,8 +1,7 @@
-"""`kitchen-replay` as its user meets it: what is equal, what is found to differ, and datasets of the original."""
+"""`kitchen-replay` from the command line: equal replays, differences, and datasets of the original environment."""
 
 import contextlib
 import json
-import os
 import re
 import sys
 
@@ -13,9 +12,9 @@ import numpy as np
 import pytest
 from reference import original_environment, random_actions
 
-from kitchen_suite.cli import record, replay
+from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.recordings.replay_job import choose
-from kitchen_suite.rollouts.episode_arrays import flatten, nested
+from kitchen_suite.rollouts.episode import flatten, unflatten
 
 ID = "kitchen-suite/random-v0"
 KITCHEN = ["--num_threads=1", "--num_envs=4", "--max_episode_steps=6"]
@@ -27,7 +26,7 @@ EQUAL = {"difference": "0", "rewards": "equal", "end": "equal", "completions": "
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs the command, with datasets in `datasets`; gives status, stdout and stderr."""
+    """Runs the command, with datasets in `datasets`; returns status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
 
@@ -84,7 +83,44 @@ def test_cabinets_replay_exactly_however_long_the_environment_has_lived(run, cap
         assert all(row["difference"] == "0" for row in rows(out))
 
 
-def test_whatever_was_changed_is_found(run, runs):
+ROLLOUTS = {
+    "kitchen": [EASY, "--task_name=all", "--policy=random", "--max_episode_steps=6"],
+    "kitchen, float64 feedback": ['--task_kwargs={"feedback": "true", "goal_format": "flat"}', "--max_episode_steps=6"],
+    "open_cabinet": ["--domain_name=open_cabinet", "--task_name=bottom_drawer", "--max_episode_steps=40"],
+    "open_cabinet, options": [
+        "--domain_name=open_cabinet",
+        "--max_episode_steps=40",
+        '--task_kwargs={"action_limit": 0.3, "observation_noise": {"drawer_position": 0.01}, "reward": "grasp"}',
+    ],
+}
+
+
+@pytest.mark.parametrize("arguments", ROLLOUTS.values(), ids=ROLLOUTS.keys())
+def test_a_folder_of_rollouts_replays_exactly(run, capsys, monkeypatch, arguments):
+    # The second episode of an environment would begin with the greater penalties.
+    monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.reward.LATE_STAGE", 10)
+    # More than 32 bits, as neither way of seeding may cut them off.
+    assert rollout.main([*arguments, "--output=rolled", "--num_episodes=3", f"--seed={2**32 + 7}"]) == 0
+    capsys.readouterr()
+    status, out, err = run("rolled")
+    assert (status, err) == (0, "")
+    assert out.startswith("rolled: 3 of 3 episodes\n\n")
+    assert [row["seed"] for row in rows(out)] == [str(2**32 + 7 + i) for i in range(3)]
+    for row in rows(out):
+        assert row == {**row, **EQUAL, "replayed": row["return"]}
+    assert out.endswith("\n3 of 3 episodes are equal\n")
+    # The same seeds start other episodes where Gymnasium draws from them.
+    path = "rolled/recording.json"
+    with open(path, encoding="utf-8") as file:
+        text = file.read()
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text.replace('"dm_control",\n', '"gymnasium",\n'))
+    status, out, _ = run("rolled")
+    assert status == 1
+    assert all(float(row["difference"]) > 0 for row in rows(out))
+
+
+def test_every_change_is_found(run, runs):
     def add(step):
         def function(array):
             array[step] += 1
@@ -120,7 +156,7 @@ def test_a_completion_that_differs_is_named(run, runs):
     assert out.endswith("\n1 of 2 episodes are equal\n")
 
 
-def test_other_versions_are_told(run, runs, tmp_path):
+def test_other_versions_are_printed(run, runs, tmp_path):
     path = tmp_path / "runs" / "recording.json"
     path.write_text(re.sub(r'"mujoco": "[^"]*"', '"mujoco": "3.0.0"', path.read_text()))
     status, out, _ = run("runs")
@@ -179,7 +215,7 @@ def of_the_original(seed, actions, prepare=lambda environment: None):
     stacked = {name: np.array([row[name] for row in shown]) for name in shown[0]}
     return minari.data_collector.EpisodeBuffer(
         seed=seed,
-        observations=nested(stacked, "observation"),
+        observations=unflatten(stacked, "observation"),
         actions=np.array(actions, np.float64),
         rewards=np.array(rewards),
         terminations=np.zeros(len(rewards), bool),
@@ -225,7 +261,7 @@ def test_a_dataset_in_the_published_layout_replays(run):
     publish(of_the_original(123, actions), of_the_original(123, actions[:7]))
     status, out, err = run("D4RL/kitchen/complete-v2")
     assert (status, err) == (0, "")
-    assert "not recorded by kitchen-record, so that observations and truncations are not judged" in out
+    assert "recorded by another program, so that observations and truncations are not compared" in out
     long, short = rows(out)
     assert float(long["return"]) > 1
     assert long == {
@@ -251,7 +287,7 @@ def ajar(environment):
 
 
 @pytest.mark.filterwarnings("ignore:env_spec is None", "ignore:`eval_env` is set to None")
-def test_without_seeds_it_replays_from_what_the_recording_shows(run):
+def test_episodes_without_seeds_replay_from_the_recorded_observations(run):
     actions = random_actions(np.random.default_rng(5), 60)
     publish(of_the_original(1, actions, ajar), of_the_original(2, actions, standing))
     status, out, err = run("D4RL/kitchen/complete-v2")
@@ -277,14 +313,15 @@ def test_a_dataset_of_something_else_is_refused(run):
 
 
 BAD = {
-    "": "name what to replay",
+    "": "source is missing",
     "nowhere": "'nowhere' is no name of a dataset",
     "nowhere-v0": "there is neither a folder nowhere-v0",
     "empty": "empty holds neither recording.json nor a Minari dataset",
     "runs more": "unexpected argument 'more'",
     "runs --episodes=some": "episodes must be 'all'",
     "runs --episodes=4": "there is no episode 4: there are 4, from 0",
-    "runs --num_episodes=0": "positive",
+    "runs --num_episodes=0": "must be at least 1",
+    "runs --task_name=kettle": "Unknown command line flag 'task_name'",
     "runs --video=film.avi": ".mp4",
     "runs --width=33": "even",
     "runs --camera=overvew": "did you mean 'overview'?",
@@ -303,7 +340,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, runs, tmp_path):
         assert message in err
 
 
-def test_a_file_that_is_no_episode_is_told_in_one_line(run, runs, tmp_path):
+def test_a_file_that_is_no_episode_gets_one_line(run, runs, tmp_path):
     tmp_path.joinpath("runs", "episode_000001.npz").write_bytes(b"nothing")
     status, _, err = run("runs")
     assert (status, err) == (1, "kitchen-replay: runs/episode_000001.npz does not hold an episode\n")
@@ -315,11 +352,3 @@ def test_without_minari_folders_can_be_replayed(run, runs, monkeypatch):
     status, _, err = run(ID)
     assert status == 2
     assert "pip install 'kitchen-suite[record]'" in err
-
-
-def test_help_tells_of_every_flag(run):
-    status, out, err = run("--help")
-    assert (status, err) == (0, "")
-    for name in ("episodes", "num_episodes", "video", "camera", "data_path"):
-        assert f"--{name}: " in out
-    assert not os.path.exists("datasets")

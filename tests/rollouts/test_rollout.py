@@ -1,4 +1,4 @@
-"""`kitchen-rollout` as its user meets it: exit status, table, and what goes to stderr."""
+"""`kitchen-rollout` from the command line: exit status, table, error messages, and files."""
 
 import json
 import os
@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from absl import flags
 from dm_control.rl import control
+from episode_files import assert_same_arrays, load_episode, nested
 
 from kitchen_suite import suite
 from kitchen_suite.cli import rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import gl
+from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.versions import installed_versions
 
 COMMAND = [sys.executable, "-m", "kitchen_suite.cli.rollout"]
-SHORT = ["--time_limit=0.4"]  # 5 control steps.
+SHORT = ["--max_episode_steps=5"]
 
 POLICIES = """
 import numpy as np
@@ -29,7 +32,10 @@ episode = 0
 def act(timestep):
     return np.full(9, 0.1, np.float32)
 
-def act_and_scribble(timestep):
+def far(timestep):
+    return np.full(9, 3.0 if timestep.first() else -3.0)
+
+def act_and_overwrite(timestep):
     for value in timestep.observation.values():
         value[...] = np.nan
     return act(timestep)
@@ -59,7 +65,7 @@ not_callable = 3
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs the command in a folder that holds `my_policies.py`; gives status, stdout and stderr."""
+    """Runs the command in a folder that holds `my_policies.py`; returns status, stdout and stderr."""
     tmp_path.joinpath("my_policies.py").write_text(POLICIES)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -82,15 +88,11 @@ def rows(out):
     return table
 
 
-def load_episode(path):
-    with np.load(path, allow_pickle=False) as file:
-        arrays = dict(file)
-    return json.loads(str(arrays.pop("metadata"))), arrays
-
-
 def episode_files(folder):
-    """Names of all files in a folder, hidden ones too."""
-    return sorted(os.listdir(folder))
+    """Names of all files in a folder, hidden ones too, but for the specification, which has to be there."""
+    files = sorted(os.listdir(folder))
+    files.remove("recording.json")
+    return files
 
 
 def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
@@ -111,7 +113,7 @@ def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
     }
 
 
-def test_completions_are_told_with_their_control_steps(run):
+def test_completions_are_listed_with_their_control_steps(run):
     status, out, _ = run("--num_episodes=1", "--task_name=all", '--task_kwargs={"threshold": 9}', *SHORT)
     assert status == 0
     assert max(map(len, out.splitlines())) <= 100
@@ -140,58 +142,91 @@ def test_an_episode_is_the_same_alone_as_after_others(run):
     run("--seed=5", "--num_episodes=1", "--output=one", *SHORT)
     (one, alone), (other, after) = load_episode("one/episode_000000.npz"), load_episode("many/episode_000002.npz")
     assert one["seed"] == other["seed"] == 5
-    assert list(alone) == list(after)
-    for key, value in alone.items():
-        np.testing.assert_array_equal(value, after[key], key)
+    assert_same_arrays(alone, after)
 
 
 def test_the_policy_draws_from_a_stream_of_its_own(run):
     run("--num_episodes=1", "--output=random", *SHORT)
     run("--num_episodes=1", "--output=zero", "--policy=zero", *SHORT)
     (_, random), (_, zero) = (load_episode(f"{name}/episode_000000.npz") for name in ("random", "zero"))
-    key = "observation/object_velocities"
+    key = "observation/observation"
     np.testing.assert_array_equal(random[key][0], zero[key][0])
+    assert (random[key][1, :9] != zero[key][1, :9]).all()
     assert not zero["action"].any()
     assert random["action"].std() > 0.4  # A uniform number in [-1, 1] has 0.58.
 
 
-@pytest.mark.parametrize("policy", ["random", "my_policies:act", "my_policies:act_and_scribble"])
-def test_an_episode_file_holds_what_the_environment_gives_when_replayed(run, policy):
-    status, _, _ = run(
-        "--task_name=mixed", '--task_kwargs={"feedback": "true"}', f"--policy={policy}", "--output=new/runs", *SHORT
-    )
+@pytest.mark.parametrize("policy", ["random", "my_policies:act", "my_policies:act_and_overwrite", "my_policies:far"])
+def test_an_episode_file_holds_what_suite_load_returns_when_the_actions_are_replayed(run, policy):
+    task_kwargs = {"feedback": "true", "threshold": 0.5}
+    arguments = ["--task_name=mixed", f"--task_kwargs={json.dumps(task_kwargs)}", f"--policy={policy}", "--seed=3"]
+    status, _, _ = run(*arguments, "--num_episodes=2", "--output=new/runs", *SHORT)
     assert status == 0
-    assert episode_files("new/runs") == [f"episode_00000{i}.npz" for i in range(3)]
-    for index in range(3):
-        about, arrays = load_episode(f"new/runs/episode_00000{index}.npz")
-        assert (about["episode"], about["seed"], about["policy"]) == (index, index, policy)
-        assert about["task_kwargs"] == {"feedback": "true", "time_limit": 0.4}
-        assert about["results"] == {"success": False, "tasks_completed": {}}
-        assert set(about["versions"]) == {"kitchen-suite", "dm-control", "mujoco", "numpy", "gymnasium-robotics"}
-        assert_replays(about, arrays)
+    assert episode_files("new/runs") == [f"episode_00000{i}.npz" for i in range(2)]
+    for index in range(2):
+        metadata, arrays = load_episode(f"new/runs/episode_00000{index}.npz")
+        spec = metadata.pop("recording")
+        assert spec == {
+            "domain_name": "kitchen",
+            "task_name": "mixed",
+            "task_kwargs": task_kwargs,
+            "policy": policy,
+            "seed": 3,
+            "seeding": "dm_control",
+            "max_episode_steps": 5,
+            "versions": installed_versions(),
+        }
+        assert set(spec["versions"]) > {"kitchen-suite", "dm-control", "mujoco", "numpy", "gymnasium-robotics"}
+        assert metadata.pop("seconds") > 0
+        assert metadata == {
+            "episode": index,
+            "seed": 3 + index,
+            "steps": 5,
+            "total_reward": 1.0,
+            "results": {"success": False, "tasks_completed": {"kettle": 1}},
+        }
+        assert np.abs(arrays["action"]).max() <= 1.0
+        assert_replays_in_suite_load(spec, 3 + index, arrays)
+        tasks = [*nested(arrays, "observation/desired_goal", 0)]
+        assert tasks == ["microwave", "kettle", "bottom burner", "light switch"]
 
 
-def assert_replays(about, arrays):
-    task_kwargs = {**about["task_kwargs"], "random": about["seed"]}
-    environment = suite.load(about["domain_name"], about["task_name"], task_kwargs=task_kwargs)
+def assert_replays_in_suite_load(spec, seed, arrays):
+    environment = suite.load(
+        spec["domain_name"], spec["task_name"], {**spec["task_kwargs"], "random": seed, "time_limit": 5 * 0.08}
+    )
     timesteps = [environment.reset(), *map(environment.step, arrays["action"])]
-    assert timesteps[-1].last()
+    assert [timestep.last() for timestep in timesteps] == [False] * 5 + [True]
+    assert arrays["action"].dtype == arrays["reward"].dtype == np.float64
     np.testing.assert_array_equal(arrays["reward"], [timestep.reward for timestep in timesteps[1:]])
-    np.testing.assert_array_equal(arrays["discount"], [timestep.discount for timestep in timesteps[1:]])
-    spec = environment.observation_spec()
-    assert list(arrays) == [*(f"observation/{key}" for key in spec), "action", "reward", "discount"]
-    for key, part in spec.items():
-        assert arrays[f"observation/{key}"].dtype == part.dtype
-        np.testing.assert_array_equal(
-            arrays[f"observation/{key}"], [timestep.observation[key] for timestep in timesteps], key
-        )
+    # Of the time limit alone.
+    assert [timestep.discount for timestep in timesteps[1:]] == [1.0] * 5
+    assert arrays["termination"].tolist() == [False] * 5
+    assert arrays["truncation"].tolist() == [False] * 4 + [True]
+    names = ("episode_step", "is_success", "task_distances", "completion_steps", "tasks_to_complete_mask")
+    names += ("step_task_completions_mask", "episode_task_completions_mask")
+    assert {name for name in arrays if name.startswith("info/")} == {f"info/{name}" for name in names}
+    assert arrays["info/episode_step"].tolist() == [*range(6)]
+    single = RecordingSpec(**spec).make_environment().unwrapped
+    for row, timestep in enumerate(timesteps):
+        observation = single.suite_observation(nested(arrays, "observation", row))
+        assert list(observation) == list(environment.observation_spec())
+        for key, part in environment.observation_spec().items():
+            assert observation[key].dtype == part.dtype
+            np.testing.assert_array_equal(observation[key], timestep.observation[key], key)
 
 
 def test_completion_steps_are_in_the_file(run):
     run("--num_episodes=1", "--task_name=microwave", '--task_kwargs={"threshold": 9}', "--output=runs")
-    about, arrays = load_episode("runs/episode_000000.npz")
-    assert about["results"] == {"success": True, "tasks_completed": {"microwave": 1}}
-    assert (arrays["reward"], arrays["discount"]) == (1.0, 0.0)
+    metadata, arrays = load_episode("runs/episode_000000.npz")
+    assert metadata["results"] == {"success": True, "tasks_completed": {"microwave": 1}}
+    assert (arrays["reward"], arrays["termination"], arrays["truncation"]) == (1.0, True, False)
+
+
+def test_actions_are_written_as_they_were_applied(run):
+    assert run("--output=runs", "--num_episodes=1", "--policy=my_policies:far", *SHORT)[0] == 0
+    _, arrays = load_episode("runs/episode_000000.npz")
+    np.testing.assert_array_equal(arrays["action"], np.repeat([[1.0], [-1.0]], [1, 4], axis=0).repeat(9, axis=1))
 
 
 def test_an_interrupt_keeps_the_finished_episodes(run):
@@ -217,7 +252,18 @@ def test_an_interrupt_while_a_file_is_written_leaves_no_part_of_it(run, monkeypa
     assert episode_files("runs") == ["episode_000000.npz"]
 
 
-def test_a_full_disk_is_told_in_one_line(run, monkeypatch):
+def test_an_interrupt_at_the_beginning_of_an_array_is_an_interrupt(run, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    # Then zipfile cannot close the file, and raises a ValueError.
+    monkeypatch.setattr("zipfile._get_compressor", interrupt)
+    status, _, err = run("--output=runs", *SHORT)
+    assert (status, err) == (130, "kitchen-rollout: interrupted after 0 of 3 episodes\n")
+    assert episode_files("runs") == []
+
+
+def test_a_full_disk_gets_one_line(run, monkeypatch):
     def fail(file, **arrays):
         raise OSError(28, "No space left on device")
 
@@ -228,7 +274,7 @@ def test_a_full_disk_is_told_in_one_line(run, monkeypatch):
     assert episode_files("runs") == []
 
 
-def test_diverging_physics_is_told_in_one_line(run, monkeypatch):
+def test_diverging_physics_gets_one_line(run, monkeypatch):
     def diverge(self, action):
         raise control.PhysicsError("Physics state has become invalid.")
 
@@ -254,18 +300,19 @@ def test_a_policy_is_found_in_the_working_directory(run):
 BAD = {
     "--colour=red": "Unknown command line flag 'colour'",
     "--num_episode=2": "Did you mean: num_episodes",
-    "--num_episodes=0": "positive",
-    "--num_episodes=-3": "positive",
-    "--num_episodes=1.5": "1.5",
-    "--num_episodes=many": "many",
+    "--time_limit=0.4": "Unknown command line flag 'time_limit'",
+    "--num_episodes=0": "must be at least 1",
+    "--num_episodes=-3": "must be at least 1",
+    "--num_episodes=1.5": "'1.5' is not an integer",
+    "--num_episodes=many": "'many' is not an integer",
     "--num_episodes": "Missing value",
-    "--seed=-1": "non-negative",
-    "--seed=0.5": "0.5",
-    "--time_limit=inf": "finite and positive",
-    "--time_limit=nan": "finite and positive",
-    "--time_limit=0": "finite and positive",
-    "--time_limit=-1": "finite and positive",
-    "--time_limit=long": "long",
+    "--seed=-1": "must be at least 0",
+    "--seed=0.5": "'0.5' is not an integer",
+    "--max_episode_steps=inf": "'inf' is not an integer",
+    "--max_episode_steps=nan": "'nan' is not an integer",
+    "--max_episode_steps=0": "must be at least 1",
+    "--max_episode_steps=-1": "must be at least 1",
+    "--max_episode_steps=long": "'long' is not an integer",
     "--domain_name=kitchn": "did you mean 'kitchen'?",
     "--task_name=ketle": "did you mean 'kettle'?",
     "--task_name=bottom burner": "did you mean 'bottom_burner'?",
@@ -284,17 +331,20 @@ BAD = {
     "--camera=-1": "'overview'",
     "--output=my_policies.py": "is not a folder",
     "--output=my_policies.py/inside": "my_policies.py",
-    "--output=": "is not a folder",
+    "--output=": "is empty",
+    "--video=": "is empty",
     "--video=film.avi": ".mp4",
     "--video=nowhere/film.mp4": "there is no folder 'nowhere'",
-    "--width=0": "2",
+    "--video_episodes=0": "must be at least 1",
+    "--video_fps=0": "must be at least 0.1",
+    "--width=0": "must be at least 2",
     "--height=33": "even",
-    "--width=wide": "wide",
+    "--width=wide": "'wide' is not an integer",
     "--list=perhaps": "perhaps",
     "--task_kwargs=[1]": "JSON object",
     "--task_kwargs={": "not JSON",
-    '--task_kwargs={"random": 1}': "--seed",
-    '--task_kwargs={"colour": 1}': "colour",
+    '--task_kwargs={"random": 1}': "random cannot be among the task_kwargs",
+    '--task_kwargs={"colour": 1}': "unexpected keyword argument 'colour'",
     '--task_kwargs={"threshold": -1}': "threshold must be",
     '--task_kwargs={"tasks_to_complete": []}': "tasks_to_complete",
     "--flagfile=nowhere": "nowhere",
@@ -308,6 +358,27 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
     assert status == 2
     assert re.fullmatch(r"kitchen-rollout: [^\n]+\n", err)
     assert BAD[argument] in err
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "autoreset_mode",
+        "info_format",
+        "max_episode_steps",
+        "num_envs",
+        "num_threads",
+        "random",
+        "render_mode",
+        "time_limit",
+        "visuals",
+    ],
+)
+def test_an_argument_that_the_command_sets_itself_is_refused(run, name):
+    status, out, err = run(f'--task_kwargs={{"{name}": 1, "threshold": 1}}', "--output=runs")
+    assert (status, out) == (2, "")
+    assert err == f"kitchen-rollout: {name} cannot be among the task_kwargs: the command sets it itself\n"
+    assert not os.path.exists("runs")
 
 
 @pytest.mark.parametrize("argument", ["--camera=nowhere", "--policy=nowhere:act", "--task_name=nothing"])
@@ -326,15 +397,7 @@ def test_list_names_domains_tasks_and_cameras(run):
     assert max(map(len, out.splitlines())) <= 100
 
 
-@pytest.mark.parametrize("flag", ["--help", "-h"])
-def test_help_tells_of_every_flag(run, flag):
-    status, out, err = run(flag)
-    assert (status, err) == (0, "")
-    for name in ("domain_name", "task_name", "policy", "num_episodes", "seed", "output", "video", "camera", "[no]list"):
-        assert f"--{name}: " in out
-
-
-def test_flags_are_its_own_and_forgotten_after_each_run(run):
+def test_flags_are_not_global_and_reset_before_each_run(run):
     assert rows(run("--seed=5", "--num_episodes=1", *SHORT)[1])[0]["seed"] == "5"
     assert rows(run("--num_episodes=1", *SHORT)[1])[0]["seed"] == "0"
     assert "num_episodes" not in flags.FLAGS
@@ -365,17 +428,19 @@ def test_as_a_process_it_does_the_same(run):
 def test_without_a_video_no_gl_library_is_loaded():
     script = """
 import sys
-from kitchen_suite import rollout
+from kitchen_suite.cli import rollout
 assert "dm_control" not in sys.modules
-assert rollout.main(["--num_episodes=1", "--time_limit=0.1"]) == 0
+assert rollout.main(["--num_episodes=1", "--max_episode_steps=2"]) == 0
 with open("/proc/self/maps", encoding="ascii") as maps:
-    assert not [line for line in maps if any(name in line for name in ("libEGL", "libGL", "libOSMesa", "glfw"))]
+    assert not [line for line in maps if any(name in line for name in ("libEGL", "libGL", "libOSMesa"))]
+# Gymnasium-Robotics imports glfw, which loads no GL library before it is initialised.
+assert "dm_control._render.glfw_renderer" not in sys.modules
 """
     process = in_a_process(sys.executable, "-c", script, unset=["MUJOCO_GL", "PYOPENGL_PLATFORM"])
     assert (process.returncode, process.stderr) == (0, "")
 
 
-def test_a_gl_library_that_does_not_exist_matters_to_videos_alone(tmp_path, monkeypatch):
+def test_a_gl_library_that_does_not_exist_is_an_error_for_videos_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert in_a_process(*COMMAND, *SHORT, MUJOCO_GL="nonsense").returncode == 0
     process = in_a_process(*COMMAND, "--video=film.mp4", MUJOCO_GL="nonsense")
@@ -383,7 +448,7 @@ def test_a_gl_library_that_does_not_exist_matters_to_videos_alone(tmp_path, monk
     assert re.fullmatch(r"kitchen-rollout: .*MUJOCO_GL=nonsense[^\n]+\n", process.stderr)
 
 
-def test_whoever_stops_reading_sees_no_traceback():
+def test_a_reader_that_leaves_sees_no_traceback():
     with subprocess.Popen(
         [*COMMAND, "--num_episodes=1000", *SHORT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

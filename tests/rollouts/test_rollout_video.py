@@ -1,4 +1,4 @@
-"""Videos that `kitchen-rollout` makes, and the GL library it makes them with."""
+"""Videos of `kitchen-rollout`, and the choice of the GL library that renders them."""
 
 import contextlib
 import os
@@ -7,6 +7,7 @@ import imageio.v2 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from episode_files import assert_same_arrays, load_episode
 
 from kitchen_suite.cli import rollout
 from kitchen_suite.rendering import gl, video
@@ -25,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 
 def film(*arguments):
     size = ("--width=96", "--height=70")
-    return rollout.main(["--video=film.mp4", "--time_limit=0.24", *size, *arguments])
+    return rollout.main(["--video=film.mp4", "--max_episode_steps=3", *size, *arguments])
 
 
 @pytest.mark.rendering
@@ -43,7 +44,7 @@ def test_a_video_shows_every_time_step_at_its_true_speed(folder):
 def test_the_camera_may_be_a_name_or_a_number(folder):
     views = []
     for camera in ("left", "3", "right"):
-        assert film("--num_episodes=1", f"--camera={camera}") == 0
+        assert film("--num_episodes=1", "--max_episode_steps=1", f"--camera={camera}") == 0
         views.append(read("film.mp4")[1])
     np.testing.assert_array_equal(views[0], views[1])
     assert np.abs(views[0].astype(float) - views[2]).mean() > 10
@@ -62,11 +63,11 @@ def test_a_video_that_is_not_finished_leaves_the_one_before(folder, capsys):
 @pytest.mark.rendering
 def test_filming_changes_nothing(folder, capsys):
     assert film("--num_episodes=1", "--output=filmed", "--visualize_reward") == 0
-    assert rollout.main(["--time_limit=0.24", "--num_episodes=1", "--output=unseen"]) == 0
-    with np.load("filmed/episode_000000.npz") as filmed, np.load("unseen/episode_000000.npz") as unseen:
-        assert filmed.files == unseen.files
-        for key in filmed.files:
-            np.testing.assert_array_equal(filmed[key], unseen[key], key)
+    assert rollout.main(["--max_episode_steps=3", "--num_episodes=1", "--output=unseen"]) == 0
+    (one, filmed), (other, unseen) = (load_episode(f"{name}/episode_000000.npz") for name in ("filmed", "unseen"))
+    assert_same_arrays(filmed, unseen)
+    assert one.pop("seconds") > 0 < other.pop("seconds")
+    assert one == other
 
 
 @pytest.mark.rendering
@@ -74,7 +75,7 @@ def test_a_size_beyond_the_model_is_refused(folder, capsys):
     assert rollout.main(["--video=film.mp4", "--width=4000"]) == 2
     assert capsys.readouterr() == (
         "",
-        "kitchen-rollout: a video of 4000 x 480 pixels is too large: the model has room for 1920 x 1440\n",
+        "kitchen-rollout: a video of 4000 x 480 pixels is too large: the model's offscreen buffer has 1920 x 1440\n",
     )
 
 
@@ -103,7 +104,7 @@ def test_the_first_gl_library_that_works_is_chosen(monkeypatch, working, chosen)
     # Set first, so that the old value comes back whatever the code under test does.
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(gl, "_renders", lambda library: library in working)
+    monkeypatch.setattr(gl, "_can_render", lambda library: library in working)
     gl.prepare(rendering=True)
     assert os.environ["MUJOCO_GL"] == chosen
 
@@ -111,13 +112,13 @@ def test_the_first_gl_library_that_works_is_chosen(monkeypatch, working, chosen)
 def test_where_no_gl_library_works_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(gl, "_renders", lambda library: False)
+    monkeypatch.setattr(gl, "_can_render", lambda library: False)
     with pytest.raises(OSError, match=r"MUJOCO_GL=egl or osmesa: install a GL library .*libosmesa6"):
         gl.prepare(rendering=True)
 
 
 def test_a_gl_library_that_the_user_named_is_the_only_one_tried(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    monkeypatch.setattr(gl, "_renders", lambda library: library != "glfw")
+    monkeypatch.setattr(gl, "_can_render", lambda library: library != "glfw")
     with pytest.raises(OSError, match="MUJOCO_GL=glfw:"):
         gl.prepare(rendering=True)

@@ -45,10 +45,10 @@ JOINTS = {
     "cabinet/door_left_joint": (0.0, 1.5707963267948966, 1.0, 0.0, 0.5),
     "cabinet/door_right_joint": (0.0, 1.5707963267948966, 1.0, 0.0, 0.5),
 }
-# Gain, gain of the velocity, greatest force.
-SERVOS = [(4500, 450, 87)] * 2 + [(3500, 350, 87)] * 2 + [(2000, 200, 12)] * 3 + [(1000, 100, 100)] * 2
-# Half sizes, sliding friction, dimensions of contact.
-TOUCHED = {
+# Gain, velocity gain, greatest force.
+ACTUATORS = [(4500, 450, 87)] * 2 + [(3500, 350, 87)] * 2 + [(2000, 200, 12)] * 3 + [(1000, 100, 100)] * 2
+# Half sizes, sliding friction, contact dimension.
+COLLIDING = {
     **{f"franka/{side}_finger_pad": (0.0105, 0.005, 0.0095, 1.5, 4) for side in ("left", "right")},
     **{f"franka/{side}_finger_shank": (0.0105, 0.0055, 0.0175, 1.5, 4) for side in ("left", "right")},
     **{f"cabinet/drawer_{drawer}_handle_bar": (0.006, 0.075, 0.0, 1.0, 3) for drawer in ("top", "bottom")},
@@ -120,8 +120,8 @@ def test_joints(model):
     close(model.jnt_solref, [[0.02, 1]] * 13)
 
 
-def test_servos(model):
-    gain, velocity_gain, force = np.transpose(SERVOS)
+def test_actuators(model):
+    gain, velocity_gain, force = np.transpose(ACTUATORS)
     zeros = np.zeros(9)
     close(model.actuator_gainprm[:, :3], np.transpose([gain, zeros, zeros]))
     close(model.actuator_biasprm[:, :3], -np.transpose([zeros, gain, velocity_gain]))
@@ -130,7 +130,7 @@ def test_servos(model):
 
 
 def test_contacts(model):
-    for name, numbers in TOUCHED.items():
+    for name, numbers in COLLIDING.items():
         geom = model.geom(name)
         close((*geom.size, geom.friction[0], *geom.condim), numbers)
         close(geom.friction[1:], (0.005, 0.0001))
@@ -142,7 +142,7 @@ def test_contacts(model):
 
 
 def test_where_fixed_actions_lead(env):
-    # What no table above has: places of bodies, joints and centres of mass.
+    # Depends on poses of bodies, joints and centres of mass, which the tables above leave out.
     env.reset()
     with env.physics.reset_context():
         env.physics.data.qpos[:] = [*DEFAULT_POSE, 0.2, 0.1, 0.5, 0.7]

@@ -1,4 +1,4 @@
-"""What can open a drawer: a hand that holds its handle. What cannot: pushing."""
+"""A hand that holds the handle opens the drawer; pushing and an open gripper do not."""
 
 import cabinet_expert
 import numpy as np

@@ -1,4 +1,4 @@
-"""The reward that pays for opening by a grasp: recomputed, and what an expert, a dragging hand and no hand earn."""
+"""The reward `grasp`: recomputed, and earned by the expert, by a dragging hand and by no hand."""
 
 import cabinet_expert
 import gymnasium
@@ -8,10 +8,10 @@ from cabinet_reference import HIGH, LOW, ROBOT_JOINTS, TERMS, RecomputedGrasp
 
 from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
-from kitchen_suite.gymnasium_env import CABINET_ID
+from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward, grip
-from kitchen_suite.tasks.open_cabinet.reward import opening
+from kitchen_suite.tasks.open_cabinet.reward import opening, terminates
 
 # Poses in which the hand is around the top and the bottom handle.
 AT_HANDLE = {
@@ -40,11 +40,11 @@ def test_every_term_recomputed_at_random_states(drawer):
     random, seen = np.random.default_rng(0), []
     for _ in range(500):
         env.reset()
-        life, action = int(random.integers(0, 16_000)), 0.01 * random.normal(size=8)
-        env.task.total_steps = life
+        total_steps, action = int(random.integers(0, 16_000)), 0.01 * random.normal(size=8)
+        env.task.total_steps = total_steps
         random_state(env.physics, drawer, random)
         timestep = env.step(action)
-        expected = RecomputedGrasp(env.physics, drawer, action, life)
+        expected = RecomputedGrasp(env.physics, drawer, action, total_steps)
         assert list(env.task.reward_terms) == TERMS
         for name, term in expected.terms.items():
             assert abs(env.task.reward_terms[name] - term) < 1e-6, name
@@ -60,7 +60,7 @@ def test_every_term_recomputed_at_random_states(drawer):
 
 
 def pulling_steps(env, act):
-    """Snapshots, terms and touch of both pads in the steps of an episode in which the drawer opens."""
+    """Returns features, reward terms and contact of both pads for the steps of an episode in which the drawer opens."""
     timestep, steps = env.reset(), []
     while not timestep.last():
         timestep = env.step(act(timestep))
@@ -72,7 +72,7 @@ def pulling_steps(env, act):
 
 
 @pytest.mark.parametrize("task", ["top_drawer", "bottom_drawer"])
-def test_the_expert_earns_all_there_is_for_holding_while_it_pulls(task):
+def test_the_expert_earns_nearly_the_whole_reward_for_holding_while_it_pulls(task):
     env = load(task)
     env.reset()
     steps = pulling_steps(env, cabinet_expert.opening_policy(env))
@@ -91,7 +91,7 @@ def test_a_hand_that_drags_the_bar_earns_nothing_for_opening():
     assert not any(touching for _, _, touching in steps)
     assert max(terms["opening"] for _, terms, _ in steps) < 0.01
     assert max(terms["grasp"] for _, terms, _ in steps) < 0
-    # The original reward pays for that.
+    # The original reward pays for dragging.
     assert max(opening(features) for features, _, _ in steps) > 5
 
 
@@ -120,20 +120,20 @@ def test_closing_a_drawer_costs_whether_it_is_held_or_not():
 
 
 def grips(shape):
-    """Snapshots of aligned grippers with the bar in their middle, and the fingers' free space on either side [m]."""
+    """Returns features of aligned grippers with the bar in their middle, and the gaps on either side of the bar [m]."""
     features = Features(np.zeros((*shape, 36)))
     features.values[..., [21, 28]] = 1.0
-    spaces = np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
-    features.values[..., [7, 8]] = 0.006 + spaces
-    return features, spaces
+    gaps = np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
+    features.values[..., [7, 8]] = 0.006 + gaps
+    return features, gaps
 
 
 def test_it_is_the_farther_pad_that_counts():
-    features, spaces = grips((4, 5))
+    features, gaps = grips((4, 5))
     held = grip(features, 0.006)
-    np.testing.assert_allclose(held.gap, spaces.max(axis=-1), atol=1e-15)
+    np.testing.assert_allclose(held.gap, gaps.max(axis=-1), atol=1e-15)
     np.testing.assert_array_equal(held.enclosure, np.ones((4, 5)))
-    np.testing.assert_allclose(held.holding, 1 / (1 + 1000 * spaces.max(axis=-1)), rtol=1e-12)
+    np.testing.assert_allclose(held.holding, 1 / (1 + 1000 * gaps.max(axis=-1)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("column", "end"), [(25, 0.03), (26, 0.006), (27, 0.0095)])
@@ -142,8 +142,8 @@ def test_no_bar_is_held_beyond_the_pads(column, end):
         features, _ = grips(())
         features.values[[7, 8]] = 0.006
         shares = []
-        for place in np.linspace(0.0, 1.2 * end, 13):
-            features.values[column] = side * place
+        for distance in np.linspace(0.0, 1.2 * end, 13):
+            features.values[column] = side * distance
             shares.append(float(grip(Features(features.values), 0.006).enclosure))
         assert shares[0] == 1.0
         assert 0.0 < shares[8] < 1.0
@@ -159,18 +159,24 @@ def test_no_bar_is_held_beside_fingers_that_open_along_it():
     assert grip(features, 0.006).enclosure == 0.0
 
 
-def test_a_batch_earns_what_its_rows_do():
+def test_a_batch_and_its_rows_have_equal_rewards():
     batch, _ = grips((30,))
     random = np.random.default_rng(1)
     batch.values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
     batch.values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
     reward = GraspReward(handle_radius=0.006)
-    gripper, change, life = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
-    terms = reward(batch, gripper=gripper, action_change=change, total_steps=life)
+    gripper, change, steps = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
+    terms = reward(batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminates(batch))
     assert len(set(terms["opening"])) > 20
     for i in range(30):
         row = Features(batch.values[i])
-        single = reward(row, gripper=gripper[i], action_change=change[i], total_steps=int(life[i]))
+        single = reward(
+            row,
+            gripper=gripper[i],
+            action_change=change[i],
+            total_steps=int(steps[i]),
+            terminated=terminates(row),
+        )
         for name, term in single.items():
             assert term.shape == ()
             np.testing.assert_allclose(term, terms[name][i], rtol=1e-13, atol=1e-15)
@@ -187,10 +193,10 @@ def test_a_thicker_bar_is_held_by_fingers_farther_apart():
     assert np.mean([terms["grasp"] for _, terms, _ in steps]) > 0.98 * 4
 
 
-def test_many_environments_earn_what_single_ones_do():
+def test_vectorised_and_single_environments_have_equal_rewards():
     settings = {"reward": "grasp", "gripper": "deterministic"}
-    many = gymnasium.make_vec(CABINET_ID, 3, vectorization_mode="vector_entry_point", num_threads=1, **settings)
-    singles = [gymnasium.make(CABINET_ID, **settings) for _ in range(3)]
+    many = gymnasium.make_vec(OPEN_CABINET_ID, 3, vectorization_mode="vector_entry_point", num_threads=1, **settings)
+    singles = [gymnasium.make(OPEN_CABINET_ID, **settings) for _ in range(3)]
     many.reset(seed=7)
     for i, single in enumerate(singles):
         single.reset(seed=7 + i)
@@ -216,4 +222,4 @@ def test_an_unknown_reward_is_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"reward 'grsp' does not exist \(did you mean 'grasp'\?\); choose from"):
         load(reward="grsp")
     with pytest.raises(TypeError, match="reward must be a string, got 1"):
-        gymnasium.make(CABINET_ID, reward=1)
+        gymnasium.make(OPEN_CABINET_ID, reward=1)

@@ -1,4 +1,4 @@
-"""The open_cabinet domain's builder, its options, and what it refuses."""
+"""The open_cabinet domain's builder, its options, and its errors."""
 
 import dm_env
 import numpy as np
@@ -21,7 +21,7 @@ def test_the_suite_knows_the_domain():
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_each_task_is_about_its_own_drawer(task):
+def test_each_task_observes_its_own_drawer(task):
     env = load(task)
     env.reset()
     joint = env.physics.named.data.qpos
@@ -128,7 +128,7 @@ def test_no_limit_means_no_limit():
         assert env.step(np.zeros(8)).mid()
 
 
-def test_a_design_reaches_the_scene():
+def test_a_cabinet_config_reaches_the_scene():
     env = load(cabinet_config=entities.CabinetConfig(drawer_friction=5.0, drawer_damping=20.0))
     joint = env.physics.bind(env.task.scene.cabinet.drawer_joint("top"))
     assert (joint.frictionloss.item(), joint.damping.item()) == (5.0, 20.0)

@@ -1,4 +1,4 @@
-"""What a reset of the open_cabinet domain may draw, and what it refuses to."""
+"""Domain randomisation of open_cabinet: values drawn, values refused."""
 
 import numpy as np
 import pytest
@@ -33,15 +33,15 @@ def test_without_randomization_only_the_robots_pose_is_drawn():
 def test_randomization_draws_the_scene_anew():
     env = load(randomization=MODERATE)
     starts = np.array([scene_state(env) for _ in range(200)])
-    spread = starts.max(axis=0) - starts.min(axis=0)
-    np.testing.assert_allclose(spread[7:], [10.0, 0.6, 0.6], rtol=0.05)
-    np.testing.assert_allclose(spread[6], 1.5, rtol=0.05)
+    ranges = starts.max(axis=0) - starts.min(axis=0)
+    np.testing.assert_allclose(ranges[7:], [10.0, 0.6, 0.6], rtol=0.05)
+    np.testing.assert_allclose(ranges[6], 1.5, rtol=0.05)
     # The handle moves with the cabinet: up to 3 cm and 5 cm, and 0.3 m times the yaw to the side.
-    assert (spread[:2] > [0.05, 0.1]).all()
+    assert (ranges[:2] > [0.05, 0.1]).all()
     np.testing.assert_allclose(starts[:, 2], 0.66, atol=1e-12)
 
 
-def test_randomization_takes_constants_and_returns_to_the_built_place():
+def test_randomization_takes_constants_and_offsets_start_from_the_built_pose():
     env = load(
         randomization=Randomization(cabinet_offset=(0.01, 0.0, 0.0), drawer_friction=distributions.Uniform(2, 4))
     )
@@ -67,7 +67,7 @@ def test_observations_follow_the_cabinet():
         np.testing.assert_allclose(observation["handle_offset"], offset, atol=1e-6)
 
 
-def test_both_pads_are_given_the_same_friction():
+def test_both_pads_have_the_same_friction():
     starts = scene_state(load(randomization=Randomization(pad_friction=1.3)))
     np.testing.assert_array_equal(starts[-2:], 1.3)
 
@@ -88,10 +88,10 @@ def test_both_pads_are_given_the_same_friction():
         ("pad_friction", -0.1, ValueError),
     ],
 )
-def test_what_cannot_be_set_is_refused(option, value, error):
+def test_values_out_of_range_are_refused(option, value, error):
     with pytest.raises(error, match=f"randomization's {option} must"):
         Randomization(**{option: value})
-    # From a variation, it shows at the reset only.
+    # The value of a variation is refused at the reset.
     options = {"drawer_friction": 2.0, option: lambda random_state: value}
     env = load(randomization=Randomization(**options))
     with pytest.raises(error, match=f"randomization's {option} must"):

@@ -11,13 +11,13 @@ AT_HANDLE = np.array([0.0, 0.06, 0.0, -1.91, 0.0, 3.54, -0.785, 0.02, 0.02])
 
 
 def random_state(physics, random):
-    """Puts the robot anywhere, or about the handle; the drawers too."""
+    """Sets random robot and drawer positions, most of them with the hand near the handle."""
     near = random.random() < 0.7
-    spread = random.choice([0.01, 0.05, 0.3])
-    pose = AT_HANDLE + spread * random.normal(size=9) if near else random.uniform([*LOW, 0], [*HIGH, 0.04])
+    scale = random.choice([0.01, 0.05, 0.3])
+    pose = AT_HANDLE + scale * random.normal(size=9) if near else random.uniform([*LOW, 0], [*HIGH, 0.04])
     with physics.reset_context():
         physics.named.data.qpos[ROBOT_JOINTS] = np.clip(pose, [*LOW, 0], [*HIGH, 0.04])
-        # Open so little that the hand is still at the handle, or a good deal, or closed.
+        # Closed, or open so little that the hand is still at the handle, or wide open.
         physics.data.qpos[9:11] = random.choice([0.0, 0.01, 0.2], 2) * random.random(2)
         physics.data.qvel[:] = random.choice([0.1, 1.0]) * random.normal(size=13)
 
@@ -28,12 +28,12 @@ def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
     random, seen = np.random.default_rng(0), []
     for _ in range(1000):
         env.reset()
-        life = int(random.integers(0, 16_000))
+        total_steps = int(random.integers(0, 16_000))
         actions = 0.3 * random.normal(size=(2, 8))
-        env.task.set_state({**env.task.get_state(), "total_steps": life, "previous_action": actions[0]})
+        env.task.set_state({**env.task.get_state(), "total_steps": total_steps, "previous_action": actions[0]})
         random_state(env.physics, random)
         timestep = env.step(actions[1])
-        expected = Recomputed(env.physics, drawer, actions[1] - actions[0], life)
+        expected = Recomputed(env.physics, drawer, actions[1] - actions[0], total_steps)
         np.testing.assert_allclose(flat(timestep), expected.observation, rtol=0, atol=1e-6)
         assert list(env.task.reward_terms) == TERMS
         for name, term in expected.terms.items():

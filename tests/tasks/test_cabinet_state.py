@@ -1,4 +1,4 @@
-"""States of the open_cabinet domain: what they bring back, which are refused."""
+"""Saved states of the open_cabinet domain: restored exactly, or refused."""
 
 import cabinet_expert
 import numpy as np

@@ -1,4 +1,4 @@
-"""The open_cabinet task as an agent meets it: observations and rewards recomputed, ends, seeds, chance."""
+"""The open_cabinet task: observations, actions, rewards, termination, noise and random streams."""
 
 import mujoco
 import numpy as np
@@ -27,7 +27,7 @@ def test_the_parts_of_the_observation():
     assert all(values.dtype == np.float32 for values in timestep.observation.values())
 
 
-def test_a_flat_observation_is_the_parts_laid_end_to_end():
+def test_a_flat_observation_is_the_parts_end_to_end():
     options = {"random": 3, "visuals": False}
     parts = suite.load("open_cabinet", "top_drawer", options)
     whole = suite.load("open_cabinet", "top_drawer", options, environment_kwargs={"flat_observation": True})
@@ -82,7 +82,7 @@ def test_an_action_is_an_offset_from_where_the_joints_are():
 
 
 @pytest.mark.parametrize("action", [-2.0, 0.0, 0.7, 3.0])
-def test_the_gripper_closes_as_often_as_its_action_says(action):
+def test_the_gripper_closes_with_the_probability_of_its_logit(action):
     env = load()
     env.reset()
     closed, draws = 0, 20_000
@@ -134,7 +134,7 @@ def test_a_deterministic_gripper_draws_nothing():
     assert before[1] == after[1]
 
 
-def test_penalties_grow_at_step_8000_of_life_and_resets_do_not_restart_the_count():
+def test_penalties_grow_after_8000_total_steps_and_resets_do_not_restart_the_count():
     env = load()
     action, efforts = np.full(8, 0.02), []
     env.reset()
@@ -146,13 +146,13 @@ def test_penalties_grow_at_step_8000_of_life_and_resets_do_not_restart_the_count
             continue
         velocity = env.physics.data.qvel[:8]
         efforts.append((env.task.reward_terms["effort"], (velocity**2).sum(), env.task.total_steps))
-    by_life = {life: (effort, squares) for effort, squares, life in efforts}
-    assert len(by_life) == 8_004
+    by_step = {step: (effort, squares) for effort, squares, step in efforts}
+    assert len(by_step) == 8_004
     change = 8 * 0.04**2
-    for life in (7_999, 8_000):
-        np.testing.assert_allclose(by_life[life][0], -1e-3 * change, rtol=1e-12)
-    for life in (8_001, 8_004):
-        np.testing.assert_allclose(by_life[life][0], -2e-3 * change - 2e-7 * by_life[life][1], rtol=1e-12)
+    for step in (7_999, 8_000):
+        np.testing.assert_allclose(by_step[step][0], -1e-3 * change, rtol=1e-12)
+    for step in (8_001, 8_004):
+        np.testing.assert_allclose(by_step[step][0], -2e-3 * change - 2e-7 * by_step[step][1], rtol=1e-12)
 
 
 def test_reaching_through_the_handle_ends_the_episode():
@@ -198,16 +198,32 @@ def test_success_ends_nothing():
     assert env.task.drawer_opening == pytest.approx(0.31, abs=1e-6)
     env.physics.named.data.qpos["cabinet/drawer_top_joint"] = 0.25
     env.step(np.append(np.zeros(7), -50.0))
-    results = env.task.episode_results
-    assert (results["success"], results["success_at_any_time"]) == (False, True)
-    assert results["drawer_opening"] == env.task.drawer_opening < 0.3
+    metrics = env.task.episode_metrics
+    assert (metrics["success"], metrics["success_at_any_time"]) == (False, True)
+    assert metrics["drawer_opening"] == env.task.drawer_opening < 0.3
     env.reset()
-    assert not env.task.episode_results["success_at_any_time"]
+    assert not env.task.episode_metrics["success_at_any_time"]
+
+
+def test_a_run_starts_without_the_steps_of_earlier_ones():
+    env = load()
+    env.reset()
+    env.step(np.zeros(8))
+    assert env.task.total_steps == 1
+    env.task.begin_run()
+    assert env.task.total_steps == 0
+
+
+def test_an_episode_cannot_be_restored_from_an_observation():
+    env = load()
+    env.reset()
+    with pytest.raises(ValueError, match="can be repeated only from its seed"):
+        env.task.restore(env.physics, np.zeros(25))
 
 
 def test_noise_is_off_unless_asked_for_and_is_then_clipped_too():
     clean, noisy = load(), load(observation_noise={"handle_offset": 0.02, "drawer_velocity": 10.0})
-    assert all(shown.corruptor is None for shown in clean.task.observables.values() if shown.enabled)
+    assert all(part.corruptor is None for part in clean.task.observables.values() if part.enabled)
     clean.reset()
     errors = []
     for _ in range(400):
@@ -237,7 +253,7 @@ def test_noise_is_one_draw_of_25_different_numbers_a_step():
 
 
 @pytest.mark.parametrize("legacy_step", [True, False])
-def test_positions_in_space_are_those_after_the_step(legacy_step):
+def test_positions_in_the_world_are_those_after_the_step(legacy_step):
     options = {"random": 0, "visuals": False}
     env = suite.load("open_cabinet", "top_drawer", options, {"legacy_step": legacy_step})
     env.reset()

@@ -1,4 +1,6 @@
-"""What the kitchen's task does with its options, seen through timesteps."""
+"""Options of the kitchen's task, seen through timesteps."""
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, position_target
 from kitchen_suite.tasks.kitchen.goals import GoalSet, Progress, goal_distances
+from kitchen_suite.tasks.kitchen.indices import KitchenIndices
 
 
 def load(task_name="all", **options):
@@ -20,23 +23,23 @@ def run(environment, steps, action=None):
     return timesteps
 
 
-def place(environment, task, value):
-    """Puts the things of a task where `value` says."""
+def set_objects(environment, task, value):
+    """Sets the positions of a task's objects."""
     environment.physics.data.qpos[9:][list(GOALS[task].elements)] = value
     environment.physics.forward()
 
 
-def test_a_completed_task_pays_once():
+def test_a_completed_task_is_rewarded_once():
     environment = load("all", goals={"microwave": [0.1]}, terminate_on_tasks_completed=False)
     assert [timestep.reward for timestep in run(environment, 3)] == [None, 1.0, 0.0, 0.0]
     assert "microwave" not in environment.task.tasks_to_complete
 
 
-def test_a_kept_task_pays_in_every_step_within_its_threshold():
+def test_a_kept_task_is_rewarded_in_every_step_within_its_threshold():
     options = {"remove_task_when_completed": False, "terminate_on_tasks_completed": False}
     environment = load("all", goals={"microwave": [0.1]}, **options)
     assert [timestep.reward for timestep in run(environment, 3)] == [None, 1.0, 1.0, 1.0]
-    place(environment, "microwave", -0.5)
+    set_objects(environment, "microwave", -0.5)
     assert environment.step(np.zeros(9)).reward == 0.0
     assert environment.task.tasks_to_complete == list(GOALS)
     assert environment.task.episode_task_completions == ["microwave"]
@@ -45,11 +48,11 @@ def test_a_kept_task_pays_in_every_step_within_its_threshold():
 def test_a_kept_set_terminates_once_every_task_was_completed_at_some_step():
     environment = load("all", tasks_to_complete=["microwave", "slide cabinet"], remove_task_when_completed=False)
     environment.reset()
-    place(environment, "microwave", -0.75)
+    set_objects(environment, "microwave", -0.75)
     timestep = environment.step(np.zeros(9))
     assert (timestep.mid(), timestep.reward) == (True, 1.0)
-    place(environment, "microwave", 0.0)
-    place(environment, "slide cabinet", 0.37)
+    set_objects(environment, "microwave", 0.0)
+    set_objects(environment, "slide cabinet", 0.37)
     timestep = environment.step(np.zeros(9))
     assert (timestep.last(), timestep.reward, timestep.discount) == (True, 1.0, 0.0)
     assert environment.task.completion_steps == {"microwave": 1, "slide cabinet": 2}
@@ -60,7 +63,7 @@ def test_every_task_is_completed_by_reaching_its_goal(task):
     environment = load(task.replace(" ", "_"))
     environment.reset()
     assert environment.step(np.zeros(9)).reward == 0.0
-    place(environment, task, GOALS[task].value)
+    set_objects(environment, task, GOALS[task].value)
     timestep = environment.step(np.zeros(9))
     assert (timestep.reward, timestep.discount) == (1.0, 0.0)
 
@@ -69,14 +72,65 @@ def test_lists_keep_configured_order_and_completions_their_chronology():
     order = ["microwave", "kettle", "slide cabinet", "light switch"]
     environment = load("all", tasks_to_complete=order, terminate_on_tasks_completed=False)
     environment.reset()
-    place(environment, "light switch", GOALS["light switch"].value)
+    set_objects(environment, "light switch", GOALS["light switch"].value)
     environment.step(np.zeros(9))
     assert environment.task.tasks_to_complete == ["microwave", "kettle", "slide cabinet"]
-    place(environment, "slide cabinet", GOALS["slide cabinet"].value)
-    place(environment, "microwave", GOALS["microwave"].value)
+    set_objects(environment, "slide cabinet", GOALS["slide cabinet"].value)
+    set_objects(environment, "microwave", GOALS["microwave"].value)
     environment.step(np.zeros(9))
     assert environment.task.step_task_completions == ["microwave", "slide cabinet"]
     assert environment.task.episode_task_completions == ["light switch", "microwave", "slide cabinet"]
+
+
+def test_metrics_are_read_from_infos():
+    environment = load("all", tasks_to_complete=["microwave", "kettle"])
+    environment.reset()
+    set_objects(environment, "kettle", GOALS["kettle"].value)
+    environment.step(np.zeros(9))
+    task = environment.task
+    assert task.episode_metrics == {"success": False, "tasks_completed": {"kettle": 1}}
+    assert task.metrics({"completion_steps": np.array([5, 2])}) == {
+        "success": True,
+        "tasks_completed": {"kettle": 2, "microwave": 5},
+    }
+
+
+def test_the_objects_must_be_in_the_order_of_the_observation():
+    environment = load()
+    environment.reset()
+    scene = environment.task.scene
+    swapped = dataclasses.replace(scene, props=dict(reversed(scene.props.items())))
+    with pytest.raises(
+        ValueError, match=r"props with joints must be \('oven', .*'kettle'\), in this order, got \('kettle'"
+    ):
+        KitchenIndices(swapped, environment.task.mdp.goals, environment.physics)
+
+
+def test_robot_and_objects_are_restored_from_an_observation():
+    environment, other = load(), load(robot_noise_ratio=0.0, object_noise_ratio=0.0)
+    environment.reset()
+    first = other.reset().observation
+    start = np.concatenate([first[key] for key in list(first)[:4]])
+    assert environment.task.is_initial(environment.physics, start)
+    set_objects(other, "microwave", -0.4)
+    observation = other.step(np.full(9, 0.2)).observation
+    recorded = np.concatenate([observation[key] for key in list(observation)[:4]])
+    assert not environment.task.is_initial(environment.physics, recorded)
+    environment.task.restore(environment.physics, recorded)
+    assert environment.task.is_initial(environment.physics, recorded)
+    np.testing.assert_array_equal(environment.physics.data.qpos, other.physics.data.qpos)
+    np.testing.assert_array_equal(environment.task.task_distances, other.task.task_distances)
+
+
+def test_the_next_action_starts_from_the_recorded_positions():
+    environment = load()
+    environment.reset()
+    recorded = np.linspace(-0.1, 0.02, 59)
+    environment.task.set_observed_positions(recorded)
+    environment.task.before_step(environment.physics, np.zeros(9), environment.random_state)
+    np.testing.assert_allclose(
+        environment.physics.data.ctrl, recorded[:9].clip(POSITION_LOW, POSITION_HIGH), atol=1e-15
+    )
 
 
 def test_lists_are_fresh():
@@ -106,7 +160,7 @@ def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off(par
     noisy = {"velocity_scale": 0.0, "feedback": "target"}
     plain = np.array([timestep.observation[keys[part]] for timestep in run(load(**quiet), 200)])
     corrupted = np.array([timestep.observation[keys[part]] for timestep in run(load(**noisy), 200)])
-    bound = (0.01 if part < 2 else 0.0005) * noise.AMPLITUDES[noise.PARTS[part]]
+    bound = (0.01 if part < 2 else 0.0005) * noise.AMPLITUDES[noise.SLICES[part]]
     size = np.abs(corrupted - plain) / bound
     assert (size <= 1 + 1e-6).all()
     # 201 uniform draws: the greatest is above 0.9 but for a chance of 1e-9, the mean within five standard errors.
@@ -154,7 +208,7 @@ def test_velocities_are_clipped_to_ten():
     np.testing.assert_array_equal(fast[[0, 1, 2, 4, 5, 6, 7]], 0.02 + 10 * 1e-3)
 
 
-def test_velocity_scale_one_gives_the_reading_of_one_radian_per_second():
+def test_velocity_scale_one_is_one_radian_per_second():
     ours, half = load(velocity_scale=1.0), load(velocity_scale=2.0)
     np.testing.assert_array_equal(
         run(ours, 5, np.full(9, 0.5))[-1].observation["franka/joint_positions"],
@@ -185,7 +239,7 @@ def test_distances_are_euclidean_over_batches():
         np.testing.assert_allclose(distances[..., i], np.linalg.norm(values - GOALS[task].value, axis=-1), rtol=1e-14)
 
 
-def test_completions_are_booked_over_batches():
+def test_completions_over_batches():
     within = np.random.default_rng(0).random((6, 50, 3)) < 0.1
     progress, rewards = Progress.initial((6, 3)), np.zeros(6)
     for t in range(50):
@@ -214,6 +268,6 @@ def test_the_reward_can_be_seen():
     plain = environment.physics.bind(door).rgba.copy()
     environment.step(np.zeros(9))
     assert not np.array_equal(environment.physics.bind(door).rgba, plain)
-    place(environment, "microwave", -0.5)
+    set_objects(environment, "microwave", -0.5)
     environment.step(np.zeros(9))
     np.testing.assert_array_equal(environment.physics.bind(door).rgba, plain)

@@ -1,4 +1,4 @@
-"""Things at rest may fall asleep: nearly the same trajectories, and what is touched wakes up."""
+"""Objects at rest may be put to sleep: nearly the same trajectories, and contact wakes them."""
 
 import gymnasium
 import numpy as np
@@ -20,7 +20,7 @@ def load(**options):
 
 @pytest.fixture(scope="module")
 def episode():
-    """Positions, and which trees are asleep, after every control step; and the positions when nothing may sleep."""
+    """Positions and sleeping trees after every control step, and the positions without sleep."""
     sleepy, awake = load(sleep=True), load()
     sleepy.reset(), awake.reset()
     positions, asleep, reference = [], [], []

@@ -1,5 +1,6 @@
-"""`kitchen-train` as its user meets it: exit status, table, what is in the folder, and what a second run does."""
+"""`kitchen-train` from the command line: exit status, table, the files in its folder, and resuming."""
 
+import dataclasses
 import importlib.util
 import json
 import os
@@ -11,10 +12,10 @@ import sys
 import numpy as np
 import pytest
 
-from kitchen_suite.cli import play, train
+from kitchen_suite.cli import common, play, train
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import video
-from kitchen_suite.rollouts import rollout_job
+from kitchen_suite.training.settings import TrainSettings
 
 clients = pytest.mark.clients
 COMMAND = [sys.executable, "-m", "kitchen_suite.cli.train"]
@@ -32,7 +33,7 @@ TINY = [
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs the command in an empty folder; gives status, stdout and stderr."""
+    """Returns a function that runs the command in an empty folder and returns status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
@@ -44,30 +45,30 @@ def run(capsys, tmp_path, monkeypatch):
 
 @pytest.fixture
 def evaluations(monkeypatch):
-    """Replaces evaluations: each takes the next of these measures, the last one for ever; None interrupts."""
-    from kitchen_suite.training import seed_run as attempt
+    """Replaces evaluations: each returns the next of these metrics, and the last one for ever; None interrupts."""
+    from kitchen_suite.training import seed_run
 
-    measures = [{"success": 0.0, "progress": 0.0, "return": 0.0}]
+    results = [{"success": 0.0, "progress": 0.0, "return": 0.0}]
 
     def evaluate(policy, environments, seeds):
-        now = measures.pop(0) if len(measures) > 1 else measures[0]
-        if now is None:
+        metrics = results.pop(0) if len(results) > 1 else results[0]
+        if metrics is None:
             raise KeyboardInterrupt
-        return {f"episode/{name}": np.full(len(seeds), value) for name, value in now.items()}
+        return {f"episode/{name}": np.full(len(seeds), value) for name, value in metrics.items()}
 
-    monkeypatch.setattr(attempt, "evaluate", evaluate)
-    return measures
+    monkeypatch.setattr(seed_run, "evaluate", evaluate)
+    return results
 
 
 def rows(out):
-    """Seed and control steps of each line of the table."""
+    """Returns seed and control steps of each row of the table."""
     return [
         (int(seed), int(steps.replace(",", ""))) for seed, steps in re.findall(r"^ *(\d+) +([\d,]+) +\d", out, re.M)
     ]
 
 
 def files(folder):
-    """Names of all files of a seed but the curves, hidden ones too."""
+    """Returns the names of all files of a seed but the curves, hidden ones included."""
     return sorted(name for name in os.listdir(folder) if not name.startswith("events."))
 
 
@@ -92,16 +93,18 @@ def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
 
 @clients
 @pytest.mark.parametrize("task_kwargs", [{}, {"reward": "grasp", "gripper": "deterministic"}])
-def test_what_was_trained_can_be_played(run, capsys, task_kwargs):
+def test_a_trained_policy_can_be_played(run, capsys, task_kwargs):
     assert run(f"--task_kwargs={json.dumps(task_kwargs)}", "--num_steps=64")[0] == 0
     assert play.main(["--policy_file=run/policy.npz", "--novideo", "--num_episodes=1"]) == 0
     assert re.fullmatch(r"success [01]/1", capsys.readouterr().out.splitlines()[-1])
 
 
 @clients
-def test_the_kitchen_is_trained_too(run, capsys):
+def test_the_kitchen_can_be_trained(run, capsys):
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9})
-    status, out, err = run("--env=kitchen", "--task_name=kettle", f"--hyperparameters={scale}", "--num_steps=64")
+    status, out, err = run(
+        "--domain_name=kitchen", "--task_name=kettle", f"--hyperparameters={scale}", "--num_steps=64"
+    )
     assert (status, err) == (0, "")
     assert out.startswith("kitchen kettle, PPO")
     assert play.main(["--policy_file=run/policy.npz", "--novideo", "--num_episodes=1"]) == 0
@@ -119,8 +122,8 @@ def test_a_run_is_evaluated_at_its_end(run):
 def test_the_best_policy_is_kept(run, evaluations):
     evaluations[:] = [{"success": success, "progress": 0.0, "return": 1.0} for success in (0.1, 0.5, 0.5, 0.2)]
     assert run()[0] == 0
-    known = TrainedPolicy.load("run/policy.npz").metadata["training"]
-    assert known == {"seed": 0, "steps": 2 * BATCH, "success": 0.5, "return": 1.0}
+    training = TrainedPolicy.load("run/policy.npz").metadata["training"]
+    assert training == {"seed": 0, "steps": 2 * BATCH, "success": 0.5, "return": 1.0}
 
 
 @clients
@@ -132,8 +135,8 @@ def test_two_evaluations_in_a_row_at_the_target_end_it(run, evaluations):
 
 
 @clients
-def test_a_hopeless_seed_is_followed_by_the_next(run, evaluations):
-    # Each has an evaluation at its start, and one before it is given up.
+def test_a_seed_without_progress_is_followed_by_the_next(run, evaluations):
+    # Each seed is evaluated at its start, and before it is given up.
     evaluations[:] = [{"success": 0.0, "progress": progress, "return": 0.0} for progress in (0, 0, 0, 0.2)]
     status, out, _ = run("--patience=64", "--seed=5")
     assert status == 0
@@ -154,8 +157,8 @@ def test_no_more_seeds_are_tried_than_allowed(run, evaluations, restarts):
 
 @clients
 def test_the_best_seeds_policy_becomes_the_runs(run, evaluations):
-    gains = [0.0, 1.0, 0.0, 3.0, 0.0, 2.0]
-    evaluations[:] = [{"success": 0.0, "progress": 0.0, "return": gain} for gain in gains]
+    returns = [0.0, 1.0, 0.0, 3.0, 0.0, 2.0]
+    evaluations[:] = [{"success": 0.0, "progress": 0.0, "return": value} for value in returns]
     run("--patience=64", "--restarts=2")
     assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
 
@@ -172,13 +175,13 @@ def test_an_interrupted_restart_goes_on_with_its_own_seed(run, evaluations):
     assert run("--patience=64")[0] == 130
     status, out, _ = run("--patience=64", "--resume")
     assert status == 0
-    # The first seed stays given up; the second had only its first evaluation.
+    # The first seed stays given up. The second had only its first evaluation.
     assert "seed 0: there was no progress" in out
     assert rows(out) == [(1, batches * BATCH) for batches in (1, 2, 4, 6)]
 
 
 @clients
-def test_a_run_that_came_to_its_target_goes_on_to_a_higher_one(run, evaluations):
+def test_a_run_that_reached_its_target_can_be_resumed_with_a_higher_one(run, evaluations):
     evaluations[:] = [{"success": 0.9, "progress": 0.0, "return": 0.0}]
     assert rows(run("--target_success=0.9")[1])[-1] == (0, 2 * BATCH)
     assert rows(run("--target_success=0.9", "--resume")[1]) == []
@@ -186,16 +189,18 @@ def test_a_run_that_came_to_its_target_goes_on_to_a_higher_one(run, evaluations)
 
 
 @clients
-def test_learning_that_diverges_is_told_in_one_line(run):
+def test_divergence_is_reported_in_one_line(run):
     changes = json.dumps({**SMALL, "learning_rate": 1e30, "kl_target": 0})
     status, _, err = run(f"--hyperparameters={changes}")
     assert status == 1
-    assert re.fullmatch(r"kitchen-train: after \d+ steps the \w+ network is no longer finite: learn slower\n", err)
+    assert re.fullmatch(
+        r"kitchen-train: after \d+ steps the \w+ network is no longer finite: lower the learning rate\n", err
+    )
     assert files("run/seed_0") == [checkpoint(0), "policy.npz"]
 
 
 @clients
-def test_a_finished_run_is_resumed_to_more_steps(run):
+def test_a_finished_run_can_be_resumed_with_more_steps(run):
     run()
     status, out, err = run("--resume", f"--num_steps={8 * BATCH}")
     assert (status, err) == (0, "")
@@ -213,19 +218,19 @@ def test_a_finished_run_stays_as_it_is(run):
 
 
 @clients
-def test_a_truncated_checkpoint_is_told_and_the_one_before_used(run):
+def test_a_truncated_checkpoint_is_reported_and_the_one_before_used(run):
     run()
     path = f"run/seed_0/{checkpoint(6)}"
     os.truncate(path, os.path.getsize(path) // 2)
     status, out, _ = run("--resume")
     assert status == 0
-    assert f"{path} cannot be read, so an older checkpoint is looked for" in out
+    assert f"{path} cannot be read, trying the checkpoint before it" in out
     assert rows(out) == [(0, 6 * BATCH)]
 
 
 @clients
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_where_no_checkpoint_is_whole_one_line_says_so(run, share):
+def test_unreadable_checkpoints_are_reported_in_one_line(run, share):
     run()
     for batches in (2, 4, 6):
         path = f"run/seed_0/{checkpoint(batches)}"
@@ -235,7 +240,7 @@ def test_where_no_checkpoint_is_whole_one_line_says_so(run, share):
 
 
 @clients
-def test_a_full_disk_leaves_no_part_of_a_checkpoint(run, monkeypatch):
+def test_a_full_disk_leaves_no_incomplete_checkpoint(run, monkeypatch):
     import torch
 
     save, count = torch.save, 0
@@ -260,7 +265,7 @@ def test_a_folder_with_a_run_is_not_overwritten(run):
     before = files("run/seed_0")
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert err == "kitchen-train: run holds a training run already: name another folder, or give --resume\n"
+    assert err == "kitchen-train: run holds a training run already: name another folder, or use --resume\n"
     assert files("run/seed_0") == before
 
 
@@ -273,15 +278,15 @@ RESUMED_AS = {
 
 
 @clients
-def test_a_run_of_something_else_is_not_resumed(run):
+def test_a_run_with_another_description_is_not_resumed(run):
     run("--num_steps=64")
     for argument, difference in RESUMED_AS.items():
         assert run("--resume", argument) == (2, "", f"kitchen-train: run holds a run with {difference}\n")
 
 
 @clients
-def test_what_is_not_there_cannot_be_resumed(run):
-    assert run("--resume") == (2, "", "kitchen-train: run holds no training run to be resumed\n")
+def test_without_a_run_nothing_is_resumed(run):
+    assert run("--resume") == (2, "", "kitchen-train: run holds no training run to resume\n")
     assert not os.path.exists("run")
 
 
@@ -298,13 +303,14 @@ BAD = {
     '--hyperparameters={"standardisation_epsilon": 0.0}': "standardisation_epsilon must be finite and positive",
     '--hyperparameters={"noise_correlation": 1.0}': "noise_correlation must be below 1, got 1.0",
     '--hyperparameters={"action_scale": [1, 2]}': "action_scale must have 8 numbers",
-    "--env=kitchn": "did you mean 'kitchen'?",
+    "--domain_name=kitchn": "did you mean 'kitchen'?",
     "--task_name=top_draw": "did you mean 'top_drawer'?",
     '--task_kwargs={"griper": 1}': "griper",
     '--task_kwargs={"drawer": "bottom"}': "fixes ['drawer']",
     '--task_kwargs={"max_episode_steps": 5}': "max_episode_steps",
     '--task_kwargs={"time_limit": 5}': "time_limit",
     "--demonstrations=nowhere": "nowhere",
+    "--num_steps=0": "needs --demonstrations",
 }
 
 
@@ -319,14 +325,14 @@ def test_a_bad_argument_gets_one_line_status_2_and_no_folder(run, argument):
 
 
 BAD_FLAGS = {
-    "--output=": "--output is missing",
-    "--num_steps=0": "positive",
-    "--eval_interval=0": "positive",
-    "--eval_episodes=0": "positive",
-    "--num_threads=0": "positive",
-    "--seed=-1": "non-negative",
-    "--restarts=-1": "non-negative",
-    "--patience=-1": "non-negative",
+    "--output=": "--output=: is empty",
+    "--num_steps=-1": "at least 0",
+    "--eval_interval=0": "at least 1",
+    "--eval_episodes=0": "at least 1",
+    "--num_threads=0": "at least 1",
+    "--seed=-1": "at least 0",
+    "--restarts=-1": "at least 0",
+    "--patience=-1": "at least 0",
     "--target_success=much": "much",
     "--hyperparameters=[1]": "JSON object",
     "--hyperparameters={": "not JSON",
@@ -345,36 +351,36 @@ def test_a_bad_flag_gets_one_line_and_status_2_even_without_the_extra(run, argum
     assert BAD_FLAGS[argument] in err
 
 
+def test_a_missing_output_is_named(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert train.main(TINY) == 2
+    assert re.fullmatch(r"kitchen-train: --output is missing: [^\n]+\n", capsys.readouterr().err)
+    assert os.listdir() == []
+
+
 @pytest.mark.parametrize("missing", [["torch"], ["skrl", "torch"], ["skrl", "tensorboard", "torch"]])
 def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert err == f"kitchen-train: training needs {' and '.join(missing)}: pip install 'kitchen-suite[train]'\n"
+    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: pip install 'kitchen-suite[train]'\n"
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])
-def test_help_tells_of_every_flag(run, flag):
+def test_help_lists_every_flag(run, flag):
     status, out, err = run(flag)
     assert (status, err) == (0, "")
-    for name in (
-        "env",
-        "hyperparameters",
-        "num_steps",
-        "patience",
-        "restarts",
-        "demonstrations",
-        "[no]resume",
-        "video",
-    ):
-        assert f"--{name}: " in out
+    for field in dataclasses.fields(TrainSettings):
+        assert f"  --{field.name} " in out
 
 
 @clients
 @pytest.mark.rendering
 def test_the_best_policy_is_filmed_at_the_end(run, monkeypatch):
-    # Seven seconds, of which the start and one more moment are shown.
-    monkeypatch.setattr(rollout_job, "_POLICY_FPS", 0.2)
+    from kitchen_suite.training import train_job
+
+    # The start and one more frame of the seven seconds.
+    monkeypatch.setattr(train_job, "_VIDEO_FPS", 0.2)
     status, out, err = run("--num_steps=64", "--video=film.mp4")
     assert (status, err) == (0, "")
     assert out.splitlines()[-1] == "video film.mp4"
@@ -390,20 +396,20 @@ def test_without_ffmpeg_a_video_is_refused_before_the_training(run, monkeypatch)
         raise ImportError("a video needs imageio-ffmpeg")
 
     monkeypatch.setattr(video, "check_ffmpeg", missing)
-    monkeypatch.setattr(train.gl, "prepare", lambda rendering: None)
+    monkeypatch.setattr(common.gl, "prepare", lambda rendering: None)
     assert run("--video=film.mp4") == (2, "", "kitchen-train: a video needs imageio-ffmpeg\n")
     assert not os.path.exists("run")
 
 
 @clients
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_what_can_be_resumed(run, tmp_path, number):
+def test_after_a_signal_the_run_can_be_resumed(run, tmp_path, number):
     with subprocess.Popen(
         [*COMMAND, *TINY, f"--output={tmp_path / 'run'}", "--num_steps=1000000000"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        # A shell's background jobs ignore SIGINT, and so do the processes that they start.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         while not rows(process.stdout.readline())[-1:] > [(0, 0)]:
@@ -411,11 +417,12 @@ def test_a_signal_leaves_what_can_be_resumed(run, tmp_path, number):
         process.send_signal(number)
         _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert err == "kitchen-train: interrupted; the same with --resume goes on from the last checkpoint\n"
-    made = [name for name in files("run/seed_0") if name.startswith("checkpoint")]
-    assert len(made) >= 2
+    told = r"after [\d,]+ of 1,000,000,000 steps; the same command with --resume continues from the last checkpoint"
+    assert re.fullmatch(rf"kitchen-train: interrupted {told}\n", err)
+    checkpoints = [name for name in files("run/seed_0") if name.startswith("checkpoint")]
+    assert len(checkpoints) >= 2
     assert not [name for name in files("run/seed_0") if name.startswith(".")]
-    steps = int(made[-1][11:-3])
+    steps = int(checkpoints[-1][11:-3])
     status, out, _ = run("--resume", f"--num_steps={steps + 2 * BATCH}")
     assert status == 0
     assert rows(out) == [(0, steps + 2 * BATCH)]

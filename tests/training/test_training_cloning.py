@@ -1,12 +1,13 @@
-"""Cloning of demonstrations, and what becomes of the clone."""
+"""Behaviour cloning of demonstrations, and learning after it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from training_reference import METADATA, SMALL, environments, learner
 
-from kitchen_suite.cli import record, train
+from kitchen_suite.cli import play, record, train
 
 pytestmark = pytest.mark.clients
 
@@ -14,14 +15,14 @@ POLICY = """
 import numpy as np
 
 def act(timestep):
-    shown = np.concatenate([*timestep.observation.values()])
-    return 0.02 * np.tanh(shown[:8] - shown[8:16])
+    observation = np.concatenate([*timestep.observation.values()])
+    return 0.02 * np.tanh(observation[:8] - observation[8:16])
 """
 
 
 @pytest.fixture(scope="module")
 def demonstrations(tmp_path_factory):
-    """A folder of six short episodes of the cabinet, in which actions follow from what is seen."""
+    """A folder of six short episodes of the cabinet, whose actions are a function of the observations."""
     folder = tmp_path_factory.mktemp("demonstrations")
     folder.joinpath("policy_to_clone.py").write_text(POLICY)
     with pytest.MonkeyPatch.context() as patch:
@@ -33,54 +34,54 @@ def demonstrations(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def shown(demonstrations):
+def samples(demonstrations):
     from kitchen_suite.training.behaviour_cloning import load_demonstrations
 
     return load_demonstrations(demonstrations, "open_cabinet", "top_drawer")
 
 
 @pytest.fixture
-def pupil():
-    """Makes learners."""
-    made = []
+def make_learner():
+    """Returns a function that makes learners."""
+    opened = []
 
     def make(**changes):
-        made.append(environments(SMALL["num_envs"]))
-        return learner(made[-1], hidden=[32], clone_epochs=500, **changes)
+        opened.append(environments(SMALL["num_envs"]))
+        return learner(opened[-1], hidden=[32], clone_epochs=500, **changes)
 
     yield make
-    for envs in made:
+    for envs in opened:
         envs.close()
 
 
-def test_demonstrations_are_what_was_seen_and_done(shown):
-    observations, actions = shown
+def test_demonstrations_are_observations_and_the_actions_taken_on_them(samples):
+    observations, actions = samples
     assert (observations.shape, actions.shape) == ((6 * 150, 25), (6 * 150, 8))
     assert observations.dtype == actions.dtype == np.float32
     np.testing.assert_allclose(actions, 0.02 * np.tanh(observations[:, :8] - observations[:, 8:16]), atol=1e-7)
 
 
-def test_cloning_lowers_the_loss_and_the_policy_imitates(shown, pupil):
-    from kitchen_suite.training import agent as agents
+def test_cloning_lowers_the_loss_and_the_policy_imitates(samples, make_learner):
+    from kitchen_suite.training.agent import export_policy
 
-    known, losses = pupil(), []
-    known.imitate(*shown, losses.append)
+    clone, losses = make_learner(), []
+    clone.imitate(*samples, losses.append)
     assert len(losses) == 500
     assert losses[-1] < 0.1 * losses[0]
-    observations, actions = shown
-    missed = agents.export(known.agent, METADATA)(observations) - actions
-    # What is left of the variance of the actions; a policy that ignores what it sees leaves all of it.
-    assert (missed**2).mean() < 0.1 * actions.var(axis=0).mean()
+    observations, actions = samples
+    errors = export_policy(clone.agent, METADATA)(observations) - actions
+    # A policy that ignores its observations would leave all of the variance of the actions.
+    assert (errors**2).mean() < 0.1 * actions.var(axis=0).mean()
 
 
-def test_after_cloning_values_are_learned_before_the_policy_changes(shown, pupil):
-    known = pupil(value_batches=2, kl_target=0.008)
-    known.imitate(*shown, lambda loss: None)
-    known.start(0)
+def test_after_cloning_values_are_learned_before_the_policy_changes(samples, make_learner):
+    clone = make_learner(value_batches=2, kl_target=0.008)
+    clone.imitate(*samples, lambda loss: None)
+    clone.start(0)
 
     def state():
-        parts = {name: known.agent.models[name].state_dict() for name in ("policy", "value")}
-        rate = known.agent.optimizer.param_groups[0]["lr"]
+        parts = {name: clone.agent.models[name].state_dict() for name in ("policy", "value")}
+        rate = clone.agent.optimizer.param_groups[0]["lr"]
         return {name: {key: value.clone() for key, value in part.items()} for name, part in parts.items()}, rate
 
     def changed(before, after):
@@ -88,13 +89,13 @@ def test_after_cloning_values_are_learned_before_the_policy_changes(shown, pupil
 
     (before, rate), changes, rates = state(), [], []
     for _ in range(3):
-        known.learn()
+        clone.learn()
         after, now = state()
         changes.append((changed(before["policy"], after["policy"]), changed(before["value"], after["value"])))
         rates.append(now)
         before = after
     assert changes == [(False, True), (False, True), (True, True)]
-    # A policy that is held shows no divergence, which must not drive the rate up.
+    # A frozen policy shows no divergence, which must not raise the learning rate.
     assert rates[:2] == [rate, rate]
     assert rates[2] != rate
 
@@ -112,15 +113,15 @@ def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
 
     cloned, clone = [], behaviour_cloning.clone
 
-    def noted(agent, observations, *rest):
+    def counted(agent, observations, *rest):
         cloned.append(len(observations))
         clone(agent, observations, *rest)
 
-    monkeypatch.setattr(behaviour_cloning, "clone", noted)
+    monkeypatch.setattr(behaviour_cloning, "clone", counted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 0
     assert cloned == [6 * 150]
-    # What is resumed has been cloned already.
+    # A resumed run has been cloned already.
     assert train.main([*arguments, "--resume", "--num_steps=128"]) == 0
     assert cloned == [6 * 150]
     assert capsys.readouterr().err == ""
@@ -130,7 +131,7 @@ def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
     ("change", "message"),
     [
         ("--task_name=bottom_drawer", "holds episodes of open_cabinet top_drawer, not of open_cabinet bottom_drawer"),
-        ("--env=kitchen", "not of kitchen complete"),
+        ("--domain_name=kitchen", "not of kitchen complete"),
     ],
 )
 def test_demonstrations_of_another_task_are_refused(demonstrations, tmp_path, capsys, change, message):
@@ -141,31 +142,26 @@ def test_demonstrations_of_another_task_are_refused(demonstrations, tmp_path, ca
     assert not tmp_path.joinpath("run").exists()
 
 
-def record_kitchen(folder, task_kwargs):
-    arguments = ["--task_name=kettle", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]
+def record_kitchen(folder, task_kwargs, task_name="kettle"):
+    arguments = [f"--task_name={task_name}", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]
     assert record.main([*arguments, f"--task_kwargs={json.dumps(task_kwargs)}", f"--output={folder}"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("task_kwargs", "message"),
-    [
-        ({}, 'record with --task_kwargs=\'{"goal_format": "flat"}\''),
-        ({"goal_format": "flat", "tasks_to_complete": ["microwave"]}, "but this task has ((73,), (9,))"),
-    ],
-)
-def test_demonstrations_that_do_not_fit_are_refused(tmp_path, capsys, task_kwargs, message):
-    record_kitchen(tmp_path / "episodes", task_kwargs)
-    arguments = ["--env=kitchen", "--task_name=kettle", f"--demonstrations={tmp_path / 'episodes'}"]
+@pytest.mark.parametrize("goal_format", ["dict", "flat"])
+def test_demonstrations_that_do_not_fit_are_refused(tmp_path, capsys, goal_format):
+    record_kitchen(tmp_path / "episodes", {"goal_format": goal_format, "tasks_to_complete": ["microwave"]})
+    arguments = ["--domain_name=kitchen", "--task_name=kettle", f"--demonstrations={tmp_path / 'episodes'}"]
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9})
     arguments += [*ARGUMENTS, f"--hyperparameters={scale}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 2
-    assert message in capsys.readouterr().err
+    assert "but this task has ((73,), (9,))" in capsys.readouterr().err
 
 
-def test_kitchen_demonstrations_are_laid_out_as_a_policy_takes_them(tmp_path):
+@pytest.mark.parametrize("goal_format", ["dict", "flat"])
+def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_path, goal_format):
     from kitchen_suite.training.behaviour_cloning import load_demonstrations
 
-    record_kitchen(tmp_path / "episodes", {"goal_format": "flat"})
+    record_kitchen(tmp_path / "episodes", {"goal_format": goal_format})
     observations, actions = load_demonstrations(tmp_path / "episodes", "kitchen", "kettle")
     assert (observations.shape, actions.shape) == ((3, 59 + 2 * 7), (3, 9))
     # The desired goal comes last.
@@ -174,23 +170,63 @@ def test_kitchen_demonstrations_are_laid_out_as_a_policy_takes_them(tmp_path):
     np.testing.assert_allclose(observations[:, -7:], np.tile(GOALS["kettle"].value, (3, 1)), atol=1e-6)
 
 
-def test_great_actions_are_imitated_as_what_does_the_same(pupil):
-    pupil = pupil()
+def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_path):
+    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+
+    # Neither the order of the alphabet nor that of all tasks.
+    tasks, loaded = ["slide cabinet", "microwave", "kettle", "light switch"], []
+    for goal_format in ("dict", "flat"):
+        record_kitchen(tmp_path / goal_format, {"goal_format": goal_format, "tasks_to_complete": tasks}, "all")
+        loaded.append(load_demonstrations(tmp_path / goal_format, "kitchen", "all"))
+    (one, actions), (other, same_actions) = loaded
+    assert one.shape == (3, 59 + 2 * (1 + 1 + 7 + 2))
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(actions, same_actions)
+
+
+def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_path, capsys):
+    from kitchen_suite.policies.trained import TrainedPolicy
+
+    record_kitchen(tmp_path / "episodes", {})
+    scale = json.dumps({**SMALL, "action_scale": [0.1] * 9, "clone_epochs": 3})
+    task = ["--domain_name=kitchen", "--task_name=kettle", "--eval_episodes=2", "--num_threads=1"]
+    arguments = [*task, f"--hyperparameters={scale}", f"--demonstrations={tmp_path / 'episodes'}"]
+    arguments += [f"--output={tmp_path / 'run'}", "--num_steps=0"]
+    assert train.main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert len(re.findall(r"^ +0 +0 ", out, re.M)) == 1
+    assert "seed 0: all steps were made" in out
+    assert err == ""
+    assert [path.name for path in tmp_path.glob("run/seed_0/checkpoint_*")] == ["checkpoint_000000000000.pt"]
+    policy = TrainedPolicy.load(tmp_path / "run" / "policy.npz")
+    assert policy.metadata["training"]["steps"] == 0
+    # It has been cloned: the recorded actions are zero, and the standardisation is that of the demonstrations.
+    assert policy.mean.any()
+    assert play.main([f"--policy_file={tmp_path / 'run' / 'policy.npz'}", "--novideo", "--num_episodes=1"]) == 0
+    # A finished run stays as it is, and can learn from there.
+    assert train.main([*arguments, "--resume"]) == 0
+    capsys.readouterr()
+    assert train.main([*arguments, "--resume", "--num_steps=64"]) == 0
+    assert re.findall(r"^ +0 +(\d+) ", capsys.readouterr().out, re.M) == ["64"]
+
+
+def test_large_actions_are_imitated_up_to_their_saturation(make_learner):
+    clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
-    actions = np.tile(50 * pupil.agent.models["policy"].scale.numpy(), (600, 1))
+    actions = np.tile(50 * clone.agent.models["policy"].scale.numpy(), (600, 1))
     losses = []
-    pupil.imitate(observations, actions, losses.append)
-    # It begins at zero, five units away.
+    clone.imitate(observations, actions, losses.append)
+    # The first outputs are near zero, five units away.
     assert losses[0] <= 5.0**2 + 0.1
     assert losses[-1] < 2.0
 
 
-def test_what_a_clone_sees_later_does_not_change_how_it_sees(pupil):
-    pupil = pupil()
+def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_learner):
+    clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
-    pupil.imitate(observations, np.zeros((600, 8), np.float32), lambda loss: None)
-    scaler = pupil.agent.checkpoint_modules["observation_preprocessor"]
+    clone.imitate(observations, np.zeros((600, 8), np.float32), lambda loss: None)
+    scaler = clone.agent.checkpoint_modules["observation_preprocessor"]
     before = scaler.running_mean.clone()
-    pupil.start(0)
-    pupil.learn()
+    clone.start(0)
+    clone.learn()
     np.testing.assert_allclose(scaler.running_mean.numpy(), before.numpy(), atol=1e-6)

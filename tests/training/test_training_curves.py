@@ -20,7 +20,7 @@ def curves():
 
 
 def write(folder, rows, tags=("time/minutes", "evaluation/success", "evaluation/progress")):
-    """Writes evaluations as training does: control steps, minutes, success and progress."""
+    """Writes evaluations as training does, from rows of control steps, minutes, success and progress."""
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(str(folder)) as writer:
@@ -29,7 +29,7 @@ def write(folder, rows, tags=("time/minutes", "evaluation/success", "evaluation/
                 writer.add_scalar(name, value, step)
 
 
-def test_a_run_is_read_as_it_was_written(curves, tmp_path):
+def test_reading_a_run_returns_the_written_values(curves, tmp_path):
     write(tmp_path / "seed_0", [(0, 0, 0, 0), (500_000, 1.5, 0.25, 0.1), (1_000_000, 3, 1, 0.3)])
     for folder in (tmp_path, tmp_path / "seed_0"):
         curve = curves.read(folder)
@@ -53,7 +53,7 @@ def test_seeds_follow_one_another(curves, tmp_path):
     np.testing.assert_allclose(curve.progress, [0.01, 0.02, 0, 0.2], rtol=1e-6)
 
 
-def test_an_evaluation_that_is_not_yet_written_in_full_is_left_out(curves, tmp_path):
+def test_an_incompletely_written_evaluation_is_left_out(curves, tmp_path):
     write(tmp_path, [(0, 1, 0, 0), (10, 2, 0)])
     assert list(curves.read(tmp_path).steps) == [0]
 
@@ -73,8 +73,8 @@ def test_the_picture_has_a_line_in_each_panel_for_each_run(curves, tmp_path, mon
     (figure,) = drawn
     assert len(figure.axes) == 4
     for axis in figure.axes:
-        looks = {(line.get_color(), line.get_linestyle()) for line in axis.lines}
-        assert len(looks) == 9
+        styles = {(line.get_color(), line.get_linestyle()) for line in axis.lines}
+        assert len(styles) == 9
         assert axis.get_xlabel()
         assert axis.get_ylabel()
     (legend,) = figure.legends
@@ -82,7 +82,7 @@ def test_the_picture_has_a_line_in_each_panel_for_each_run(curves, tmp_path, mon
 
 
 @pytest.mark.parametrize("arguments", [[], ["out.png"], ["out.pdf", "a=b"], ["out.png", "folder"], ["out.png", "=b"]])
-def test_arguments_that_are_none_show_how_it_is_used(curves, capsys, arguments):
+def test_bad_arguments_print_the_usage(curves, capsys, arguments):
     assert curves.main(arguments) == 2
     assert "docs/curves.py OUT.png LABEL=RUN_FOLDER" in capsys.readouterr().err
 

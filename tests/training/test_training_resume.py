@@ -1,4 +1,4 @@
-"""What an interrupted training run goes on from, and what its curves show afterwards."""
+"""Resuming of an interrupted training run, and its curves afterwards."""
 
 import itertools
 import os
@@ -10,6 +10,8 @@ from training_reference import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.training.run_folder import create_run, open_run
+from kitchen_suite.training.settings import TrainSettings
 
 pytestmark = pytest.mark.clients
 
@@ -25,41 +27,42 @@ BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
 
 
 @pytest.fixture(scope="module")
-def evaluated():
-    envs = environments(2, AutoresetMode.NEXT_STEP)
+def evaluation_environments():
+    envs = environments(2, AutoresetMode.DISABLED)
     yield envs
     envs.close()
 
 
 @pytest.fixture(scope="module")
-def trained_in():
+def training_environments():
     envs = environments(SMALL["num_envs"])
     yield envs
     envs.close()
 
 
 @pytest.fixture
-def attempt(trained_in, evaluated, tmp_path):
-    """Makes attempts in one folder: each has a new learner, and takes up what the one before has left."""
-    from kitchen_suite.training.seed_run import Schedule, SeedRun
+def make_run(training_environments, evaluation_environments, tmp_path):
+    """Returns a function that makes runs in one folder: each has a new learner, and resumes the one before."""
+    from kitchen_suite.training.seed_run import SeedRun
 
     def make(batches, every=2, seed=0):
-        schedule = Schedule(
+        settings = TrainSettings(
+            output=tmp_path,
             num_steps=batches * BATCH,
             eval_interval=every * BATCH,
             eval_episodes=2,
             target_success=2.0,
             patience=0,
-            least_progress=0.0,
+            min_progress=0.0,
         )
-        new = learner(trained_in, seed=seed, kl_target=0.01)
-        return SeedRun(tmp_path, seed, schedule, new, evaluated, METADATA), new
+        new = learner(training_environments, seed=seed, kl_target=0.01)
+        return SeedRun(tmp_path, seed, settings, new, evaluation_environments, METADATA), new
 
     return make
 
 
 def curves(folder):
-    """Steps and values of each curve, as TensorBoard shows them."""
+    """Returns the curves as TensorBoard shows them: by name, values by step."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()
@@ -67,7 +70,7 @@ def curves(folder):
 
 
 def assert_same(one, other):
-    """Compares states of learners, which are tensors, numbers and strings in dicts and lists."""
+    """Asserts equality of the states of two learners: tensors, numbers and strings in dicts and lists."""
     import torch
 
     assert type(one) is type(other)
@@ -85,8 +88,8 @@ def assert_same(one, other):
         assert one == other
 
 
-def test_the_curves_are_those_that_are_promised(attempt, tmp_path):
-    attempt(4)[0].run(lambda row: None)
+def test_the_documented_curves_are_written(make_run, tmp_path):
+    make_run(4)[0].run(lambda row: None)
     found = curves(tmp_path)
     assert set(found) >= EVALUATION | BATCHES | {"time/minutes"}
     for name in EVALUATION | {"time/minutes"}:
@@ -99,56 +102,56 @@ def test_the_curves_are_those_that_are_promised(attempt, tmp_path):
     assert min(found["time/steps_per_second"].values()) > 0
 
 
-def test_episodes_that_end_in_training_have_curves(attempt, tmp_path):
-    # Four environments, each at another time of its 700 steps: two batches of 200 steps see two of them end.
-    attempt(25, every=100)[0].run(lambda row: None)
+def test_episodes_that_end_in_training_have_curves(make_run, tmp_path):
+    # Four environments, each at another of its 700 steps: two batches of 200 steps see two of them end.
+    make_run(25, every=100)[0].run(lambda row: None)
     found = curves(tmp_path)
     for name in ("success", "progress", "length"):
         assert 2 <= len(found[f"episode/{name}"]) <= 4
     assert set(found["episode/length"].values()) == {700.0}
 
 
-def test_all_that_was_learned_is_there_again(attempt):
-    first, before = attempt(4)
+def test_the_learner_is_restored(make_run):
+    first, before = make_run(4)
     first.run(lambda row: None)
     state = before.state()
-    again, after = attempt(4)
+    again, after = make_run(4)
     assert again.resumed
     assert (again.steps, again.best) == (4 * BATCH, first.best)
     assert_same(after.state(), state)
-    # The divergence has changed the rate, and it is not begun with anew.
+    # The divergence has changed the learning rate, which does not return to its initial value.
     rate = after.agent.optimizer.param_groups[0]["lr"]
     assert rate == before.agent.optimizer.param_groups[0]["lr"] != 3e-4
-    # The optimiser remembers gradients.
+    # The optimiser's moments are restored, too.
     assert any(part["exp_avg"].any() for part in after.agent.optimizer.state_dict()["state"].values())
     assert after.agent.checkpoint_modules["observation_preprocessor"].current_count > 4 * BATCH
 
 
-def test_an_exported_policy_is_the_same_after_resuming(attempt):
-    from kitchen_suite.training import agent as agents
+def test_an_exported_policy_is_the_same_after_resuming(make_run):
+    from kitchen_suite.training.agent import export_policy
 
-    first, before = attempt(2)
+    first, before = make_run(2)
     first.run(lambda row: None)
-    _, after = attempt(2)
+    _, after = make_run(2)
     observations = np.random.default_rng(0).normal(size=(20, 25))
-    one, other = (agents.export(known.agent, METADATA)(observations) for known in (before, after))
+    one, other = (export_policy(each.agent, METADATA)(observations) for each in (before, after))
     np.testing.assert_array_equal(one, other)
 
 
-def test_the_learning_rate_goes_on_where_it_was(attempt, tmp_path):
-    attempt(4)[0].run(lambda row: None)
-    attempt(5)[0].run(lambda row: None)
+def test_the_learning_rate_continues_from_its_last_value(make_run, tmp_path):
+    make_run(4)[0].run(lambda row: None)
+    make_run(5)[0].run(lambda row: None)
     rates = [*curves(tmp_path)["learning/learning rate"].values()]
     # Each of the two epochs changes it by a factor of 1.5 at most.
     assert all(1 / 2.3 < new / old < 2.3 for old, new in itertools.pairwise(rates))
 
 
-def test_curves_go_on_in_the_same_folder_and_show_every_step_once(attempt, tmp_path):
-    attempt(5)[0].run(lambda row: None)
+def test_curves_continue_in_the_same_folder_with_every_step_once(make_run, tmp_path):
+    make_run(5)[0].run(lambda row: None)
     before = curves(tmp_path)
     # As if interrupted before the last evaluation: batch 5 is learned again.
     os.remove(tmp_path / f"checkpoint_{5 * BATCH:012d}.pt")
-    attempt(6)[0].run(lambda row: None)
+    make_run(6)[0].run(lambda row: None)
     after = curves(tmp_path)
     assert list(after["step/reward"]) == [batches * BATCH for batches in range(1, 7)]
     assert list(after["evaluation/return"]) == [batches * BATCH for batches in (0, 2, 4, 6)]
@@ -159,29 +162,29 @@ def test_curves_go_on_in_the_same_folder_and_show_every_step_once(attempt, tmp_p
     assert minutes == sorted(minutes)
 
 
-def test_the_best_policy_outlives_an_interrupt(attempt, tmp_path, monkeypatch):
-    from kitchen_suite.training import seed_run as module
+def test_the_best_policy_survives_an_interrupt(make_run, tmp_path, monkeypatch):
+    from kitchen_suite.training import seed_run
 
-    gains = iter([1.0, 3.0, 2.0, 2.5])
+    returns = iter([1.0, 3.0, 2.0, 2.5])
     monkeypatch.setattr(
-        module,
+        seed_run,
         "evaluate",
         lambda *arguments: {
             f"episode/{name}": np.array([value])
-            for name, value in {"success": 0.0, "progress": 0.0, "return": next(gains)}.items()
+            for name, value in {"success": 0.0, "progress": 0.0, "return": next(returns)}.items()
         },
     )
-    attempt(4)[0].run(lambda row: None)
-    again, _ = attempt(6)
+    make_run(4)[0].run(lambda row: None)
+    again, _ = make_run(6)
     again.run(lambda row: None)
     assert again.best == (0.0, 3.0)
     assert TrainedPolicy.load(tmp_path / "policy.npz").metadata["training"]["steps"] == 2 * BATCH
 
 
-def test_every_checkpoint_that_is_kept_is_whole(attempt, tmp_path):
+def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
     from kitchen_suite.training import checkpoints
 
-    attempt(10)[0].run(lambda row: None)
+    make_run(10)[0].run(lambda row: None)
     paths = sorted(tmp_path.glob("checkpoint_*"))
     assert [path.name for path in paths] == [f"checkpoint_{batches * BATCH:012d}.pt" for batches in (6, 8, 10)]
     for path in reversed(paths):
@@ -190,13 +193,11 @@ def test_every_checkpoint_that_is_kept_is_whole(attempt, tmp_path):
     assert checkpoints.load_last(tmp_path) is None
 
 
-def test_files_that_a_killed_run_left_half_written_are_removed(tmp_path):
-    from kitchen_suite.training.train_job import claim
-
-    claim(tmp_path, {"seed": 0}, resume=False)
+def test_incomplete_files_of_a_killed_run_are_removed(tmp_path):
+    create_run(tmp_path, {"seed": 0})
     # No process has this number.
-    half = tmp_path / "seed_0" / ".4194999.checkpoint_000000000064.pt"
-    half.parent.mkdir()
-    half.write_bytes(b"half")
-    claim(tmp_path, {"seed": 0}, resume=True)
-    assert not half.exists()
+    incomplete = tmp_path / "seed_0" / ".4194999.checkpoint_000000000064.pt"
+    incomplete.parent.mkdir()
+    incomplete.write_bytes(b"half")
+    open_run(tmp_path, {"seed": 0})
+    assert not incomplete.exists()

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 from reference import random_actions
 
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
@@ -122,7 +122,7 @@ def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
 )
 def test_the_cabinet_is_gymnasiums_vector_of_single_ones(name, mode):
     terminated, truncated = assert_equal_for_ever(
-        *pair(CABINET_ID, mode, max_episode_steps=10, **CABINETS[name]), cabinet_actions()
+        *pair(OPEN_CABINET_ID, mode, max_episode_steps=10, **CABINETS[name]), cabinet_actions()
     )
     assert truncated >= 3
     assert terminated >= 1
@@ -132,7 +132,7 @@ def test_the_cabinet_is_gymnasiums_vector_of_single_ones(name, mode):
     ("env_id", "settings", "actions", "threads"),
     [
         (KITCHEN_ID, EASY, kitchen_actions(), (1, 3)),
-        (CABINET_ID, CABINETS["all drawn"], cabinet_actions(), (1, 2, 5, None)),
+        (OPEN_CABINET_ID, CABINETS["all drawn"], cabinet_actions(), (1, 2, 5, None)),
     ],
     ids=["kitchen", "cabinet"],
 )
@@ -168,7 +168,7 @@ def test_next_step_starts_the_next_episode_in_the_step_after_an_end_whatever_the
     assert ours.step(np.zeros((2, 9)))[4]["episode_step"].tolist() == [1, 1]
 
 
-def test_same_step_gives_the_last_observation_of_one_episode_and_the_first_of_the_next():
+def test_same_step_returns_the_last_observation_of_one_episode_and_the_first_of_the_next():
     ours = FrankaOpenCabinetVectorEnv(3, max_episode_steps=4, autoreset_mode="SameStep")
     never_reset = FrankaOpenCabinetVectorEnv(3)
     for env in (ours, never_reset):
@@ -238,15 +238,19 @@ def test_an_episode_may_terminate_and_be_truncated_in_the_same_step(mode):
     assert (reward.tolist(), terminated.tolist(), truncated.tolist()) == ([1.0] * 2, [True] * 2, [True] * 2)
 
 
-def test_the_life_of_an_environment_goes_on_over_its_episodes():
+def test_control_steps_are_counted_over_all_episodes_of_a_run():
     env = FrankaOpenCabinetVectorEnv(2, max_episode_steps=3, autoreset_mode="NextStep")
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.zeros((2, 8)))
-    # Nobody lives through a step that starts an episode.
+    # A step that starts an episode is no control step.
     env.step(np.zeros((2, 8)))
     env.reset(options={"reset_mask": np.array([True, False])})
     env.step(np.zeros((2, 8)))
     assert env.total_steps.tolist() == [4, 4]
     env.total_steps[:] = 0
     assert env.total_steps.tolist() == [4, 4]
+    env.begin_run(np.array([False, True]))
+    assert env.total_steps.tolist() == [4, 0]
+    env.begin_run()
+    assert env.total_steps.tolist() == [0, 0]

@@ -149,7 +149,7 @@ def test_empty_options_and_masks_of_all_reset_all(twins):
         ({"autoreset_mode": None}, TypeError, "autoreset_mode must be a string"),
         ({"max_episode_steps": 0}, ValueError, "max_episode_steps must be at least 1"),
         ({"max_episode_steps": 2.5}, TypeError, "max_episode_steps must be an integer"),
-        ({"render_mode": "human"}, ValueError, "render_mode 'human' shows one environment; give 'rgb_array'"),
+        ({"render_mode": "human"}, ValueError, "render_mode 'human' shows one environment; use 'rgb_array'"),
         ({"render_mode": "rgb_arry"}, ValueError, "render_mode 'rgb_arry' does not exist .did you mean 'rgb_array'"),
         ({"threshold": -1.0}, ValueError, "threshold"),
         ({"tasks_to_complete": ["ketle"]}, ValueError, "did you mean 'kettle'"),

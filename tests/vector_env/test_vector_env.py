@@ -10,13 +10,13 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.wrappers.vector import DictInfoToList, FlattenObservation, NormalizeReward, RecordEpisodeStatistics
 
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
-CLASSES = {KITCHEN_ID: FrankaKitchenVectorEnv, CABINET_ID: FrankaOpenCabinetVectorEnv}
+CLASSES = {KITCHEN_ID: FrankaKitchenVectorEnv, OPEN_CABINET_ID: FrankaOpenCabinetVectorEnv}
 # Resets and steps that draw all there is to draw.
-DRAWN = {KITCHEN_ID: {}, CABINET_ID: {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}}
+DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"randomization": MODERATE, "observation_noise": {"handle_offset": 0.01}}}
 EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.1]}}
 
 both = pytest.mark.parametrize("env_id", CLASSES)
@@ -42,7 +42,7 @@ def actions_for(env, steps, seed=0):
 
 
 def part(value, i):
-    """What belongs to environment `i` in arrays with a leading axis."""
+    """The row of environment `i` of nested arrays with a leading axis."""
     return {key: part(inner, i) for key, inner in value.items()} if isinstance(value, dict) else value[i]
 
 
@@ -74,14 +74,14 @@ def test_environment_i_of_seed_s_is_the_single_one_of_seed_s_plus_i(env_id):
         assert_is_part(started, i, single.reset(seed=seed + i))
     assert env.np_random_seed == (seed, seed + 1, seed + 2)
     assert_are_parts(env, singles, actions_for(env, 6))
-    # Without a seed the streams go on, and those given None in a list likewise.
+    # The streams continue without a seed, and where a list of seeds holds None.
     for seeds in ([None] * 3, [None, 4, None]):
         started = env.reset(seed=None if seeds == [None] * 3 else seeds)
         for i, single in enumerate(singles):
             assert_is_part(started, i, single.reset(seed=seeds[i]))
         assert_are_parts(env, singles, actions_for(env, 3, seed=1))
     assert env.np_random_seed == (seed, 4, seed + 2)
-    # What is drawn by hand is drawn from the environment's own stream.
+    # Draws by hand come from the environment's own stream.
     assert [random.random() for random in env.np_random] == [single.unwrapped.np_random.random() for single in singles]
     assert_are_parts(env, singles, actions_for(env, 2, seed=2))
 
@@ -111,7 +111,7 @@ def test_without_seeds_no_two_environments_are_alike(env_id):
     started = [env.reset()[0] for env in (one, other)]
     numbers = [array["observation"] if env_id == KITCHEN_ID else array for array in started]
     assert len(np.unique(np.concatenate(numbers), axis=0)) == 4
-    # Resets do not change what they were seeded with.
+    # Resets without a seed keep the seeds.
     assert [*one.np_random_seed, *other.np_random_seed] == seeds
 
 
@@ -142,18 +142,18 @@ def test_make_vec_builds_one_by_default_with_the_spaces_and_metadata_of_gymnasiu
 def test_make_vec_works_by_itself_in_a_fresh_process_and_again_from_its_spec():
     code = (
         "import gymnasium\n"
-        f"env = gymnasium.make_vec('kitchen_suite.gymnasium_env:{CABINET_ID}', num_envs=3, drawer='bottom')\n"
+        f"env = gymnasium.make_vec('kitchen_suite.gymnasium_env:{OPEN_CABINET_ID}', num_envs=3, drawer='bottom')\n"
         "again = gymnasium.make_vec(env.spec)\n"
         "print(again, (env.reset(seed=0)[0] == again.reset(seed=0)[0]).all())\n"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == f"FrankaOpenCabinetVectorEnv({CABINET_ID}, num_envs=3) True\n"
+    assert done.stdout == f"FrankaOpenCabinetVectorEnv({OPEN_CABINET_ID}, num_envs=3) True\n"
 
 
 @pytest.mark.parametrize(
     ("env_id", "settings", "steps"),
-    [(KITCHEN_ID, {}, 280), (CABINET_ID, {}, 700), (CABINET_ID, {"max_episode_steps": 7}, 7)],
+    [(KITCHEN_ID, {}, 280), (OPEN_CABINET_ID, {}, 700), (OPEN_CABINET_ID, {"max_episode_steps": 7}, 7)],
 )
 def test_make_vec_truncates_at_the_limit(env_id, settings, steps):
     env = many(env_id, 1, **settings)
@@ -174,7 +174,7 @@ def test_direct_construction_truncates_only_where_it_is_told_to(settings):
 
 
 def test_minus_one_lifts_the_limit_as_it_does_for_make():
-    for env in (gymnasiums_own(CABINET_ID, max_episode_steps=-1), many(CABINET_ID, max_episode_steps=-1)):
+    for env in (gymnasiums_own(OPEN_CABINET_ID, max_episode_steps=-1), many(OPEN_CABINET_ID, max_episode_steps=-1)):
         env.reset(seed=0)
         assert not any(env.step(np.zeros((2, 8)))[3].any() for _ in range(710))
 
@@ -182,10 +182,10 @@ def test_minus_one_lifts_the_limit_as_it_does_for_make():
 @pytest.mark.parametrize(
     ("env_id", "wrapper", "mode"),
     [
-        (CABINET_ID, RecordEpisodeStatistics, "NextStep"),
-        (CABINET_ID, RecordEpisodeStatistics, "SameStep"),
-        (CABINET_ID, NormalizeReward, "SameStep"),
-        (CABINET_ID, DictInfoToList, "NextStep"),
+        (OPEN_CABINET_ID, RecordEpisodeStatistics, "NextStep"),
+        (OPEN_CABINET_ID, RecordEpisodeStatistics, "SameStep"),
+        (OPEN_CABINET_ID, NormalizeReward, "SameStep"),
+        (OPEN_CABINET_ID, DictInfoToList, "NextStep"),
         (KITCHEN_ID, DictInfoToList, "SameStep"),
         (KITCHEN_ID, FlattenObservation, "NextStep"),
     ],
@@ -207,7 +207,7 @@ def test_gymnasiums_wrappers_treat_it_as_its_own(env_id, wrapper, mode):
 
 
 def test_episode_statistics_start_anew_where_a_mask_resets():
-    env = RecordEpisodeStatistics(many(CABINET_ID, autoreset_mode="Disabled", max_episode_steps=2))
+    env = RecordEpisodeStatistics(many(OPEN_CABINET_ID, autoreset_mode="Disabled", max_episode_steps=2))
     env.reset(seed=0)
     env.step(np.zeros((2, 8)))
     env.reset(options={"reset_mask": np.array([True, False])})
@@ -216,7 +216,7 @@ def test_episode_statistics_start_anew_where_a_mask_resets():
 
 
 @pytest.mark.parametrize(
-    ("env_id", "mode"), [(KITCHEN_ID, "SameStep"), (CABINET_ID, "SameStep"), (CABINET_ID, "NextStep")]
+    ("env_id", "mode"), [(KITCHEN_ID, "SameStep"), (OPEN_CABINET_ID, "SameStep"), (OPEN_CABINET_ID, "NextStep")]
 )
 def test_what_was_returned_never_changes_and_writing_to_it_changes_nothing(env_id, mode):
     settings = {**DRAWN[env_id], **(EASY if env_id == KITCHEN_ID else {}), "max_episode_steps": 3}

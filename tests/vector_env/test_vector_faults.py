@@ -1,4 +1,4 @@
-"""Simulations that diverge, interrupts, errors of MuJoCo's, threads: what they leave behind."""
+"""The state of vectorised environments after divergence, interrupts, errors of MuJoCo, and `close`."""
 
 import gc
 import os
@@ -18,7 +18,7 @@ from kitchen_suite.tasks.open_cabinet.randomization import MODERATE, Randomizati
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 SINGLES = {FrankaKitchenVectorEnv: FrankaKitchenEnv, FrankaOpenCabinetVectorEnv: FrankaOpenCabinetEnv}
-# What resets and steps draw of the cabinet.
+# Settings with which resets and steps of the cabinet draw random numbers.
 DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"randomization": MODERATE}}
 # Every third step starts episodes.
 SHORT = {"max_episode_steps": 3, "autoreset_mode": "SameStep"}
@@ -31,7 +31,7 @@ def assert_same(one, other):
 
 
 def part(value, i):
-    """What belongs to environment `i` in arrays with a leading axis."""
+    """The row of environment `i` of nested arrays with a leading axis."""
     return {key: part(inner, i) for key, inner in value.items()} if isinstance(value, dict) else value[i]
 
 
@@ -132,7 +132,7 @@ def interrupt(*args, **kwargs):
 
 
 @pytest.mark.parametrize(
-    ("vector", "place"),
+    ("vector", "path"),
     [
         (FrankaKitchenVectorEnv, "_apply_actions"),
         (FrankaKitchenVectorEnv, "_post_step"),
@@ -142,21 +142,21 @@ def interrupt(*args, **kwargs):
         (FrankaOpenCabinetVectorEnv, "_template_env.environment.start_episode"),
     ],
 )
-def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, place, monkeypatch):
+def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, path, monkeypatch):
     env = started(vector, **SHORT)
     with monkeypatch.context() as patched:
-        patched.setattr(*target(env, place), interrupt)
+        patched.setattr(*target(env, path), interrupt)
         with pytest.raises(KeyboardInterrupt):
             env.step(actions_of(env))
     assert_only_a_reset_of_all_helps(env)
 
 
 @pytest.mark.parametrize("options", [None, {"reset_mask": np.array([False, True, False])}], ids=["all", "one"])
-@pytest.mark.parametrize("place", ["_batch.reset", "_template_env.environment.start_episode"])
-def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(place, options, monkeypatch):
+@pytest.mark.parametrize("path", ["_batch.reset", "_template_env.environment.start_episode"])
+def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(path, options, monkeypatch):
     env = started(FrankaOpenCabinetVectorEnv, **SHORT)
     with monkeypatch.context() as patched:
-        patched.setattr(*target(env, place), interrupt)
+        patched.setattr(*target(env, path), interrupt)
         with pytest.raises(KeyboardInterrupt):
             env.reset(options=options)
     assert_only_a_reset_of_all_helps(env)
@@ -191,10 +191,10 @@ def test_an_error_of_mujocos_in_one_simulation_reaches_the_caller_and_wants_a_re
     assert_only_a_reset_of_all_helps(env)
 
 
-def target(env, place):
-    """What to patch, and its attribute."""
-    *path, name = place.split(".")
-    for attribute in path:
+def target(env, path):
+    """The object to patch, and the name of its attribute."""
+    *parents, name = path.split(".")
+    for attribute in parents:
         env = getattr(env, attribute)
     return env, name
 
@@ -237,7 +237,7 @@ def test_a_real_interrupt_ends_a_loop_of_steps_at_once():
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell's background jobs ignore SIGINT, and hand that down to what they start.
+        # A shell's background jobs ignore SIGINT, and their child processes inherit that.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
@@ -302,7 +302,7 @@ def test_a_forked_process_is_told_so_and_does_not_hang():
 
 
 @both
-def test_what_is_closed_says_so(vector):
+def test_a_closed_environment_raises(vector):
     env = started(vector)
     env.close()
     for use in (env.reset, lambda: env.step(actions_of(env))):

@@ -1,18 +1,18 @@
-"""Pictures of vectorised environments: each the single environment's own, and without a trace in the episodes."""
+"""Images of vectorised environments: equal to the single environment's, without effect on the episodes."""
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-from kitchen_suite.gymnasium_env import CABINET_ID, KITCHEN_ID
+from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 SMALL = {"width": 96, "height": 64}
-# Without what only the eye needs: for tests that do not look at the robot.
+# Without visual geoms: for tests that do not look at the robot.
 BARE = {**SMALL, "visuals": False}
-DRAWN = {KITCHEN_ID: {}, CABINET_ID: {"randomization": MODERATE}}
+DRAWN = {KITCHEN_ID: {}, OPEN_CABINET_ID: {"randomization": MODERATE}}
 
 
 def assert_same(one, other):
@@ -32,7 +32,7 @@ def actions_for(env, steps):
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize(("env_id", "camera"), [(KITCHEN_ID, "overview"), (CABINET_ID, None)])
+@pytest.mark.parametrize(("env_id", "camera"), [(KITCHEN_ID, "overview"), (OPEN_CABINET_ID, None)])
 def test_pictures_are_those_of_the_single_environments(env_id, camera):
     settings = {**SMALL, "camera_name": camera, "render_mode": "rgb_array"}
     env, single = many(env_id, 3, **settings), gymnasium.make(env_id, **settings, **DRAWN[env_id])
@@ -51,7 +51,7 @@ def test_pictures_are_those_of_the_single_environments(env_id, camera):
     assert [(picture.shape, picture.dtype) for picture in pictures] == [((64, 96, 3), np.uint8)] * 3
     assert len({picture.tobytes() for picture in pictures}) == 3
     np.testing.assert_array_equal(env.render_some([2, 0]), expected)
-    # What was shown stays as it was.
+    # Images returned before stay as they were.
     np.testing.assert_array_equal([pictures[2], pictures[0]], expected)
     env.close()
     single.close()
@@ -59,7 +59,9 @@ def test_pictures_are_those_of_the_single_environments(env_id, camera):
 
 @pytest.mark.rendering
 def test_rendering_leaves_no_trace_in_the_episodes():
-    seen, unseen = (many(CABINET_ID, 3, max_episode_steps=3, render_mode=mode, **BARE) for mode in ("rgb_array", None))
+    seen, unseen = (
+        many(OPEN_CABINET_ID, 3, max_episode_steps=3, render_mode=mode, **BARE) for mode in ("rgb_array", None)
+    )
     assert_same(seen.reset(seed=0), unseen.reset(seed=0))
     for number, action in enumerate(actions_for(seen, 9)):
         seen.render_some([number % 3])
@@ -72,8 +74,8 @@ def test_rendering_leaves_no_trace_in_the_episodes():
 
 @pytest.mark.rendering
 def test_depth_is_the_single_environments():
-    env = many(CABINET_ID, 2, render_mode="depth_array", **BARE)
-    single = gymnasium.make(CABINET_ID, render_mode="depth_array", **BARE, **DRAWN[CABINET_ID])
+    env = many(OPEN_CABINET_ID, 2, render_mode="depth_array", **BARE)
+    single = gymnasium.make(OPEN_CABINET_ID, render_mode="depth_array", **BARE, **DRAWN[OPEN_CABINET_ID])
     env.reset(seed=0)
     single.reset(seed=1)
     env.step(np.ones((2, 8)))
@@ -103,7 +105,7 @@ def test_any_integers_choose_what_is_shown_and_all_else_is_refused():
     env.close()
 
 
-def test_without_a_render_mode_rendering_warns_and_gives_nothing():
+def test_without_a_render_mode_rendering_warns_and_returns_none():
     env = FrankaKitchenVectorEnv(2, num_threads=1)
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="render_mode"):

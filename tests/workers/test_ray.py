@@ -1,4 +1,4 @@
-"""Workers on Ray: their episodes are those of one process, whatever dies, and nothing of Ray is left over."""
+"""Workers on Ray: episodes equal those of one process, whichever workers die, and no process is left over."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def broken(timestep):
 
 @pytest.fixture
 def run(capsys, tmp_path, monkeypatch):
-    """Runs a command in a folder that holds `my_policies.py`; gives status, stdout and stderr."""
+    """Runs a command in a folder that holds `my_policies.py`; returns its status, stdout and stderr."""
     tmp_path.joinpath("my_policies.py").write_text(POLICIES)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -96,7 +96,7 @@ def test_a_recording_by_workers_is_that_of_one_process(run):
 
 
 def test_a_rollout_by_workers_is_that_of_one_process(run):
-    command = ["--num_episodes=5", "--time_limit=0.4"]
+    command = ["--num_episodes=5", "--max_episode_steps=5"]
     status, out, err = run(rollout, "--output=many", WORKERS, *command)
     assert (status, err) == (0, "")
     alone = run(rollout, "--output=one", *command)[1]
@@ -109,19 +109,19 @@ def rows(out):
     return [cells[:4] + cells[5:] for cells in map(str.split, out.split("\n\n")[1].splitlines()[1:])]
 
 
-def test_a_worker_that_is_killed_costs_no_episode(run, tmp_path, caplog):
+def test_no_episode_is_lost_with_a_worker_that_is_killed(run, tmp_path, caplog):
     tmp_path.joinpath("mortal").touch()
     command = ["--num_episodes=12", "--num_envs=2", "--policy=my_policies:die_once", SHORT]
     status, out, _ = run(record, "--output=many", WORKERS, *command)
     assert status == 0
     assert not tmp_path.joinpath("mortal").exists()
-    assert [record.message for record in caplog.records] == ["a worker died; another one plays its 2 episodes"]
+    assert [record.message for record in caplog.records] == ["a worker died; its 2 episodes are run again"]
     assert "\nepisodes              12\n" in out
     assert run(record, "--output=one", *command)[0] == 0
     assert_same_episodes("many", "one")
 
 
-def test_workers_that_always_die_are_given_up(run):
+def test_workers_that_always_die_end_the_command(run):
     status, _, err = run(record, "--output=runs", "--workers=1", "--num_episodes=3", "--policy=my_policies:die", SHORT)
     assert status == 1
     assert "kitchen-record: 3 workers died in a row without finishing an episode: " in err
@@ -129,7 +129,7 @@ def test_workers_that_always_die_are_given_up(run):
 
 
 @pytest.mark.parametrize("command", [record, rollout])
-def test_what_a_policy_raises_in_a_worker_is_told_in_one_line(run, command):
+def test_an_error_of_a_policy_in_a_worker_is_reported_in_one_line(run, command):
     status, _, err = run(command, "--output=runs", WORKERS, "--num_episodes=3", "--policy=my_policies:broken")
     assert status == 2
     assert err.startswith(f"kitchen-{command.__name__.rpartition('.')[2]}: policy 'my_policies:broken' raised KeyError")
@@ -157,9 +157,12 @@ def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_pat
     count = len(load_all("runs"))
     assert count >= 3
     assert process.returncode == 130
-    assert err == f"kitchen-record: interrupted after {count} of 100000 episodes; run the same again to go on\n"
+    assert (
+        err
+        == f"kitchen-record: interrupted after {count} of 100000 episodes; the same command completes the recording\n"
+    )
     wait_until(lambda: not processes_of(tmp_path))
-    # What is missing, if any is, can be had.
+    # The same command completes the recording.
     wanted = max(int(name[8:14]) for name in load_all("runs")) + 2
     assert run(record, "--output=runs", f"--num_episodes={wanted}", SHORT)[0] == 0
     assert len(load_all("runs")) == wanted

@@ -1,4 +1,4 @@
-"""What the command lines say of workers that cannot be had; most of it needs no Ray."""
+"""Errors of command lines that ask for workers; the tests need no Ray."""
 
 import importlib.util
 import os
@@ -11,8 +11,8 @@ from kitchen_suite.cli import record, rollout
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}
 BAD = {
-    "--workers=0": "positive",
-    "--workers=-2": "positive",
+    "--workers=0": "must be at least 1",
+    "--workers=-2": "must be at least 1",
     "--workers=1.5": "1.5",
     "--workers=many": "many",
     "--ray_address=auto": "--ray_address needs --workers",
@@ -22,7 +22,7 @@ BAD_ADDRESSES = ["", "nonsense", "somewhere:", ":6379", "localhost:port", "local
 
 @pytest.fixture(params=COMMANDS)
 def run(request, capsys, tmp_path, monkeypatch):
-    """Runs either command; gives status, and stderr without the command's name."""
+    """Runs either command; returns its status and stderr."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
@@ -50,10 +50,10 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
 
 
 @pytest.mark.parametrize("address", BAD_ADDRESSES)
-def test_what_is_no_address_is_refused(run, ray_found, address):
+def test_a_malformed_address_is_refused(run, ray_found, address):
     status, err = run("--workers=2", f"--ray_address={address}")
     assert status == 2
-    assert f"{address!r} is no address of Ray: it must be HOST:PORT, ray://HOST:PORT or auto" in err
+    assert f"{address!r} is not a Ray address: it must be HOST:PORT, ray://HOST:PORT or auto" in err
 
 
 @pytest.mark.parametrize("scheme", ["", "ray://"])
@@ -65,7 +65,7 @@ def test_an_address_where_nothing_answers_is_refused(run, ray_found, scheme):
     assert f"no Ray answers at {scheme}127.0.0.1:{port}: " in err
 
 
-def test_without_ray_it_is_told_what_to_install(run, monkeypatch):
+def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     status, err = run("--workers=2")
     assert status == 2

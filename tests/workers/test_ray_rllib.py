@@ -14,7 +14,7 @@ SNIPPETS = re.findall(r"```py\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.D
 
 @pytest.fixture(autouse=True)
 def ray_stopped(monkeypatch):
-    """Nothing is reported to others, and nothing is left running."""
+    """Sends no usage statistics, and leaves no process running."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     import ray
 

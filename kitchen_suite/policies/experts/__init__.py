@@ -1,4 +1,4 @@
-"""Scripted experts: they do the suite's tasks on nothing but what an agent sees. They need the extra `experts`."""
+"""Scripted experts, which complete the suite's tasks from observations alone. They need the extra `experts`."""
 
 from kitchen_suite.policies.experts.base import Expert as Expert
 from kitchen_suite.policies.experts.base import MotionStyle as MotionStyle

@@ -1,4 +1,4 @@
-"""The controller that runs every skill: it follows a path of joint positions, and sees whether that is possible."""
+"""The controller that all experts share: it follows a joint trajectory, and detects when the arm cannot follow."""
 
 import abc
 import dataclasses
@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 
-# How far a joint may be behind before its path waits for it [rad], and for how long it waits [control steps].
-_MOST_LAG = 0.25
-_PATIENCE = 12
+# A joint farther than this from its target [rad] halts the trajectory, which fails after this many control steps.
+_MAX_LAG = 0.25
+_MAX_HALTED_STEPS = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MotionStyle:
-    """How an expert moves; what makes demonstrations differ.
+    """Variation of an expert's motions, for diverse demonstrations.
 
     Attributes:
-      speed: share of the expert's greatest speed, above 0 and at most 1.
+      speed: fraction of the expert's greatest speed, above 0 and at most 1.
       action_noise: standard deviation of normal noise on the arm's seven elements of the action, in their unit.
-      jitter: half width of the uniform displacement, along each axis, of places before things [m].
+      jitter: half width of the uniform displacement, along each axis, of the hand's poses in free space [m].
     """
 
     speed: float = 1.0
@@ -36,12 +36,12 @@ class MotionStyle:
 
 
 class Expert(abc.ABC):
-    """Acts on nothing but observations; one instance serves one episode at a time.
+    """A policy on observations alone; one instance plays one episode at a time.
 
-    Subclasses tell what an observation means, where to go next, and which action takes the joints somewhere.
+    Subclasses read the observation, plan the trajectories, and compute the actions that follow them.
     """
 
-    # Numbers in an observation, bounds of each element of the action.
+    # Elements of an observation, bounds of each element of the action.
     observation_size: int
     _low: float
     _high: float
@@ -56,11 +56,11 @@ class Expert(abc.ABC):
         """Begins an episode.
 
         Args:
-          generator: what jitter and noise are drawn from; without them nothing is.
+          generator: source of jitter and action noise; a style without them draws nothing.
         """
         self._generator = generator
-        self._path: JointTrajectory | None = None
-        self._time, self._waited = 0.0, 0
+        self._trajectory: JointTrajectory | None = None
+        self._time, self._halted_steps = 0.0, 0
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Chooses the next action.
@@ -76,44 +76,53 @@ class Expert(abc.ABC):
           ValueError: it has the wrong shape, or is not finite.
         """
         observation = checks.vector(observation, self.observation_size, "observation")
-        joints = self._joints(observation)
-        if (path := self._new_path(observation, joints)) is not None:
-            self._path, self._time, self._waited, self._target = path, 0.0, 0, joints
-        if np.max(np.abs(self._target - joints)) < _MOST_LAG:
-            self._time, self._waited = self._time + self._style.speed, 0
+        joints = self._arm_positions(observation)
+        if (trajectory := self._next_trajectory(observation, joints)) is not None:
+            self._trajectory, self._time, self._halted_steps, self._target = trajectory, 0.0, 0, joints
+        if np.max(np.abs(self._target - joints)) < _MAX_LAG:
+            self._time, self._halted_steps = self._time + self._style.speed, 0
         else:
-            self._waited += 1
-        self._target, fingers = self._current_path.at(self._time)
-        action = self._action(observation, joints, self._target, fingers)
+            self._halted_steps += 1
+        self._target, fingers = self._current_trajectory.at(self._time)
+        action = self._compute_action(observation, joints, self._target, fingers)
         if self._style.action_noise:
             action[: joints.size] += self._style.action_noise * self._generator.standard_normal(joints.size)
         return np.clip(action, self._low, self._high).astype(np.float32)
 
     @property
-    def _current_path(self) -> JointTrajectory:
-        assert self._path is not None, "the first observation makes a path"
-        return self._path
+    def _current_trajectory(self) -> JointTrajectory:
+        assert self._trajectory is not None, "the first observation starts a trajectory"
+        return self._trajectory
 
-    def _has_ended(self, linger: float) -> bool:
-        """Whether the path ended so many control steps ago, or cannot be followed."""
-        return self._time >= self._current_path.duration + linger or self._waited >= _PATIENCE
+    @property
+    def _current_fingers(self) -> float:
+        """Opening of each finger that the trajectory has at present [m]."""
+        _, fingers = self._current_trajectory.at(self._time)
+        return fingers
 
-    def _offsets(self, count: int) -> NDArray[np.float64]:
-        """Draws displacements `(count, 3)` [m]."""
+    def _has_ended(self, settle_steps: float) -> bool:
+        """Whether the trajectory ended at least `settle_steps` control steps ago, or the arm cannot follow it."""
+        return self._time >= self._current_trajectory.duration + settle_steps or self._halted_steps >= _MAX_HALTED_STEPS
+
+    def _draw_offsets(self, count: int) -> NDArray[np.float64]:
+        """Draws displacements `(count, 3)` of poses in free space [m]."""
         if not self._style.jitter:
             return np.zeros((count, 3))
         return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
 
     @abc.abstractmethod
-    def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Positions `(7,)` of the arm's joints [rad]."""
+    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the observed positions `(7,)` of the arm's joints [rad]."""
 
     @abc.abstractmethod
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        """A path from where the joints are, if it is time for one, as at the first call; else None to go on."""
+    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+        """Returns a trajectory from the present joint positions, or None to continue the current one.
+
+        The first call of an episode must return one.
+        """
 
     @abc.abstractmethod
-    def _action(
+    def _compute_action(
         self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        """The action that takes joints and fingers to a target at the end of the control step, as far as it can."""
+        """Returns the action that moves joints and fingers to their targets within a control step, before clipping."""

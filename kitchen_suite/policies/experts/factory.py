@@ -1,4 +1,4 @@
-"""Experts for the suite's tasks, and as policies of dm_env environments."""
+"""Builds the expert for a task, and wraps it as a policy of dm_env time steps."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,24 +11,27 @@ from numpy.typing import NDArray
 from kitchen_suite.policies.experts.base import Expert
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.open_cabinet import DrawerExpert
+from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks import KitchenTask, OpenCabinetTask
 
 
 def make(task: composer.Task, **options: Any) -> Expert:
-    """Makes the expert for a task, of whose configuration it is told, and nothing else.
+    """Builds the expert for a task from the task's settings; it never reads the physics.
 
     Args:
       task: of an environment of the suite.
-      **options: arguments of `KitchenExpert` or `DrawerExpert` that replace those of the task, `style` among them.
+      **options: arguments of `KitchenExpert` or `DrawerExpert`, such as `style`; they replace those of the task.
 
     Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: there is no expert for such a task, or it refuses an option.
+      TypeError: an argument is unknown or of the wrong type.
+      ValueError: there is no expert for this kind of task, or an option has a value that the expert rejects.
     """
     if isinstance(task, OpenCabinetTask):
         return DrawerExpert(**{"drawer": task.drawer, **options})
     if not isinstance(task, KitchenTask):
-        raise ValueError(f"there is no expert for {type(task).__name__}; there are for KitchenTask and OpenCabinetTask")
+        raise ValueError(
+            f"there is no expert for {type(task).__name__}; the tasks that have one are KitchenTask and OpenCabinetTask"
+        )
     settings = {
         "tasks": task.mdp.goals.tasks,
         "goals": task.goals,
@@ -42,11 +45,11 @@ def make(task: composer.Task, **options: Any) -> Expert:
 def make_policy(
     environment: composer.Environment, generator: np.random.Generator, **options: Any
 ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-    """Makes a policy: it takes time steps, and begins anew with each first one.
+    """Builds a policy that maps time steps to the expert's actions, and resets the expert at each first time step.
 
     Args:
       environment: of the suite.
-      generator: what jitter and noise are drawn from.
+      generator: source of jitter and action noise.
       **options: see `make`.
     """
     expert = make(environment.task, **options)
@@ -54,8 +57,7 @@ def make_policy(
     def policy(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
         if timestep.first():
             expert.reset(generator)
-        # Goals, which the kitchen shows after its state, are left out.
-        observation = np.concatenate([np.ravel(part) for part in timestep.observation.values()])
-        return expert.act(observation[: expert.observation_size])
+        # The kitchen's goals, which follow its state, are left out.
+        return expert.act(flat_timestep(timestep)[: expert.observation_size])
 
     return policy

@@ -1,4 +1,4 @@
-"""The kitchen's expert: task after task, from noisy observations to joint velocities."""
+"""The kitchen's expert, which completes tasks one after the other."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -12,43 +12,74 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, retreat
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import position_target
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD, GoalSet
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP, FEEDBACKS
 
-_SERVOS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
-_GAINS = np.array([servo.gain for servo in _SERVOS])
-# Share of its error that a servo makes up in a control step: gain and damping of the joint make a lag of first order.
-_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([servo.damping for servo in _SERVOS]))
+_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
+_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
+# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
+# first-order lag.
+_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
 
-# Speeds that the servos keep up with [rad / control step]; the shoulder's torque limit, less gravity, allows 0.06.
+# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
+# the torque of gravity.
 _JOINT_SPEED = np.array([0.06] * 4 + [0.08] * 3)
 
-# For which velocity of a unit of action [rad/s].
-_SCALE = 2.0
+# The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
+_VELOCITY_SCALE = 2.0
 
-# A task counts as done at this share of its threshold: noise may make it look nearer than it is.
-_CAUTION = 0.98
-# One that has been done is to be done again beyond so many times its threshold: doors spring back a little.
-_SLACK = 1.2
+# A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
+# than it is.
+_DONE = 0.98
+# A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
+_UNDONE = 1.2
 
-# Control steps after the end of a path until a task is given up: what presses on something follows late.
-_LINGER = 6
+# Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
+_SETTLE_STEPS = 6
 
-# Decimals to which positions of things decide whether a path can be used again [rad, m].
-_ROUNDING = 2
+# Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
+_DECIMALS = 2
 
-_ROBOT, _, _THINGS, _ = noise.PARTS
+_ROBOT, _, _OBJECTS, _ = noise.SLICES
 
-# Where the arm goes after a failure, to begin again from free space.
+# Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
 
 
+class TaskQueue:
+    """Tasks that remain to be done; the first one is the current one.
+
+    Distances are by task, in units of its threshold.
+    """
+
+    def __init__(self, tasks: Sequence[str]) -> None:
+        self._tasks = tuple(tasks)
+        self._remaining = list(tasks)
+
+    @property
+    def current(self) -> str | None:
+        """The task under way; None when all are done."""
+        return self._remaining[0] if self._remaining else None
+
+    def complete(self) -> None:
+        """Removes the current task."""
+        del self._remaining[0]
+
+    def postpone(self) -> None:
+        """Moves the current task behind the others."""
+        self._remaining.append(self._remaining.pop(0))
+
+    def restart_undone(self, distances: Mapping[str, float]) -> None:
+        """Adds the completed tasks that have come undone, once no others remain."""
+        self._remaining = [task for task in self._tasks if distances[task] > _UNDONE]
+
+
 class KitchenExpert(Expert):
-    """Completes tasks of the kitchen one after the other; goes back to one that failed after the others."""
+    """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
 
     observation_size = noise.AMPLITUDES.size
     _low, _high = -1.0, 1.0
@@ -60,21 +91,21 @@ class KitchenExpert(Expert):
         threshold: float = THRESHOLD,
         goals: Mapping[str, ArrayLike] | None = None,
         in_order: bool = False,
-        velocity_scale: float = _SCALE,
+        velocity_scale: float = _VELOCITY_SCALE,
         feedback: str = "observed",
         style: MotionStyle | None = None,
     ) -> None:
-        """Prepares for a set of tasks.
+        """Builds an expert for a set of tasks.
 
         Args:
           tasks: names of the tasks, spelt as in `tasks.GOALS`.
-          threshold: distance from its goal at which a task counts as done [rad, m]; one below the environment's makes
-            the expert go on for longer than needed.
-          goals: goals that replace the usual ones, by task. The hand moves the same way; it stops elsewhere.
-          in_order: whether to do the tasks in the order given; else in the one that makes the hand's way short.
+          threshold: distance from its goal below which a task is done [rad, m]; if it is below the environment's, the
+            expert moves on later than necessary.
+          goals: goals that replace the usual ones, by task. The motions stay the same; they stop at the goal.
+          in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
           velocity_scale: the environment's.
           feedback: the environment's.
-          style: how to move.
+          style: speed, noise and jitter of the motions.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -86,84 +117,99 @@ class KitchenExpert(Expert):
         self._order = tuple(task for task in order if task in self._goals.tasks)
         self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
         self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
-        self._pace = _pace(self._velocity_scale)
-        self._arm = ArmKinematics("kitchen")
+        self._limits = _speed_limits(self._velocity_scale)
+        self._kinematics = ArmKinematics("kitchen")
         super().__init__(style)
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._left = list(self._order)
-        self._task: str | None = None
-        # The last target, if the next one starts from there.
+        self._queue = TaskQueue(self._order)
+        # The last position target, if the next one is relative to it.
         self._commanded: NDArray[np.float64] | None = None
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         action = super().act(observation)
         if self._feedback == "target":
-            base = self._base(np.asarray(observation)[_ROBOT])
+            base = self._base_positions(np.asarray(observation)[_ROBOT])
             unit = {"velocity_scale": self._velocity_scale, "timestep": CONTROL_TIMESTEP}
             self._commanded = position_target(base, action.astype(np.float64), **unit)
         return action
 
-    def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
         return observation[_ROBOT][ARM]
 
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        things = observation[_THINGS]
-        distances = self._goals.distances(things[self._goals.elements]) / self._threshold
-        distance = dict(zip(self._goals.tasks, distances.tolist(), strict=True))
-        failed = self._task is not None and distance[self._task] >= _CAUTION
-        if self._path is not None and (failed or self._task is None) and not self._has_ended(_LINGER):
-            return None
-        if self._task is not None:
-            self._left.remove(self._task)
-            self._left += [self._task] if failed else []
-        elif not self._left:
-            # The arm rests; what has come undone meanwhile is to be done again.
-            self._left = [task for task in self._order if distance[task] > _SLACK]
-        before, self._task = self._task, self._left[0] if self._left else None
-        if before is None and self._task is None:
-            return None
-        start = self._leave(before, joints, via_home=failed)
-        return start if self._task is None else start.then(self._plan(SKILLS[self._task], things), self._pace)
-
-    def _leave(self, task: str | None, joints: NDArray[np.float64], *, via_home: bool) -> JointTrajectory:
-        """The way out of a task, if there is one."""
+    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+        objects = observation[_OBJECTS]
+        if self._trajectory is None:
+            return self._then_current_task(JointTrajectory.stationary(joints, OPEN), objects)
+        distances, task = self._relative_distances(objects), self._queue.current
         if task is None:
-            return JointTrajectory.still(joints, OPEN)
-        _, fingers = self._current_path.at(self._time)
-        path = retreat(self._arm, self._pace, SKILLS[task], joints=joints, fingers=fingers)
-        return path.then(JointTrajectory.still(_HOME, OPEN), self._pace) if via_home else path
+            return self._resume_from_rest(distances, objects, joints)
+        if distances[task] < _DONE:
+            retreat = self._plan_retreat(SKILLS[task], joints)
+            self._queue.complete()
+            return self._then_current_task(retreat, objects)
+        if self._has_ended(_SETTLE_STEPS):
+            home = JointTrajectory.stationary(_HOME, OPEN)
+            retreat = self._plan_retreat(SKILLS[task], joints).then(home, self._limits)
+            self._queue.postpone()
+            return self._then_current_task(retreat, objects)
+        return None
 
-    def _plan(self, skill: Skill, things: NDArray[np.float64]) -> JointTrajectory:
-        values = things[list(skill.thing.elements)] if skill.thing else None
+    def _resume_from_rest(
+        self, distances: Mapping[str, float], objects: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> JointTrajectory | None:
+        """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
+        if not self._has_ended(_SETTLE_STEPS):
+            return None
+        self._queue.restart_undone(distances)
+        if self._queue.current is None:
+            return None
+        return self._then_current_task(JointTrajectory.stationary(joints, OPEN), objects)
+
+    def _relative_distances(self, objects: NDArray[np.float64]) -> dict[str, float]:
+        """Distances of the objects from the tasks' goals, in units of the threshold."""
+        distances = self._goals.distances(objects[self._goals.elements]) / self._threshold
+        return dict(zip(self._goals.tasks, distances.tolist(), strict=True))
+
+    def _then_current_task(self, trajectory: JointTrajectory, objects: NDArray[np.float64]) -> JointTrajectory:
+        """Appends the trajectory of the queue's current task, if there is one."""
+        task = self._queue.current
+        if task is None:
+            return trajectory
+        return trajectory.then(self._plan(SKILLS[task], objects), self._limits)
+
+    def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
+        return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
+
+    def _plan(self, skill: Skill, objects: NDArray[np.float64]) -> JointTrajectory:
+        position = objects[list(skill.object_joint.elements)] if skill.object_joint else None
         if self._style.jitter:
-            offsets = self._offsets(sum(isinstance(step, Move) and step.free for step in skill.steps))
-            return plan(self._arm, self._pace, skill, values=values, offsets=offsets)
-        rounded = None if values is None else tuple(values.round(_ROUNDING).tolist())
-        return _planned(skill, rounded, self._velocity_scale)
+            offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
+            return plan(self._kinematics, self._limits, skill, object_position=position, offsets=offsets)
+        rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
+        return _cached_plan(skill, rounded, self._velocity_scale)
 
-    def _action(
+    def _compute_action(
         self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        positions = observation[_ROBOT]
-        arm = joints + (target - joints) / _RESPONSE + self._arm.gravity(joints) / _GAINS
-        wanted = np.append(arm, [fingers, fingers])
-        return (wanted - self._base(positions)) / (self._velocity_scale * CONTROL_TIMESTEP)
+        arm = joints + (target - joints) / _RESPONSE + self._kinematics.gravity(joints) / _GAINS
+        commanded = np.append(arm, [fingers, fingers])
+        return (commanded - self._base_positions(observation[_ROBOT])) / (self._velocity_scale * CONTROL_TIMESTEP)
 
-    def _base(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the environment adds the action to, for robot positions `(9,)` as observed [rad, m]."""
-        return positions if self._commanded is None else self._commanded
+    def _base_positions(self, observed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
+        return observed if self._commanded is None else self._commanded
 
 
 @functools.lru_cache(maxsize=1024)
-def _planned(skill: Skill, values: tuple[float, ...] | None, velocity_scale: float) -> JointTrajectory:
-    """The path of a skill without jitter; the same in nearly all episodes, hence kept."""
-    return plan(
-        ArmKinematics("kitchen"), _pace(velocity_scale), skill, values=None if values is None else np.array(values)
-    )
+def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, velocity_scale: float) -> JointTrajectory:
+    """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
+    position = None if object_position is None else np.array(object_position)
+    return plan(ArmKinematics("kitchen"), _speed_limits(velocity_scale), skill, object_position=position)
 
 
-def _pace(velocity_scale: float) -> JointSpeedLimits:
-    """How fast the arm may move where a unit of action is so much [rad/s]."""
-    return JointSpeedLimits(joint_speed=_JOINT_SPEED * min(1.0, velocity_scale / _SCALE), timestep=CONTROL_TIMESTEP)
+def _speed_limits(velocity_scale: float) -> JointSpeedLimits:
+    """Joint speed limits, which shrink with a velocity scale [rad/s] below the default."""
+    speed = _JOINT_SPEED * min(1.0, velocity_scale / _VELOCITY_SCALE)
+    return JointSpeedLimits(joint_speed=speed, timestep=CONTROL_TIMESTEP)

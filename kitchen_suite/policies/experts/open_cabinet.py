@@ -1,6 +1,7 @@
-"""The cabinet's expert: it reaches for a drawer's handle, grasps it and pulls, from observations to joint offsets."""
+"""The cabinet's expert, which approaches a drawer's handle, grasps it and pulls."""
 
 import dataclasses
+import enum
 import math
 
 import mink
@@ -13,7 +14,7 @@ from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, retreat
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
@@ -22,122 +23,169 @@ from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 _GAINS = np.array([link.actuator.gain for link in PANDA.links])
 
-# Speed of every joint on the way [rad / control step]: 1.2 rad/s, where an episode ends at 5.
-_PACE = JointSpeedLimits(joint_speed=np.full(7, 0.012), timestep=CONTROL_TIMESTEP)
-# Speeds of the hand before the handle and with the drawer [m/s]; faster, the lower handle slips out.
+# Greatest speed of every joint [rad / control step]: 1.2 rad/s; the task ends an episode at 5.
+_LIMITS = JointSpeedLimits(joint_speed=np.full(7, 0.012), timestep=CONTROL_TIMESTEP)
+# Speeds of the hand towards the handle and while pulling [m/s]; at higher speeds the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
-# Control steps to close on the handle, and to let go of it.
+# Control steps to close the fingers on the handle, and to open them.
 _CLOSING_STEPS, _OPENING_STEPS = 40, 30
-# How far before the handle the hand turns to go straight in, and how far it pulls [m].
+# Distance from the handle at which the straight approach begins, and distance to pull [m].
 _STANDOFF, _PULL = 0.08, 0.36
-# How far the hand points down [degrees]: only so the arm can pull the lower handle to the end without bending its elbow
-# (joint 4) to the limit.
+# Downward tilt of the hand [degrees]: only with it the arm can pull the lower handle all the way without bending its
+# elbow (joint 4) to the limit.
 _TILTS = {"top": 0.0, "bottom": 40.0}
 
-# An opening from which it rests [m]: noise may make it look farther open than it is.
+# Observed opening at which the expert stops [m]; noise may make the opening look larger than it is.
 _ENOUGH = SUCCESS_OPENING + 0.02
-# Control steps after the end of a path until it tries again: the drawer follows late.
-_LINGER = 40
+# Control steps from the end of a trajectory to a new attempt: the drawer lags behind the hand.
+_SETTLE_STEPS = 40
 
-# Distance between hand and handle from which the grasp has failed [m]: half a pad is 0.01, and noise may add as much.
+# Distance between hand and handle beyond which the grasp has failed [m]: half a pad is 0.01; noise may add as much.
 _SLIP = 0.04
 
-# Log odds of closing the gripper that leave nothing to chance.
-_CERTAIN = 50.0
+# Gripper logit at which the gripper closes almost surely.
+_CLOSE_LOGIT = 50.0
 
 
-def _skill(drawer: str) -> Skill:
-    """How to open a drawer, in its handle's frame: z points into the cabinet, y up."""
+class _Phase(enum.Enum):
+    """Phase of the motion."""
+
+    START = enum.auto()  # Before the first observation.
+    APPROACH = enum.auto()  # The hand moves to the standoff, and the handle's pose is observed.
+    PULL = enum.auto()  # The hand grasps the handle and pulls.
+
+
+def _pull_skill(drawer: str) -> Skill:
+    """Skill that opens a drawer, in its handle's frame: z points into the cabinet, y up."""
     tilt = math.radians(_TILTS[drawer])
     approach: Vector = (0.0, -math.sin(tilt), math.cos(tilt))
     hand = HandOrientation(approach=approach, spread=(0.0, 1.0, 0.0))
     return Skill(
-        steps=(
-            Move(to=(0.0, 0.0, -_STANDOFF), fingers=OPEN, free=True, hand=hand),
-            Move(to=(0.0, 0.0, 0.0), fingers=OPEN, speed=_APPROACH_SPEED, hand=hand),
-            Move(to=(0.0, 0.0, 0.0), fingers=CLOSED, settle=_CLOSING_STEPS, hand=hand),
-            Move(to=(0.0, 0.0, -_PULL), fingers=CLOSED, speed=_PULL_SPEED, hand=hand),
+        moves=(
+            Move(position=(0.0, 0.0, -_STANDOFF), fingers=OPEN, in_free_space=True, orientation=hand),
+            Move(position=(0.0, 0.0, 0.0), fingers=OPEN, speed=_APPROACH_SPEED, orientation=hand),
+            Move(position=(0.0, 0.0, 0.0), fingers=CLOSED, settle_steps=_CLOSING_STEPS, orientation=hand),
+            Move(position=(0.0, 0.0, -_PULL), fingers=CLOSED, speed=_PULL_SPEED, orientation=hand),
         ),
-        posture=tuple(DEFAULT_POSE[ARM].tolist()),
+        ik_seed=tuple(DEFAULT_POSE[ARM].tolist()),
         retreat=(_STANDOFF, 0.0, 0.0),
-        release=_OPENING_STEPS,
+        release_steps=_OPENING_STEPS,
     )
 
 
 class DrawerExpert(Expert):
     """Opens a drawer of the cabinet and holds it open.
 
-    On the way to a place before the handle it looks where that is, again and again, and takes the mean; then it goes
-    in, grasps and pulls. It begins anew if the drawer is not open afterwards.
+    On the way to a standoff before the handle it averages the observed poses of the handle. Then it moves in, grasps
+    and pulls. If the handle slips out, or the drawer is not open at the end, it starts again.
     """
 
     observation_size = SIZE
     _low, _high = -np.inf, np.inf
 
     def __init__(self, drawer: str = "top", *, style: MotionStyle | None = None) -> None:
-        """Prepares for a drawer.
+        """Builds an expert for a drawer.
 
         Args:
           drawer: `top` or `bottom`.
-          style: how to move; its action noise is in rad.
+          style: speed, noise [rad] and jitter of the motions.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: there is no such drawer.
         """
-        self._skill = _skill(checks.choice(drawer, DRAWERS, "drawer"))
-        self._arm = ArmKinematics("open_cabinet")
+        self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
+        self._kinematics = ArmKinematics("open_cabinet")
         super().__init__(style)
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._looks = False
-        self._sightings: list[NDArray[np.float64]] = []
+        self._phase = _Phase.START
+        self._handle_poses: list[NDArray[np.float64]] = []
 
-    def _joints(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-        share = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
-        return (JOINT_LOW + share * (JOINT_HIGH - JOINT_LOW))[ARM]
+    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        fraction = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
+        return (JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW))[ARM]
 
-    def _new_path(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        first = self._path is None
-        if self._looks:
-            self._sightings.append(_handle(observation, self._arm.forward(joints)).wxyz_xyz)
-        if not first and not self._has_ended(0 if self._looks else _LINGER) and not self._has_slipped(observation):
+    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+        match self._phase:
+            case _Phase.START:
+                return self._start(observation, joints)
+            case _Phase.APPROACH:
+                return self._continue_approach(observation, joints)
+            case _Phase.PULL:
+                return self._continue_pull(observation, joints)
+
+    def _start(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
+        return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), _LIMITS)
+
+    def _continue_approach(
+        self, observation: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> JointTrajectory | None:
+        """Observes the handle; returns the trajectory that grasps and pulls when the approach has ended."""
+        self._handle_poses.append(self._handle_pose(observation, joints).wxyz_xyz)
+        if not self._has_ended(0) or _is_open(observation):
             return None
-        if not first and observation[SLICES["drawer_position"]][0] >= _ENOUGH:
+        self._phase = _Phase.PULL
+        mean = np.mean(self._handle_poses, axis=0)
+        handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
+        pull = plan(self._kinematics, _LIMITS, self._skill, frame=handle)
+        return JointTrajectory.stationary(joints, OPEN).then(pull, _LIMITS)
+
+    def _continue_pull(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+        """Returns a retreat and a new approach if the pull has failed."""
+        if not self._has_ended(_SETTLE_STEPS) and not self._has_slipped(observation):
             return None
-        self._looks = not self._looks
-        if not self._looks:
-            mean = np.mean(self._sightings, axis=0)
-            handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
-            return JointTrajectory.still(joints, OPEN).then(plan(self._arm, _PACE, self._skill, frame=handle), _PACE)
-        handle = _handle(observation, self._arm.forward(joints))
-        self._sightings = [handle.wxyz_xyz]
-        approach = dataclasses.replace(self._skill, steps=self._skill.steps[:1])
-        way = plan(self._arm, _PACE, approach, frame=handle, offsets=self._offsets(1))
-        if first:
-            return JointTrajectory.still(joints, OPEN).then(way, _PACE)
-        return retreat(self._arm, _PACE, self._skill, joints=joints, fingers=CLOSED).then(way, _PACE)
+        if _is_open(observation):
+            return None
+        approach = self._plan_approach(observation, joints)
+        retreat = plan_retreat(self._kinematics, _LIMITS, self._skill, joints=joints, fingers=CLOSED)
+        return retreat.then(approach, _LIMITS)
+
+    def _plan_approach(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
+        """Enters the approach phase; returns the trajectory to the standoff before the handle."""
+        self._phase = _Phase.APPROACH
+        handle = self._handle_pose(observation, joints)
+        self._handle_poses = [handle.wxyz_xyz]
+        approach = dataclasses.replace(self._skill, moves=self._skill.moves[:1])
+        return plan(self._kinematics, _LIMITS, approach, frame=handle, offsets=self._draw_offsets(1))
+
+    def _handle_pose(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> mink.SE3:
+        """Pose of the handle in the world, from its observed offset from the hand."""
+        hand = self._kinematics.forward(joints)
+        rotation = _handle_rotation(observation[SLICES["handle_orientation_offset"]], hand.rotation())
+        return mink.SE3.from_rotation_and_translation(
+            rotation, hand.translation() + observation[SLICES["handle_offset"]]
+        )
 
     def _has_slipped(self, observation: NDArray[np.float64]) -> bool:
         """Whether the handle is no longer between the closed fingers."""
-        _, fingers = self._current_path.at(self._time)
-        return fingers == CLOSED and float(np.linalg.norm(observation[SLICES["handle_offset"]])) > _SLIP
+        distance = float(np.linalg.norm(observation[SLICES["handle_offset"]]))
+        return self._current_fingers == CLOSED and distance > _SLIP
 
-    def _action(
+    def _compute_action(
         self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        arm = target - joints + self._arm.gravity(joints) / _GAINS
-        return np.append(arm, _CERTAIN if fingers == CLOSED else -_CERTAIN)
+        arm = target - joints + self._kinematics.gravity(joints) / _GAINS
+        return np.append(arm, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
 
 
-def _handle(observation: NDArray[np.float64], hand: mink.SE3) -> mink.SE3:
-    """Where the handle is: what is seen is how far it is from the hand."""
-    position = hand.translation() + observation[SLICES["handle_offset"]]
-    x, y, z, w = observation[SLICES["handle_orientation_offset"]]
-    # The offset was taken from that one of the hand's two quaternions which leads to the one of length 1.
-    candidates = [np.array([w, x, y, z]) + sign * hand.rotation().wxyz for sign in (1.0, -1.0)]
-    best = min(candidates, key=lambda quaternion: abs(np.linalg.norm(quaternion) - 1.0))
-    # Of a rotation's two quaternions always the one with a positive w, so that they have a mean.
-    rotation = mink.SO3(wxyz=best * np.sign(best[0])).normalize()
-    return mink.SE3.from_rotation_and_translation(rotation, position)
+def _is_open(observation: NDArray[np.float64]) -> bool:
+    """Whether the drawer is observed to be open far enough."""
+    return bool(observation[SLICES["drawer_position"]][0] >= _ENOUGH)
+
+
+def _handle_rotation(offset: NDArray[np.float64], hand: mink.SO3) -> mink.SO3:
+    """Rotation of the handle in the world, with a quaternion w that is not negative, so that rotations have a mean.
+
+    Args:
+      offset: observed difference of the handle's and the hand's quaternion, x, y, z, w.
+      hand: rotation of the hand in the world.
+    """
+    x, y, z, w = offset
+    difference = np.array([w, x, y, z])
+    # The hand's quaternion in the difference may be q or -q, which are the same rotation. The sum with the right one is
+    # the handle's quaternion, of length 1.
+    candidates = [difference + hand.wxyz, difference - hand.wxyz]
+    handle = min(candidates, key=lambda quaternion: abs(np.linalg.norm(quaternion) - 1.0))
+    return mink.SO3(wxyz=handle * np.sign(handle[0])).normalize()

@@ -1,4 +1,4 @@
-"""Skills as data: where the hand goes, how fast, and what the fingers do there."""
+"""Skills as data: poses of the hand, speeds, and opening of the fingers."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 Vector = tuple[float, float, float]
 
-# How far each finger is to be open [m].
+# Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0
 
 # Faster than any joint can move the hand [m/s, rad/s].
@@ -17,7 +17,7 @@ UNLIMITED = 10.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HandOrientation:
-    """How the hand is turned, in the frame of its skill.
+    """Orientation of the hand in the frame of its skill.
 
     Attributes:
       approach: direction in which the fingers point, of length 1.
@@ -27,14 +27,14 @@ class HandOrientation:
     approach: Vector
     spread: Vector
 
-    def before(self, point: Vector, distance: float) -> Vector:
-        """Where the hand's site is so that a point lies so far before it [m]."""
+    def standoff_position(self, point: Vector, distance: float) -> Vector:
+        """Position of the hand's site at a distance [m] from a point at which the fingers point."""
         x, y, z = np.array(point) - distance * np.array(self.approach)
         return float(x), float(y), float(z)
 
     @property
     def rotation(self) -> mink.SO3:
-        """Of the site: z is the direction of approach, y the one of the left finger."""
+        """Rotation of the hand's site: its z axis is `approach`, its y axis points to the left finger."""
         z = np.array(self.approach)
         y = np.array(self.spread) - np.dot(self.spread, z) * z
         y /= np.linalg.norm(y)
@@ -43,98 +43,100 @@ class HandOrientation:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Move:
-    """Takes the hand's site (the kitchen's `end_effector`, the cabinet's `gripper`) to a place.
+    """Motion of the hand's site (`end_effector` in the kitchen, `gripper` at the cabinet) along a straight line.
 
     Attributes:
-      to: where, in the frame of the skill [m].
-      hand: how the hand is turned there.
-      fingers: how far each is to be open on the way [m].
-      speed: of the site, at most [m/s].
-      settle: control steps to stay there.
-      free: whether nothing is near, so that it may as well be a little beside.
+      position: target position of the site, in the frame of the skill [m].
+      orientation: target orientation of the hand.
+      fingers: opening of each finger during the motion [m].
+      speed: greatest speed of the site [m/s].
+      settle_steps: control steps to stay at the target.
+      in_free_space: whether no object is near the target, so that jitter may displace it.
     """
 
-    to: Vector
-    hand: HandOrientation
+    position: Vector
+    orientation: HandOrientation
     fingers: float = CLOSED
     speed: float = UNLIMITED
-    settle: int = 0
-    free: bool = False
+    settle_steps: int = 0
+    in_free_space: bool = False
 
     @property
     def pose(self) -> mink.SE3:
-        """Of the site, in the frame of the skill."""
-        return mink.SE3.from_rotation_and_translation(self.hand.rotation, np.array(self.to))
+        """Target pose of the site, in the frame of the skill."""
+        return mink.SE3.from_rotation_and_translation(self.orientation.rotation, np.array(self.position))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArcMove:
-    """Leads the site round the axis of the thing that is to be turned.
+    """Motion of the hand's site around the axis of a revolute joint, which turns with it.
 
     Attributes:
-      to: angle of the thing at the end [rad].
-      twist: share of the way by which the hand turns too.
-      fingers: how far each is to be open [m].
-      speed: of the thing, at most [rad/s].
+      angle: target angle of the joint [rad].
+      hand_rotation_ratio: rotation of the hand about the axis, relative to the joint's.
+      fingers: opening of each finger [m].
+      speed: greatest speed of the joint [rad/s].
     """
 
-    to: float
-    twist: float = 0.0
+    angle: float
+    hand_rotation_ratio: float = 0.0
     fingers: float = CLOSED
     speed: float = UNLIMITED
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Revolute:
-    """How a thing turns.
+    """A joint about which an object rotates.
 
     Attributes:
-      elements: where its angle [rad] stands in the object positions of the observation.
-      about: a point of the axis [m].
-      axis: direction of the axis.
+      elements: index of its angle [rad] in the object positions of the observation.
+      anchor: a point on the axis, in the world [m].
+      axis: direction of the axis, in the world.
     """
 
     elements: tuple[int, ...]
-    about: Vector
+    anchor: Vector
     axis: Vector
 
-    def displacement(self, values: NDArray[np.float64]) -> mink.SE3:
-        """How far the thing has moved from where it starts, by its angle `(1,)` [rad]."""
-        centre, turn = np.array(self.about), mink.SO3.exp(values[0] * np.array(self.axis))
-        return mink.SE3.from_rotation_and_translation(turn, centre - turn.apply(centre))
+    def displacement(self, position: NDArray[np.float64]) -> mink.SE3:
+        """Transform that takes the object from angle 0 to an angle `(1,)` [rad]."""
+        anchor, rotation = np.array(self.anchor), mink.SO3.exp(position[0] * np.array(self.axis))
+        return mink.SE3.from_rotation_and_translation(rotation, anchor - rotation.apply(anchor))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Prismatic:
-    """How a thing shifts: along x, or along x, y and z.
+    """A joint along which an object translates: along x, or along x, y and z.
 
     Attributes:
-      elements: where its one or three coordinates stand in the object positions of the observation.
-      start: their values at the start [m].
+      elements: indices of its one or three coordinates in the object positions of the observation.
+      initial_position: the coordinates at the start of an episode [m].
     """
 
     elements: tuple[int, ...]
-    start: tuple[float, ...]
+    initial_position: tuple[float, ...]
 
-    def displacement(self, values: NDArray[np.float64]) -> mink.SE3:
-        """How far the thing has moved from where it starts, by its coordinates `(1,)` or `(3,)` [m]."""
-        return mink.SE3.from_translation(np.pad(values - self.start, (0, 3 - values.size)))
+    def displacement(self, position: NDArray[np.float64]) -> mink.SE3:
+        """Transform that takes the object from its initial position to a position `(1,)` or `(3,)` [m]."""
+        return mink.SE3.from_translation(np.pad(position - self.initial_position, (0, 3 - position.size)))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Skill:
-    """What the hand does to one thing.
+    """Motions of the hand that complete one task.
 
     Attributes:
-      steps: the motions, one after the other; a `ArcMove` needs a hinge to go round.
-      posture: joint positions near which those of the first step are sought, and from there those of the others [rad].
-      thing: how the thing moves; places move along with it. None for a thing that is always found where it was.
-      retreat: displacement of the site when it leaves, in the world [m].
-      release: control steps to open the fingers before that; 0 where they hold nothing.
+      moves: the motions in order; an `ArcMove` needs a revolute `object_joint`.
+      ik_seed: joint positions from which inverse kinematics solves the first motion [rad]; every later motion starts
+        from the solution before it.
+      object_joint: joint of the object that the hand moves, along with which the poses move. None if the poses are
+        fixed in the skill's frame.
+      retreat: displacement of the site when the hand leaves, in the world [m].
+      release_steps: control steps to open the fingers before the hand leaves; 0 where they hold nothing.
     """
 
-    steps: tuple[Move | ArcMove, ...]
-    posture: tuple[float, ...]
-    thing: Revolute | Prismatic | None = None
+    moves: tuple[Move | ArcMove, ...]
+    ik_seed: tuple[float, ...]
+    object_joint: Revolute | Prismatic | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
-    release: int = 0
+    release_steps: int = 0

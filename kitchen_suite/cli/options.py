@@ -1,0 +1,218 @@
+"""Every flag of every command, defined once: its help, and the values that it takes.
+
+The flags of a command are the fields of its settings dataclass, which has their types and defaults. `OPTIONS` has the
+same help for a field of one name in every command, and the order in which `--help` lists them.
+"""
+
+import dataclasses
+import json
+import os
+import types
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from absl import flags
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """What a flag means, and which of the values of its type it takes.
+
+    Attributes:
+      help: one or two sentences, without the default.
+      minimum: least value of a number.
+      choices: values of a string; any when empty.
+      check: raises a ValueError for a value that is refused.
+    """
+
+    help: str
+    minimum: float | None = None
+    choices: tuple[str, ...] = ()
+    check: Callable[[Any], None] = lambda value: None
+
+
+def _check_even(pixels: int) -> None:
+    if pixels % 2:
+        raise ValueError("must be even")
+
+
+def _check_folder(path: Path) -> None:
+    if path.exists() and not path.is_dir():
+        raise ValueError("is not a folder")
+
+
+def _check_video(path: Path) -> None:
+    if path.suffix != ".mp4" or path.is_dir():
+        raise ValueError("must be a file that ends with .mp4")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ValueError(f"there is no folder {str(path.parent)!r} that may be written to")
+
+
+OPTIONS: Mapping[str, Option] = MappingProxyType(
+    {
+        "source": Option("Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay."),
+        "list": Option("List all domains with their tasks and cameras, and exit."),
+        "measure": Option(
+            "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
+            "soak: memory in the course of a long run.",
+            choices=("speed", "scaling", "soak"),
+        ),
+        "domain_name": Option("Domain of the task; kitchen-rollout --list shows all."),
+        "task_name": Option("Task of the domain. Default: its first benchmark task (kitchen: complete), or its first."),
+        "task_kwargs": Option(
+            "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'."
+        ),
+        "policy": Option(
+            "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
+            "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\"."
+        ),
+        "shipped": Option("Name of a trained policy that comes with the package."),
+        "policy_file": Option("File of a trained policy, written by kitchen-train."),
+        "episodes": Option("Which episodes: all, or numbers and ranges such as 0,5,7-9."),
+        "num_episodes": Option("Number of episodes.", minimum=1),
+        "seed": Option("First seed; each further episode, or training run, has the next one.", minimum=0),
+        "max_episode_steps": Option("Control steps after which an episode ends. Default: the domain's.", minimum=1),
+        "num_steps": Option("Control steps in total, over all environments.", minimum=0),
+        "num_envs": Option("Environments stepped together (kitchen-benchmark: one or more numbers).", minimum=1),
+        "num_threads": Option("Threads that step them. Default: one per processor; with workers, one each.", minimum=1),
+        "workers": Option("Processes on Ray that play the episodes; needs the extra ray.", minimum=1),
+        "ray_address": Option(
+            "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto. Default: one started for the command."
+        ),
+        "rounds": Option("Rounds that count.", minimum=1),
+        "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
+        "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
+        "eval_interval": Option("Control steps between evaluations, each followed by a checkpoint.", minimum=1),
+        "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1),
+        "target_success": Option("Success rate of two evaluations in a row that ends training; above 1: never.", 0.0),
+        "patience": Option("Control steps without --min_progress after which a seed is given up; 0: never.", minimum=0),
+        "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
+        "restarts": Option("Number of further seeds to try where one is given up.", minimum=0),
+        "resume": Option("Continue the run in the folder from its newest checkpoint."),
+        "output": Option("Folder to write to.", check=_check_folder),
+        "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
+        "data_path": Option("Folder of the Minari datasets. Default: Minari's own."),
+        "json": Option("Print JSON in place of tables."),
+        "video": Option(
+            "Video to write, an .mp4 in an existing folder; one that is there is replaced.", check=_check_video
+        ),
+        "novideo": Option("Write no video."),
+        "video_episodes": Option("Number of episodes in the video, the first ones; all when omitted.", minimum=1),
+        "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1),
+        "camera": Option("Camera of the video, by name or number."),
+        "width": Option("Width of the video [pixels], even.", minimum=2, check=_check_even),
+        "height": Option("Height of the video [pixels], even.", minimum=2, check=_check_even),
+        "visualize_reward": Option("Colour the objects in the video that the reward depends on."),
+        "help": Option("Show this help, and exit."),
+        "version": Option("Show the version of the suite, and exit."),
+    }
+)
+
+
+class _Parser(flags.ArgumentParser):
+    """Parses and checks a flag's text by the type of its field."""
+
+    def __init__(self, convert: Callable[[str], Any], option: Option, what: str) -> None:
+        self._convert, self._option, self._what = convert, option, what
+
+    def flag_type(self) -> str:
+        return self._what
+
+    def parse(self, argument: Any) -> Any:
+        if not isinstance(argument, str):  # A default, which is checked where it is used.
+            return argument
+        option, value = self._option, self._convert(argument)
+        for number in value if isinstance(value, tuple) else (value,):
+            if option.minimum is not None and not number >= option.minimum:
+                raise ValueError(f"must be at least {option.minimum}")
+        if option.choices and value not in option.choices:
+            raise ValueError(f"must be one of {', '.join(option.choices)}")
+        option.check(value)
+        return value
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not an integer") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a number") from None
+
+
+def _json_object(text: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise ValueError("must be a JSON object")
+    return value
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise ValueError("is empty")
+    return Path(text)
+
+
+def _integers(text: str) -> tuple[int, ...]:
+    return tuple(_integer(part) for part in text.split(","))
+
+
+_PARSERS: Mapping[Any, tuple[Callable[[str], Any], str]] = MappingProxyType(
+    {
+        int: (_integer, "an integer"),
+        float: (_number, "a number"),
+        str: (str, "a string"),
+        Path: (_path, "a path"),
+        Mapping[str, Any]: (_json_object, "a JSON object"),
+        tuple[int, ...]: (_integers, "integers"),
+    }
+)
+
+
+def define_flags(settings: type, *, leave_out: str | None = None) -> flags.FlagValues:
+    """Defines the flags of a settings dataclass, and `--help` and `--version`.
+
+    They are not absl's global flags, so that a command can be called from other programs, any number of times.
+
+    Args:
+      settings: a dataclass whose field names are keys of `OPTIONS`.
+      leave_out: field that is not a flag.
+    """
+    values = flags.FlagValues()
+    hints = typing.get_type_hints(settings)
+    for field in dataclasses.fields(settings):
+        if field.name != leave_out:
+            _define(values, field, _without_none(hints[field.name]))
+    for name, short in (("help", "h"), ("version", None)):
+        flags.DEFINE_boolean(name, False, OPTIONS[name].help, short_name=short, flag_values=values)
+    return values
+
+
+def _define(values: flags.FlagValues, field: dataclasses.Field, kind: Any) -> None:
+    option, default = OPTIONS[field.name], None if field.default is dataclasses.MISSING else field.default
+    if field.default_factory is not dataclasses.MISSING:
+        default = field.default_factory()
+    if kind is bool:
+        flags.DEFINE_boolean(field.name, default, option.help, flag_values=values)
+        return
+    convert, what = _PARSERS[kind]
+    serializer: flags.ArgumentSerializer = flags.ArgumentSerializer()
+    flags.DEFINE(_Parser(convert, option, what), field.name, default, option.help, values, serializer)
+
+
+def _without_none(hint: Any) -> Any:
+    """Returns `T` of `T | None`."""
+    if isinstance(hint, types.UnionType):
+        (hint,) = (part for part in typing.get_args(hint) if part is not types.NoneType)
+    return hint

@@ -1,0 +1,66 @@
+"""The work of `kitchen-play`, and of others that play a trained policy."""
+
+from pathlib import Path
+from typing import Any
+
+from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.rollout_job import RolloutJob
+from kitchen_suite.rollouts.settings import PlaySettings, RolloutSettings
+
+_DEFAULT_POLICY = "top_drawer"
+
+
+def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
+    """Returns the settings that play a trained policy in the task that it was trained for.
+
+    Args:
+      file: of the policy.
+      **settings: further fields of `RolloutSettings`.
+
+    Raises:
+      OSError: there is no such file, or it does not hold a trained policy.
+      ValueError: the file's format is of another version, or its parts do not fit together.
+    """
+    trained_for = TrainedPolicy.load(file).metadata
+    return RolloutSettings(
+        domain_name=trained_for["domain_name"],
+        task_name=trained_for["task_name"],
+        task_kwargs=trained_for["task_kwargs"],
+        policy=f"trained(file={str(file)!r})",
+        **settings,
+    )
+
+
+class PlayJob(RolloutJob):
+    """Plays and films a trained policy; the last line that it prints is the number of successes."""
+
+    def __init__(self, settings: PlaySettings) -> None:
+        """Prepares the rollout; raises what `RolloutJob` does.
+
+        Raises:
+          ValueError: two policies are named.
+        """
+        if settings.shipped and settings.policy_file:
+            raise ValueError("--shipped and --policy_file both name a policy: give one of them")
+        self._video = None if settings.novideo else settings.video
+        rollout = policy_rollout(
+            settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY),
+            num_episodes=settings.num_episodes,
+            seed=settings.seed,
+            max_episode_steps=settings.max_episode_steps,
+            video=self._video,
+            video_episodes=settings.video_episodes,
+            video_fps=settings.video_fps,
+            camera=settings.camera,
+            width=settings.width,
+            height=settings.height,
+        )
+        super().__init__(rollout)
+
+    def run(self) -> bool:
+        super().run()
+        if self._video:
+            print_line(f"video {self._video}")
+        print_line(f"success {self.successes}/{self.finished}")
+        return True

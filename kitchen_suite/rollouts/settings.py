@@ -1,0 +1,49 @@
+"""Settings of `kitchen-rollout` and `kitchen-play`."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RolloutSettings:
+    """Settings of `kitchen-rollout`; each is the flag of its name."""
+
+    list: bool = False
+    domain_name: str = "kitchen"
+    task_name: str | None = None
+    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    policy: str = "random"
+    num_episodes: int = 3
+    seed: int = 0
+    max_episode_steps: int | None = None
+    workers: int | None = None
+    ray_address: str | None = None
+    output: Path | None = None
+    video: Path | None = None
+    video_episodes: int | None = None
+    video_fps: float = 25.0
+    camera: str = "overview"
+    width: int = 640
+    height: int = 480
+    visualize_reward: bool = False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlaySettings:
+    """Settings of `kitchen-play`; each is the flag of its name."""
+
+    shipped: str | None = None
+    policy_file: Path | None = None
+    num_episodes: int = 10
+    seed: int = 0
+    max_episode_steps: int | None = None
+    video: Path = Path("kitchen-play.mp4")
+    novideo: bool = False
+    video_episodes: int = 2
+    # Enough to follow a motion, and few enough to be rendered without a graphics card.
+    video_fps: float = 12.5
+    camera: str = "overview"
+    width: int = 640
+    height: int = 480

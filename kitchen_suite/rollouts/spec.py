@@ -1,0 +1,151 @@
+"""The specification of recorded episodes: with it, episode `i` can be played again anywhere, at any time."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from kitchen_suite import checks, gymnasium_env, policies, suite
+from kitchen_suite.environment.random_state import legacy_generator
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.versions import installed_versions
+
+# Arguments of the environments that a recording sets itself.
+_RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
+_RESERVED |= {"autoreset_mode", "num_envs", "num_threads"}
+
+# How a seed starts the random stream of an episode: as `reset(seed=...)` of a Gymnasium environment does, or as the
+# RandomState that `suite.load` makes of `random`.
+SEEDINGS = ("gymnasium", "dm_control")
+
+# Distinguishes the policy's random stream from the environment's, which has the same seed.
+_POLICY_STREAM = 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecordingSpec:
+    """The specification of recorded episodes; episode `i` has the seed `seed + i`.
+
+    Attributes:
+      domain_name: a key of `suite.TASKS_BY_DOMAIN`.
+      task_name: one of the domain's tasks.
+      task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
+      policy: name of the policy, as `policies.find` takes it.
+      seed: of the first episode.
+      seeding: one of `SEEDINGS`.
+      max_episode_steps: control steps after which an episode is truncated.
+      versions: by package.
+    """
+
+    domain_name: str
+    task_name: str
+    task_kwargs: Mapping[str, Any]
+    policy: str
+    seed: int
+    seeding: str
+    max_episode_steps: int
+    versions: Mapping[str, str]
+
+    @classmethod
+    def make(
+        cls,
+        *,
+        domain_name: str,
+        task_name: str | None,
+        task_kwargs: Mapping[str, Any],
+        policy: str,
+        seed: int,
+        seeding: str,
+        max_episode_steps: int | None,
+    ) -> "RecordingSpec":
+        """Makes a specification of checked names, with the versions installed here.
+
+        Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
+
+        Raises:
+          ImportError: the policy needs an extra that is not installed.
+          TypeError: a name is not a string.
+          ValueError: an unknown domain, task or policy, or an argument that is reserved.
+        """
+        task_name = suite.default_task(domain_name) if task_name is None else task_name
+        suite.check_not_fixed(domain_name, task_name, task_kwargs)
+        if reserved := sorted(_RESERVED & task_kwargs.keys()):
+            raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
+        policies.find(policy)
+        limit = max_episode_steps or gymnasium.spec(gymnasium_env.IDS[domain_name]).max_episode_steps
+        return cls(
+            domain_name=domain_name,
+            task_name=task_name,
+            task_kwargs=dict(task_kwargs),
+            policy=policy,
+            seed=seed,
+            seeding=checks.choice(seeding, SEEDINGS, "seeding"),
+            max_episode_steps=cast(int, limit),
+            versions=installed_versions(),
+        )
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> "RecordingSpec":
+        """Returns the specification that `as_json` wrote.
+
+        Raises:
+          ValueError: `record` has other keys.
+        """
+        names = {field.name for field in dataclasses.fields(cls)}
+        if not isinstance(record, Mapping) or record.keys() != names:
+            raise ValueError(f"a recording is described by {sorted(names)}, not by {record!r}")
+        return cls(**record)
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns the specification as JSON represents it."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    def make_environment(self, **extra: Any) -> gymnasium.Env:
+        """Makes the environment of the episodes; `extra` are further arguments."""
+        return gymnasium.make(
+            gymnasium_env.IDS[self.domain_name], max_episode_steps=self.max_episode_steps, **self._arguments(), **extra
+        )
+
+    def make_vector_env(
+        self,
+        num_envs: int,
+        num_threads: int | None,
+        autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
+        **extra: Any,
+    ) -> SuiteVectorEnv:
+        """Makes vectorised environments of the same kind; `extra` are further arguments."""
+        environments = gymnasium.make_vec(
+            gymnasium_env.IDS[self.domain_name],
+            num_envs,
+            vectorization_mode="vector_entry_point",
+            num_threads=num_threads,
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=self.max_episode_steps,
+            **{**self._arguments(), **extra},
+        )
+        return cast(SuiteVectorEnv, environments)
+
+    def _arguments(self) -> dict[str, Any]:
+        task = suite.task_arguments(self.domain_name, self.task_name)
+        arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
+        return {**arguments, **({"info_format": "arrays"} if self.domain_name == "kitchen" else {})}
+
+
+def reset(environment: gymnasium.Env, seed: int, seeding: str) -> tuple[Any, dict[str, Any]]:
+    """Starts an episode that depends on nothing but its seed; `seeding` is one of `SEEDINGS`."""
+    inner = suite_env(environment)
+    inner.environment.task.begin_run()
+    if seeding == "gymnasium":
+        return environment.reset(seed=seed)
+    inner.np_random = legacy_generator(seed)
+    return environment.reset()
+
+
+def policy_generator(seed: int) -> np.random.Generator:
+    """Returns the generator that the policy of an episode draws from."""
+    return np.random.default_rng((seed, _POLICY_STREAM))

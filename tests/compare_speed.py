@@ -1,0 +1,130 @@
+"""Compares the speed of two versions of the suite side by side.
+
+python tests/compare_speed.py REVISION --rounds=31
+
+A process for that revision of this repository and one for this tree play the same episodes in turn, never at the same
+time. For each case the table has the ratio of control steps per second, this tree over that revision: the median over
+the rounds, and the quartiles. Machines are shared and noisy: only the ratios mean anything. Exit status: 0 if every
+median is at least 0.98, else 1.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from compare_trees import CABINET, KITCHEN, ROOT, extract
+from tqdm import tqdm
+
+LEAST = 0.98
+# Control steps of a round, and the environments of vectorised cases.
+STEPS, MANY = 280, 32
+
+Play = Callable[[], int]
+
+
+def cases() -> dict[str, Play]:
+    """By name, functions that play an episode and return its number of control steps."""
+    import gymnasium
+
+    from kitchen_suite import suite
+
+    made: dict[str, Play] = {}
+    kitchen = {"terminate_on_tasks_completed": False}
+    for domain, task, env_id, kwargs, scale in (
+        ("kitchen", "all", KITCHEN, kitchen, 1.0),
+        ("open_cabinet", "top_drawer", CABINET, {}, 0.01),
+    ):
+        quiet = {"random": 0, "time_limit": None, **kwargs}
+        for name, visuals in (("suite.load", False), ("suite.load, with visuals", True)):
+            made[f"{domain}: {name}"] = player(suite.load(domain, task, {**quiet, "visuals": visuals}), scale)
+        adapter = gymnasium.make(f"kitchen_suite.gymnasium_env:{env_id}", **kwargs).unwrapped
+        made[f"{domain}: Gymnasium adapter"] = player(adapter, scale)
+        for num_threads in (1, 2):
+            environments = gymnasium.make_vec(
+                env_id, MANY, vectorization_mode="vector_entry_point", num_threads=num_threads, **kwargs
+            )
+            made[f"{domain}: {MANY} vectorised, {num_threads} threads"] = player(environments, scale, MANY)
+    return made
+
+
+def player(environment: object, scale: float, count: int = 0) -> Play:
+    space = getattr(environment, "action_space", None)
+    shape = space.shape if space else environment.action_spec().shape
+    actions = np.random.default_rng(0).uniform(-scale, scale, (STEPS // (4 if count else 1), *shape))
+
+    def play() -> int:
+        environment.reset()
+        for action in actions:
+            environment.step(action)
+        return len(actions) * max(count, 1)
+
+    return play
+
+
+def serve() -> None:
+    """Plays the cases that it is told by lines on stdin; answers with control steps per second."""
+    made = cases()
+    print(*made, sep="\t", flush=True)
+    for line in sys.stdin:
+        start = time.perf_counter()
+        steps = made[line.strip()]()
+        print(steps / (time.perf_counter() - start), flush=True)
+
+
+class Server:
+    """A process that plays on one tree."""
+
+    def __init__(self, tree: Path, revision: str) -> None:
+        environ = {"MUJOCO_GL": "disable", **os.environ, "PYTHONPATH": str(tree)}
+        command = [sys.executable, __file__, revision, "--serve"]
+        self.process = subprocess.Popen(
+            command, env=environ, cwd=tree, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.cases = self._answer().split("\t")
+
+    def rate(self, case: str) -> float:
+        """Control steps per second of an episode."""
+        assert self.process.stdin
+        print(case, file=self.process.stdin, flush=True)
+        return float(self._answer())
+
+    def _answer(self) -> str:
+        assert self.process.stdout
+        return self.process.stdout.readline().rstrip("\n")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("revision", help="revision of git to compare this tree with")
+    parser.add_argument("--rounds", type=int, default=31)
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.serve:
+        serve()
+        return 0
+    with tempfile.TemporaryDirectory() as work:
+        before, after = (Server(tree, arguments.revision) for tree in (extract(arguments.revision, Path(work)), ROOT))
+        ratios: dict[str, list[float]] = {case: [] for case in after.cases}
+        # The first round warms up. Which tree is first alternates.
+        for number in tqdm(range(arguments.rounds + 1), unit="round", disable=None):
+            for case in ratios:
+                order = (before, after) if number % 2 else (after, before)
+                rates = {server: server.rate(case) for server in order}
+                if number:
+                    ratios[case].append(rates[after] / rates[before])
+    medians = {case: statistics.median(values) for case, values in ratios.items()}
+    for case, values in ratios.items():
+        low, _, high = statistics.quantiles(values, n=4)
+        print(f"{case:<48}{medians[case]:7.3f}  ({low:.3f} to {high:.3f})")
+    return 0 if min(medians.values()) >= LEAST else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

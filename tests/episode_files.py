@@ -1,0 +1,31 @@
+"""Reads the episode files of `kitchen-rollout` and `kitchen-record` with numpy alone, and compares them."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def load_episode(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Returns the metadata and the arrays of an episode file."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    return json.loads(str(arrays.pop("metadata"))), arrays
+
+
+def assert_same_arrays(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> None:
+    """Asserts that names, types and values are the same."""
+    assert list(one) == list(other)
+    for name, array in one.items():
+        assert array.dtype == other[name].dtype, name
+        np.testing.assert_array_equal(array, other[name], name)
+
+
+def nested(arrays: Mapping[str, np.ndarray], name: str, row: int) -> Any:
+    """Returns a row of the arrays whose paths begin with `name`, as dicts of dicts."""
+    if name in arrays:
+        return arrays[name][row]
+    keys = dict.fromkeys(path.split("/")[name.count("/") + 1] for path in arrays if path.startswith(f"{name}/"))
+    return {key: nested(arrays, f"{name}/{key}", row) for key in keys}

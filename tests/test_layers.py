@@ -1,0 +1,126 @@
+"""Imports go one way between the packages, without circles, and the heavy libraries stay in their package."""
+
+import ast
+import graphlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Each package knows those after it. All know GROUND, which knows no other; WORKERS and RENDERING know hardly more.
+ORDER = (
+    "cli",
+    "training",
+    "recordings",
+    "benchmarks",
+    "rollouts",
+    "vector_env",
+    "gymnasium_env",
+    "suite",
+    "policies",
+    "environment",
+    "tasks",
+    "entities",
+)
+GROUND = ("", "checks", "files", "versions")
+BESIDE = {"workers": ("rendering",), "rendering": ()}
+# A module of one line for users: `kitchen_suite.experts`.
+ALIASES = {"experts": ("policies",)}
+
+# Where a library may be imported.
+HOMES = {"absl": {"cli"}, "torch": {"training"}, "skrl": {"training"}, "ray": {"workers"}, "minari": {"recordings"}}
+COMMANDS = ("benchmark", "play", "record", "replay", "rollout", "train")
+
+
+def modules():
+    """All modules of the package by dotted name below `kitchen_suite`, with their syntax trees."""
+    files = {path: path.relative_to(ROOT / "kitchen_suite") for path in (ROOT / "kitchen_suite").rglob("*.py")}
+    files |= {
+        path: path.relative_to(ROOT) for folder in ("entities", "tasks") for path in (ROOT / folder).rglob("*.py")
+    }
+    return {
+        ".".join(name.with_suffix("").parts).removesuffix("__init__").removesuffix("."): ast.parse(
+            path.read_text("utf-8")
+        )
+        for path, name in files.items()
+    }
+
+
+MODULES = modules()
+
+
+def package(module):
+    return module.partition(".")[0]
+
+
+def imported_names(tree):
+    """Dotted names that a module imports, also inside functions."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def dependencies(module):
+    """Modules of the suite that a module imports."""
+    found = set()
+    for name in imported_names(MODULES[module]):
+        top, _, inner = name.partition(".")
+        if top == "kitchen_suite":
+            while inner not in MODULES:
+                inner = inner.rpartition(".")[0]
+            found.add(inner)
+    return found - {module}
+
+
+def allowed(name):
+    if name in ORDER:
+        return {*ORDER[ORDER.index(name) :], *BESIDE, *GROUND}
+    if name in GROUND:
+        return {*GROUND}
+    return {name, *BESIDE.get(name, ALIASES.get(name, ())), *GROUND}
+
+
+def test_every_package_has_its_layer():
+    assert {package(module) for module in MODULES} == {*ORDER, *GROUND, *BESIDE, *ALIASES}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_module_imports_only_what_its_layer_may_know(module):
+    known = {package(found) for found in dependencies(module)}
+    assert known <= allowed(package(module)), sorted(known - allowed(package(module)))
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    graph = {module: dependencies(module) for module in MODULES}
+    # What a package offers is imported from its parts, which may be imported from outside through the package.
+    assert list(graphlib.TopologicalSorter(graph).static_order())
+
+
+@pytest.mark.parametrize("library", HOMES)
+def test_a_heavy_library_stays_in_its_package(library):
+    homes = {
+        package(module)
+        for module, tree in MODULES.items()
+        if any(name.partition(".")[0] == library for name in imported_names(tree))
+    }
+    assert homes <= HOMES[library]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_command_imports_dm_control_before_the_gl_library_is_chosen(command):
+    code = (
+        f"import sys; from kitchen_suite.cli import {command}\n"
+        f"assert {command}.main(['--help']) == 0\n"
+        "assert not {'dm_control', 'mujoco', 'torch', 'ray'} & sys.modules.keys()"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
+def test_the_package_has_few_modules_beside_its_folders():
+    assert len([*(ROOT / "kitchen_suite").glob("*.py")]) <= 6
