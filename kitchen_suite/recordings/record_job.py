@@ -13,11 +13,12 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.recordings.minari_dataset import DatasetPlan
 from kitchen_suite.recordings.settings import RecordSettings
+from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.rollouts.vector_rollout import PolicyController, VectorRollout
+from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.rollouts.worker import VectorRunner
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError

@@ -4,96 +4,15 @@ import collections
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-import dm_env
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
+from kitchen_suite.rollouts.controllers import Batch, Controller
 from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
-from kitchen_suite.rollouts.spec import policy_generator
 from kitchen_suite.vector_env.base import SuiteVectorEnv
-
-
-class Batch(NamedTuple):
-    """The present of all environments, from which a controller chooses actions.
-
-    Attributes:
-      observations: of the vectorised observation space.
-      rewards: `(n,)`, of the last step.
-      is_first: `(n,)`, whether the last call was a reset.
-      is_playing: `(n,)`, whether an episode is in progress; elsewhere the action is not recorded.
-    """
-
-    observations: Any
-    rewards: NDArray[np.float64]
-    is_first: NDArray[np.bool_]
-    is_playing: NDArray[np.bool_]
-
-
-class Controller(Protocol):
-    """Chooses the actions of all environments."""
-
-    def start(self, i: int, seed: int) -> None:
-        """Prepares for an episode of a seed in environment `i`."""
-
-    def act(self, batch: Batch) -> NDArray:
-        """Returns the actions `(n, ...)`."""
-
-
-class PolicyController:
-    """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
-
-    def __init__(self, template: SuiteEnv, build_policy: PolicyBuilder) -> None:
-        """Prepares to build policies.
-
-        Args:
-          template: a single environment of the same kind; it is not stepped.
-          build_policy: builds the policy of an episode.
-        """
-        self._template, self._build_policy = template, build_policy
-        assert isinstance(template.action_space, gymnasium.spaces.Box)
-        self._space = template.action_space
-        self._policies: dict[int, Policy] = {}
-
-    def start(self, i: int, seed: int) -> None:
-        self._policies[i] = self._build_policy(self._template.environment, policy_generator(seed))
-
-    def act(self, batch: Batch) -> NDArray:
-        actions = np.zeros((batch.rewards.size, *self._space.shape), self._space.dtype)
-        for i in np.flatnonzero(batch.is_playing).tolist():
-            actions[i] = self._action(i, batch)
-        return actions
-
-    def _action(self, i: int, batch: Batch) -> NDArray:
-        observation = self._template.suite_observation(_row(batch.observations, i))
-        if batch.is_first[i]:
-            timestep = dm_env.restart(observation)
-        else:
-            timestep = dm_env.transition(batch.rewards[i], observation)
-        # Clipped here, so that the recorded action is the applied one.
-        action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)
-        if np.abs(action).max() > np.finfo(self._space.dtype).max:
-            raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
-        return action
-
-
-class NetworkController:
-    """Acts by a function of the observations of all environments at once."""
-
-    def __init__(self, network: Callable[[Any], NDArray]) -> None:
-        """Takes a function from vectorised observations to actions `(n, ...)`."""
-        self._network = network
-
-    def start(self, i: int, seed: int) -> None:
-        del i, seed
-
-    def act(self, batch: Batch) -> NDArray:
-        return self._network(batch.observations)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,9 +189,3 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
     merged = old.copy()
     merged[mask] = new[mask]
     return merged
-
-
-def _row(observations: Any, i: int) -> Any:
-    if isinstance(observations, Mapping):
-        return {key: _row(part, i) for key, part in observations.items()}
-    return observations[i]

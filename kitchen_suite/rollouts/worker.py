@@ -5,10 +5,11 @@ from collections.abc import Sequence
 
 from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.rollouts.vector_rollout import PolicyController, VectorRollout
+from kitchen_suite.rollouts.vector_rollout import VectorRollout
 
 
 class SingleRunner:

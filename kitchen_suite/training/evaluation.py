@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.policies.trained import TrainedPolicy, flat
-from kitchen_suite.rollouts.vector_rollout import NetworkController, VectorRollout
+from kitchen_suite.rollouts.controllers import NetworkController
+from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.training.metrics import episode_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
