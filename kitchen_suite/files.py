@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 
 @contextlib.contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Gives a path to write to, in the same folder; what was written there becomes `path` if all went well."""
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yields a temporary path in the same folder, which is renamed to `path` unless an exception is raised."""
     partial = partial_path(path)
     try:
         yield partial
@@ -26,8 +26,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def sweep(folder: Path) -> None:
-    """Removes files and folders, named as by `partial_path`, that killed processes have left unfinished in a folder."""
+def remove_stale_partials(folder: Path) -> None:
+    """Removes the temporary files and folders of `partial_path` that processes killed since have left in a folder."""
     for path in folder.glob(".*"):
         owner = path.name[1:].partition(".")[0]
         if owner.isdecimal() and not _is_running(int(owner)):
@@ -35,7 +35,7 @@ def sweep(folder: Path) -> None:
 
 
 def partial_path(path: Path) -> Path:
-    """Where this process writes what shall become `path`: in the same folder, hidden."""
+    """Returns the hidden path in the same folder to which this process writes before renaming it to `path`."""
     return path.with_name(f".{os.getpid()}.{path.name}")
 
 
@@ -66,20 +66,20 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
         if isinstance(error.__context__, KeyboardInterrupt):
             raise error.__context__ from None
         raise
-    with whole_file(path) as partial:
+    with atomic_write(path) as partial:
         partial.write_bytes(buffer.getvalue())
     return path
 
 
 def load_arrays(path: Path, what: str = "an episode") -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Reads what `save_arrays` wrote; gives arrays and metadata.
+    """Returns the arrays and the metadata that `save_arrays` wrote.
 
     Args:
-      path: of the file.
-      what: it should hold; the error names it.
+      path: path of the file.
+      what: its expected contents, for the error.
 
     Raises:
-      OSError: there is nothing of the kind.
+      OSError: the file does not exist, or holds something else.
     """
     with _opened(path, what) as file:
         arrays = dict(file)
@@ -87,7 +87,7 @@ def load_arrays(path: Path, what: str = "an episode") -> tuple[dict[str, NDArray
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
-    """Reads only the metadata that `save_arrays` wrote; raises what `load_arrays` does."""
+    """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
     with _opened(path, "an episode") as file:
         return json.loads(str(file["metadata"]))
 

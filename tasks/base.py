@@ -90,7 +90,7 @@ class SuiteTask(composer.Task):
         """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
         return True
 
-    def completions(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         """Names of the task's goals, and whether each is reached after each step of a recorded episode.
 
         Args:

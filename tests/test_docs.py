@@ -1,4 +1,4 @@
-"""Tables in the pages are those that the code gives, and what the pages refer to exists."""
+"""The tables of the pages are current, their links resolve, and their examples run."""
 
 import importlib.util
 import re

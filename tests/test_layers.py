@@ -98,7 +98,6 @@ def test_a_module_imports_only_what_its_layer_may_know(module):
 
 def test_no_modules_import_each_other_in_a_circle():
     graph = {module: dependencies(module) for module in MODULES}
-    # What a package offers is imported from its parts, which may be imported from outside through the package.
     assert list(graphlib.TopologicalSorter(graph).static_order())
 
 

@@ -1,4 +1,4 @@
-"""What setup.cfg lists by hand is what there is."""
+"""The lists in setup.cfg are complete."""
 
 import configparser
 import re

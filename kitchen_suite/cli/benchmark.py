@@ -13,7 +13,7 @@ Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupte
 import sys
 
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 
 COMMAND = Command(
     name="kitchen-benchmark",

@@ -19,7 +19,7 @@ from absl import flags
 
 @dataclasses.dataclass(frozen=True)
 class Option:
-    """What a flag means, and which of the values of its type it takes.
+    """The help of a flag, and the values that it accepts.
 
     Attributes:
       help: one or two sentences, without the default.

@@ -14,7 +14,7 @@ physics or the workers failed; 2 for a bad argument or policy, with one line on 
 
 import sys
 
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 from kitchen_suite.recordings.settings import RecordSettings
 
 COMMAND = Command(

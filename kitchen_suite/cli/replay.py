@@ -12,7 +12,7 @@ stderr; 130 if interrupted.
 
 import sys
 
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 from kitchen_suite.recordings.settings import ReplaySettings
 
 COMMAND = Command(

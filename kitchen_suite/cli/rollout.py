@@ -15,7 +15,7 @@ argument or policy, with one line on stderr; 130 if interrupted.
 
 import sys
 
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 from kitchen_suite.rollouts.settings import RolloutSettings
 
 COMMAND = Command(

@@ -17,7 +17,7 @@ interrupted.
 
 import sys
 
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 from kitchen_suite.training.settings import TrainSettings
 
 COMMAND = Command(

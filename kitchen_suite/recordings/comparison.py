@@ -73,7 +73,7 @@ def _compare_completions(
     task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays
 ) -> tuple[int | None, tuple[str, ...]]:
     """Returns the first step after which completions differ, and the tasks that do."""
-    one, other = task.completions(recorded.arrays), task.completions(replayed.arrays)
+    one, other = task.goals_reached(recorded.arrays), task.goals_reached(replayed.arrays)
     if one is None or other is None:  # Recorded without infos.
         return None, ()
     names = np.array(one[0])

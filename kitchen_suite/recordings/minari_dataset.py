@@ -97,7 +97,7 @@ class DatasetPlan:
     def _write_elsewhere(self) -> Iterator[None]:
         """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
         root = _absolute_root()
-        files.sweep(root)
+        files.remove_stale_partials(root)
         elsewhere = files.partial_path(root / "kitchen-record")
         try:
             with minari_root(elsewhere):

@@ -17,9 +17,9 @@ from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
+from kitchen_suite.rollouts.runners import VectorRunner
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import VectorRollout
-from kitchen_suite.rollouts.worker import VectorRunner
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
@@ -54,7 +54,7 @@ class RecordJob:
             seeding="gymnasium",
             max_episode_steps=settings.max_episode_steps,
         )
-        self._environment = self._spec.make_environment()
+        self._template_env = self._spec.make_environment()
         self._wanted = range(settings.num_episodes)
         self._plan = self._plan_dataset()
         self._folder = RecordingFolder.claim(settings.output, self._spec)
@@ -76,10 +76,10 @@ class RecordJob:
         print(f"{len(self._wanted)} episodes in {self._settings.output}, {self._found} of them there already")
         sys.stdout.flush()
         try:
-            with contextlib.closing(self._environment):
+            with contextlib.closing(self._template_env):
                 diverged = self._play()
                 if self._plan and self._plan.is_missing:
-                    self._plan.make(self._environment, self._folder, self._present())
+                    self._plan.make(self._template_env, self._folder, self._present())
         finally:
             print(f"\n{self._summary()}")
         if self._plan:
@@ -100,7 +100,7 @@ class RecordJob:
         missing = [(index, self._spec.seed + index) for index in self._wanted if index not in present]
         if not missing:
             return []
-        task, diverged = suite_env(self._environment).environment.task, []
+        task, diverged = suite_env(self._template_env).environment.task, []
         with contextlib.closing(self._episodes(missing)) as episodes, self._bar() as bar:
             for index, episode in episodes:
                 if episode is None:
@@ -121,10 +121,10 @@ class RecordJob:
             build = functools.partial(VectorRunner, spec, num_envs, num_threads)
             yield from self._ray.run(build, missing, capacity=num_envs, num_threads=num_threads)
             return
-        controller = PolicyController(suite_env(self._environment), policies.find(spec.policy))
+        controller = PolicyController(suite_env(self._template_env), policies.find(spec.policy))
         with contextlib.closing(spec.make_vector_env(num_envs, settings.num_threads)) as environments:
             for index, episode in VectorRollout(environments, controller).play(collections.deque(missing)):
-                yield index, episode.arrays() if episode else None
+                yield index, episode.collect() if episode else None
 
     @property
     def _processes(self) -> int:

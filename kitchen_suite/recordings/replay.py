@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
 from kitchen_suite.rollouts.single_rollout import Actions, play
-from kitchen_suite.rollouts.spec import reset
+from kitchen_suite.rollouts.spec import reset_to_seed
 
 _STATE = "observation/observation"
 
@@ -46,7 +46,7 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
     """Resets to where the recorded episode began; returns the observation and the info there."""
     inner = suite_env(environment)
     task, physics = inner.environment.task, inner.environment.physics
-    observation, info = reset(environment, recorded.seed or 0, seeding)
+    observation, info = reset_to_seed(environment, recorded.seed or 0, seeding)
     first = _state(recorded)[0]
     if not task.is_initial(physics, first):
         task.restore(physics, first)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.files import whole_file
+from kitchen_suite.files import atomic_write
 
 
 def check_ffmpeg() -> None:
@@ -42,7 +42,7 @@ def open_video(
     Raises:
       OSError: ffmpeg failed.
     """
-    with whole_file(path) as partial:
+    with atomic_write(path) as partial:
         with contextlib.closing(_VideoWriter(partial, (width, height), frames_per_second)) as writer:
             yield writer.append
         _check_frame_count(partial, writer.frame_count)

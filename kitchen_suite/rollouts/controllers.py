@@ -1,6 +1,6 @@
 """Controllers, which choose the actions of vectorised environments: one policy for each, or one network for all."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import dm_env
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.spec import policy_generator
+from kitchen_suite.vector_env import batching
 
 
-class Batch(NamedTuple):
-    """The present of all environments, from which a controller chooses actions.
+class BatchStep(NamedTuple):
+    """Observations and rewards of all environments after a step or a reset.
 
     Attributes:
       observations: of the vectorised observation space.
@@ -35,7 +36,7 @@ class Controller(Protocol):
     def start(self, i: int, seed: int) -> None:
         """Prepares for an episode of a seed in environment `i`."""
 
-    def act(self, batch: Batch) -> NDArray:
+    def act(self, step: BatchStep) -> NDArray:
         """Returns the actions `(n, ...)`."""
 
 
@@ -57,18 +58,16 @@ class PolicyController:
     def start(self, i: int, seed: int) -> None:
         self._policies[i] = self._build_policy(self._template.environment, policy_generator(seed))
 
-    def act(self, batch: Batch) -> NDArray:
-        actions = np.zeros((batch.rewards.size, *self._space.shape), self._space.dtype)
-        for i in np.flatnonzero(batch.is_playing).tolist():
-            actions[i] = self._action(i, batch)
+    def act(self, step: BatchStep) -> NDArray:
+        actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
+        for i in np.flatnonzero(step.is_playing).tolist():
+            actions[i] = self._action(i, step)
         return actions
 
-    def _action(self, i: int, batch: Batch) -> NDArray:
-        observation = self._template.suite_observation(_row(batch.observations, i))
-        if batch.is_first[i]:
-            timestep = dm_env.restart(observation)
-        else:
-            timestep = dm_env.transition(batch.rewards[i], observation)
+    def _action(self, i: int, step: BatchStep) -> NDArray:
+        # Policies act on the time steps of dm_env, in rollouts as in recordings.
+        observation = self._template.suite_observation(batching.row(step.observations, i))
+        timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
         # Clipped here, so that the recorded action is the applied one.
         action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)
         if np.abs(action).max() > np.finfo(self._space.dtype).max:
@@ -86,11 +85,5 @@ class NetworkController:
     def start(self, i: int, seed: int) -> None:
         del i, seed
 
-    def act(self, batch: Batch) -> NDArray:
-        return self._network(batch.observations)
-
-
-def _row(observations: Any, i: int) -> Any:
-    if isinstance(observations, Mapping):
-        return {key: _row(part, i) for key, part in observations.items()}
-    return observations[i]
+    def act(self, step: BatchStep) -> NDArray:
+        return self._network(step.observations)

@@ -30,7 +30,7 @@ class EpisodeArrays:
 
     Attributes:
       index: its number in the recording.
-      seed: that the environment was reset with; None if unknown.
+      seed: seed of the environment's reset; None if unknown.
       arrays: by the names above.
       seconds: its share of the time that playing took [s].
     """
@@ -146,8 +146,7 @@ class EpisodeBuffer:
         observation = environment.suite_observation(self.observation)
         if not self._steps:
             return dm_env.restart(observation)
-        _, reward, termination, _ = self._steps[-1]
-        return dm_env.transition(reward, observation, 0.0 if termination else 1.0)
+        return dm_env.transition(self._steps[-1][1], observation)
 
     def arrays(self) -> dict[str, NDArray]:
         """Returns the arrays of the episode so far."""

@@ -31,7 +31,7 @@ class RecordingFolder:
         files.check_writable(folder)
         if any(folder.glob(_PATTERN)):
             raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
-        with files.whole_file(folder / SPEC_FILE) as partial:
+        with files.atomic_write(folder / SPEC_FILE) as partial:
             partial.write_text(json.dumps(spec.as_json(), indent=2) + "\n", encoding="utf-8")
         return cls(folder, spec)
 
@@ -48,7 +48,7 @@ class RecordingFolder:
         present = cls.open(folder)
         _check_same(folder, present.spec.as_json(), spec.as_json())
         files.check_writable(folder)
-        files.sweep(folder)
+        files.remove_stale_partials(folder)
         return present
 
     @classmethod

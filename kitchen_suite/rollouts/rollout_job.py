@@ -16,10 +16,10 @@ from kitchen_suite.rollouts import film
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
+from kitchen_suite.rollouts.runners import SingleRunner
 from kitchen_suite.rollouts.settings import RolloutSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.rollouts.worker import SingleRunner
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 

@@ -12,7 +12,7 @@ from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
-from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator, reset
+from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator, reset_to_seed
 
 # Yields the actions of an episode, given the buffer that its steps are added to.
 Actions = Callable[[EpisodeBuffer], Iterator[NDArray]]
@@ -55,7 +55,7 @@ class SingleRollout:
     ) -> EpisodeArrays:
         """Plays the episode of a number and a seed; `watch` as in the function `play`."""
         started = time.perf_counter()
-        start = reset(self.environment, seed, self._spec.seeding)
+        start = reset_to_seed(self.environment, seed, self._spec.seeding)
         policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
         arrays = play(self.environment, start, self._until_end(policy), watch)
         return EpisodeArrays(index=index, seed=seed, arrays=arrays, seconds=time.perf_counter() - started)

@@ -136,7 +136,7 @@ class RecordingSpec:
         return {**arguments, **({"info_format": "arrays"} if self.domain_name == "kitchen" else {})}
 
 
-def reset(environment: gymnasium.Env, seed: int, seeding: str) -> tuple[Any, dict[str, Any]]:
+def reset_to_seed(environment: gymnasium.Env, seed: int, seeding: str) -> tuple[Any, dict[str, Any]]:
     """Starts an episode that depends on nothing but its seed; `seeding` is one of `SEEDINGS`."""
     inner = suite_env(environment)
     inner.environment.task.begin_run()

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.rollouts.controllers import Batch, Controller
+from kitchen_suite.rollouts.controllers import BatchStep, Controller
 from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
 @dataclasses.dataclass(frozen=True)
-class _Slot:
+class _Running:
     """An episode in progress in one of the environments.
 
     Attributes:
       index: its number.
       seed: of the episode.
-      first: number of the frame of its reset.
+      first: number of the time of its reset in the history.
       started: time of the reset [s].
     """
 
@@ -35,23 +35,23 @@ class _Slot:
 class EndedEpisode:
     """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`."""
 
-    def __init__(self, frames: "_Frames", i: int, slot: _Slot, seconds: float) -> None:
-        self._frames, self._i, self._slot, self._seconds = frames, i, slot, seconds
+    def __init__(self, history: "_History", i: int, running: _Running, seconds: float) -> None:
+        self._history, self._i, self._running, self._seconds = history, i, running, seconds
 
     @property
     def total_reward(self) -> float:
         """Undiscounted return."""
-        return float(self._frames.rewards(self._i, self._slot.first).sum())
+        return float(self._history.rewards(self._i, self._running.first).sum())
 
     @property
     def last_info(self) -> dict[str, NDArray]:
         """Infos of the last step."""
-        return self._frames.last_info(self._i)
+        return self._history.last_info(self._i)
 
-    def arrays(self) -> EpisodeArrays:
+    def collect(self) -> EpisodeArrays:
         """Returns all arrays of the episode."""
-        arrays = self._frames.episode(self._i, self._slot.first)
-        return EpisodeArrays(index=self._slot.index, seed=self._slot.seed, arrays=arrays, seconds=self._seconds)
+        arrays = self._history.episode(self._i, self._running.first)
+        return EpisodeArrays(index=self._running.index, seed=self._running.seed, arrays=arrays, seconds=self._seconds)
 
 
 class VectorRollout:
@@ -66,9 +66,9 @@ class VectorRollout:
         """
         self._environments, self._controller = environments, controller
         count = environments.num_envs
-        self._slots: list[_Slot | None] = [None] * count
+        self._running: list[_Running | None] = [None] * count
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
-        self._frames = _Frames()
+        self._history = _History()
 
     def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode | None]]:
         """Yields the number of each episode as it ends, and the episode: None if its physics has diverged.
@@ -76,69 +76,73 @@ class VectorRollout:
         Args:
           waiting: numbers and seeds of episodes, taken from the left; it may grow while they are played.
         """
-        needs_reset = np.full(len(self._slots), True)
+        needs_reset = np.full(len(self._running), True)
         while True:
             if waiting:
-                needs_reset |= [slot is None for slot in self._slots]
+                needs_reset |= [running is None for running in self._running]
             for i in np.flatnonzero(needs_reset).tolist():
-                self._slots[i] = self._next(i, waiting)
-            if not any(self._slots):
+                self._running[i] = self._next(i, waiting)
+            if not any(self._running):
                 return
             self._reset(needs_reset)
             needs_reset, diverged = self._step()
             for i in np.flatnonzero(needs_reset).tolist():
-                if slot := self._slots[i]:
-                    yield slot.index, None if diverged[i] else self._ended(i, slot)
+                if running := self._running[i]:
+                    yield running.index, None if diverged[i] else self._ended(i, running)
 
-    def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Slot | None:
+    def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
         self._controller.start(i, seed)
-        return _Slot(index, seed, self._frames.present, time.perf_counter())
+        return _Running(index, seed, self._history.present, time.perf_counter())
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
-        """Starts episodes in the environments of the mask; those without a waiting episode stay idle."""
+        """Starts episodes in the environments of the mask.
+
+        An environment without a waiting episode is idle: it is reset and stepped like the others, since all are stepped
+        together, but its steps are not read.
+        """
         self._is_first = mask
         if not mask.any():
             return
         self._environments.begin_run(mask)
-        seeds = [slot.seed if slot and new else None for slot, new in zip(self._slots, mask, strict=True)]
+        seeds = [running.seed if running and new else None for running, new in zip(self._running, mask, strict=True)]
         self._observations, infos = self._environments.reset(seed=seeds, options={"reset_mask": mask})
-        self._frames.add_reset(self._observations, infos, mask)
+        self._history.add_reset(self._observations, infos, mask)
 
     def _step(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step; returns in which environments the episode has ended, and the physics has diverged."""
-        is_playing = np.array([slot is not None for slot in self._slots])
-        actions = self._controller.act(Batch(self._observations, self._rewards, self._is_first, is_playing))
+        is_playing = np.array([running is not None for running in self._running])
+        actions = self._controller.act(BatchStep(self._observations, self._rewards, self._is_first, is_playing))
         result = self._environments.step(actions)
         self._observations, self._rewards, terminations, truncations, infos = result
-        diverged = infos.pop("physics_error", np.zeros(len(self._slots), bool))
-        self._frames.add_step(self._observations, infos, (actions, self._rewards, terminations, truncations))
-        self._frames.forget_before(min(slot.first for slot in self._slots if slot))
+        diverged = infos.pop("physics_error", np.zeros(len(self._running), bool))
+        self._history.add_step(self._observations, infos, (actions, self._rewards, terminations, truncations))
+        self._history.forget_before(min(running.first for running in self._running if running))
         return terminations | truncations, diverged
 
-    def _ended(self, i: int, slot: _Slot) -> EndedEpisode:
-        seconds = (time.perf_counter() - slot.started) / len(self._slots)
-        return EndedEpisode(self._frames, i, slot, seconds)
+    def _ended(self, i: int, running: _Running) -> EndedEpisode:
+        seconds = (time.perf_counter() - running.started) / len(self._running)
+        return EndedEpisode(self._history, i, running, seconds)
 
 
-class _Frames:
-    """Observations, infos and steps of all environments over time, as far back as episodes in progress began."""
+class _History:
+    """Observations, infos and steps of all environments over time, from the start of the oldest running episode."""
 
     def __init__(self) -> None:
-        # Frame `t` is what step `t` led to, or a reset after it; `steps[t]` leads from frame `t` to the next.
+        # `_rows[t]` holds observations and infos at time `t`; `_steps[t]` leads from there to `_rows[t + 1]`.
         self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
         self._steps: collections.deque[tuple[NDArray, ...]] = collections.deque()
         self._forgotten = 0
 
     @property
     def present(self) -> int:
-        """Number of the present frame."""
+        """Number of the present time."""
         return self._forgotten + max(len(self._rows) - 1, 0)
 
     def add_reset(self, observations: Any, infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> None:
-        """Replaces the present frame in the environments of a mask."""
+        """Replaces observations and infos of the present time in the environments of a mask."""
         row = _named(observations, infos)
         if self._rows:
             row = {name: _merged(mask, array, self._rows[-1][name]) for name, array in row.items()}
@@ -146,27 +150,27 @@ class _Frames:
         self._rows.append(row)
 
     def add_step(self, observations: Any, infos: Mapping[str, NDArray], step: tuple[NDArray, ...]) -> None:
-        """Adds a step, and the frame that it led to."""
+        """Adds a step, and the observations and infos after it."""
         self._steps.append(step)
         self._rows.append(_named(observations, infos))
 
-    def forget_before(self, frame: int) -> None:
-        """Drops the frames before one."""
-        while self._forgotten < frame:
+    def forget_before(self, time: int) -> None:
+        """Drops everything before a time."""
+        while self._forgotten < time:
             self._rows.popleft()
             self._steps.popleft()
             self._forgotten += 1
 
     def rewards(self, i: int, first: int) -> NDArray[np.float64]:
-        """Returns the rewards of environment `i` from frame `first` until now."""
+        """Returns the rewards of environment `i` since time `first`."""
         return np.array([step[STEP_ARRAYS.index("reward")][i] for step in self._since(first, self._steps)])
 
     def last_info(self, i: int) -> dict[str, NDArray]:
-        """Returns the infos of environment `i` in the present frame."""
+        """Returns the present infos of environment `i`."""
         return {name.removeprefix("info/"): a[i] for name, a in self._rows[-1].items() if name.startswith("info/")}
 
     def episode(self, i: int, first: int) -> dict[str, NDArray]:
-        """Returns the arrays of environment `i` from frame `first` until now."""
+        """Returns the arrays of environment `i` since time `first`."""
         rows, steps = self._since(first, self._rows), self._since(first, self._steps)
         columns = zip(STEP_ARRAYS, zip(*steps, strict=True), strict=True)
         return {
@@ -174,8 +178,8 @@ class _Frames:
             **{name: np.stack([array[i] for array in column]) for name, column in columns},
         }
 
-    def _since(self, first: int, frames: collections.deque) -> list:
-        return list(itertools.islice(frames, first - self._forgotten, None))
+    def _since(self, first: int, column: collections.deque) -> list:
+        return list(itertools.islice(column, first - self._forgotten, None))
 
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:

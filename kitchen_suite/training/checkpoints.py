@@ -31,7 +31,7 @@ def save(folder: Path, steps: int, state: Mapping[str, Any]) -> Path:
       The file.
     """
     path = folder / _PATTERN.replace("*", f"{steps:012d}")
-    with files.whole_file(path) as partial:
+    with files.atomic_write(path) as partial:
         torch.save(dict(state), partial)
     for old in _checkpoints(folder)[:-_NUM_KEPT]:
         old.unlink()

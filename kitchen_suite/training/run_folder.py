@@ -25,7 +25,7 @@ def create_run(folder: Path, description: Mapping[str, Any]) -> None:
     files.check_writable(folder)
     if path.exists():
         raise FileExistsError(f"{folder} holds a training run already: name another folder, or use --resume")
-    with files.whole_file(path) as partial:
+    with files.atomic_write(path) as partial:
         partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
 
 
@@ -41,7 +41,7 @@ def open_run(folder: Path, description: Mapping[str, Any]) -> None:
         raise FileNotFoundError(f"{folder} holds no training run to resume")
     files.check_writable(folder)
     for subfolder in (folder, *folder.glob("seed_*")):
-        files.sweep(subfolder)
+        files.remove_stale_partials(subfolder)
     present = _entries(json.loads(path.read_text(encoding="utf-8")))
     expected = _entries(json.loads(json.dumps(description)))
     for name in {**expected, **present}:

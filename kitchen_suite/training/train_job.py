@@ -118,7 +118,7 @@ class TrainJob:
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
         if run.best > self._best:
             self._best = run.best
-            with files.whole_file(settings.output / POLICY_FILE) as partial:
+            with files.atomic_write(settings.output / POLICY_FILE) as partial:
                 shutil.copyfile(folder / POLICY_FILE, partial)
         return reason
 

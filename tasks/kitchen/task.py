@@ -190,7 +190,7 @@ class KitchenTask(SuiteTask):
         changed[robot] = observation[robot] - self._state.positions
         self._set_state(self._state._replace(noise=changed))
 
-    def completions(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]]:
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]]:
         key, goals = "observation/achieved_goal", self._mdp.goals
         if key in arrays:
             achieved = arrays[key]

@@ -182,7 +182,7 @@ class OpenCabinetTask(SuiteTask):
     def begin_run(self) -> None:
         self._total_steps = 0
 
-    def completions(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 

@@ -15,7 +15,7 @@ import pytest
 
 import kitchen_suite
 from kitchen_suite.cli import benchmark, play, record, replay, rollout, train
-from kitchen_suite.cli.common import Command
+from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
 
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in (benchmark, play, record, replay, rollout, train)}
@@ -212,7 +212,7 @@ def test_a_gl_library_is_prepared_for_jobs_that_render(wanted, monkeypatch):
 
 SCRIPT = """
 import os, signal, sys
-from kitchen_suite.cli import common
+from kitchen_suite.cli import command
 from kitchen_suite.rollouts.settings import PlaySettings
 
 class Job:
@@ -227,8 +227,8 @@ class Job:
     def progress(self):
         return f"after 2 of {{self.count}} episodes"
 
-common.gl.prepare = lambda rendering: None
-command = common.Command(name="kitchen-test", description=None, settings=PlaySettings, job="__main__:Job")
+command.gl.prepare = lambda rendering: None
+command = command.Command(name="kitchen-test", description=None, settings=PlaySettings, job="__main__:Job")
 sys.exit(command.console_main())
 """
 

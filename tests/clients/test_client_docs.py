@@ -33,6 +33,6 @@ def test_the_snippet_runs(snippet, tmp_path, monkeypatch):
         # Minari would like to be told more about the dataset.
         warnings.filterwarnings("ignore", r"`\w+` is set to None")
         exec(compile(snippet, "snippet", "exec"), names)
-    # What stepping it needs is still there.
+    # The files that stepping needs are still there.
     assert names["environment"].action_space.shape == (9,)
     names["environment"].close()

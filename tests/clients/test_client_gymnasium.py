@@ -20,7 +20,7 @@ EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0
 
 
 def complaints(environment, **options):
-    """What the checker warns about, but for observations without bounds: the original has none either."""
+    """Returns the checker's warnings, except that observations are unbounded, as they are in the original."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(environment, **options)

@@ -1,4 +1,4 @@
-"""Shimmy turns what `suite.load` gives into a Gymnasium environment."""
+"""Shimmy wraps an environment of `suite.load` as a Gymnasium environment."""
 
 import warnings
 
@@ -30,7 +30,7 @@ def test_gymnasiums_checker_has_nothing_to_say(environment):
 
 
 def episode(environment, seed):
-    """One episode under the same random actions: what came of the reset and of each step."""
+    """Plays an episode of seeded random actions; returns the results of the reset and of each step."""
     rng = np.random.default_rng(0)
     observation, _ = environment.reset(seed=seed)
     steps = [(observation, 0.0, False, False)]

@@ -1,4 +1,4 @@
-"""TorchRL's GymEnv takes the kitchen's id, and gives what Gymnasium gives."""
+"""TorchRL's GymEnv accepts the kitchen's id, and returns the same values as Gymnasium."""
 
 import gymnasium
 import numpy as np

@@ -207,7 +207,7 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
     tmp_path.joinpath("stop").unlink()
     assert run(*command, "--num_episodes=3")[0] == 0
     kept = load_all("runs")
-    # What a killed process leaves of a file.
+    # A file left by a killed process.
     tmp_path.joinpath("runs/.999999999.episode_000004.npz").touch()
     status, out, _ = run(*command)
     assert status == 0

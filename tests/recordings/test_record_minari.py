@@ -148,7 +148,7 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
         "kitchen-record: interrupted after 3 of 3 episodes; the same command completes the recording\n",
     )
     assert os.listdir("datasets") == []
-    # What a killed process leaves.
+    # A file left by a killed process.
     (tmp_path / "datasets" / ".999999999.kitchen-record" / ID).mkdir(parents=True)
     assert run(f"--dataset={ID}")[0] == 0
     assert os.listdir("datasets") == ["kitchen-suite"]

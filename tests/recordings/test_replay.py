@@ -276,7 +276,7 @@ def test_a_dataset_in_the_published_layout_replays(run):
 
 
 def standing(environment):
-    """Shows how things stand, once more: with noise that no seed gives."""
+    """Returns another observation of the present state, with noise that does not follow from a seed."""
     return environment.unwrapped._get_obs(environment.unwrapped.robot_env._get_obs())
 
 

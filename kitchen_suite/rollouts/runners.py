@@ -37,4 +37,4 @@ class VectorRunner:
         """Returns the next episode to end, None in place of one in which the physics diverged."""
         self._waiting.extend(more)
         index, episode = next(self._ended)
-        return index, episode.arrays() if episode else None
+        return index, episode.collect() if episode else None

@@ -45,11 +45,11 @@ class Command:
     """A console script.
 
     Attributes:
-      name: of the script.
-      description: what `--help` shows above the flags.
+      name: name of the script.
+      description: text above the flags in `--help`.
       settings: dataclass of the command's settings; each field is a flag, those without a default are required.
-      job: entry `module:callable` of what makes a `Job` of the settings. The module is imported after the GL library
-        has been chosen, since dm_control chooses one when it is imported.
+      job: `module:callable` that returns a `Job` for the settings. The module is imported after the GL library has been
+        chosen, since dm_control chooses one when it is imported.
       renders: whether pictures will be rendered with given settings.
       positional: the field that is given without a flag, if any.
       needs: packages that the job imports, and the extra that installs them.
