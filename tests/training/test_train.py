@@ -14,7 +14,7 @@ import pytest
 
 from kitchen_suite.cli import play, train
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rendering import video
+from kitchen_suite.rendering import gl, video
 from kitchen_suite.training.settings import TrainSettings
 
 clients = pytest.mark.clients
@@ -396,7 +396,7 @@ def test_without_ffmpeg_a_video_is_refused_before_the_training(run, monkeypatch)
         raise ImportError("a video needs imageio-ffmpeg")
 
     monkeypatch.setattr(video, "check_ffmpeg", missing)
-    monkeypatch.setattr(command.gl, "prepare", lambda rendering: None)
+    monkeypatch.setattr(gl, "prepare", lambda rendering: None)
     assert run("--video=film.mp4") == (2, "", "kitchen-train: a video needs imageio-ffmpeg\n")
     assert not os.path.exists("run")
 
