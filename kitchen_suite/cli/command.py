@@ -74,14 +74,14 @@ class Command:
         """
         try:
             settings = self._parse(sys.argv[1:] if arguments is None else arguments)
-            if isinstance(settings, str):
-                print(settings)
-                return SUCCESS
-            job = self._prepare(settings)
+            job = None if isinstance(settings, str) else self._prepare(settings)
         except KeyboardInterrupt:
             return self._fail("interrupted", INTERRUPTED)
         except (flags.Error, ImportError, OSError, TypeError, ValueError) as error:
             return self._fail(error, USAGE)
+        if job is None:
+            print(settings)
+            return SUCCESS
         return self._run(job)
 
     def console_main(self) -> int:
@@ -155,18 +155,26 @@ class Command:
 
     def _help(self) -> str:
         """Returns the description and all flags in the order of `OPTIONS`."""
-        rows = [self._help_of(name) for name in OPTIONS if name in self._flags]
+        names = {*self._flags, self.positional}
+        rows = [self._help_of(name) for name in OPTIONS if name in names]
         return "\n".join([self.description or "", "Flags:", *rows])
 
     def _help_of(self, name: str) -> str:
-        default = self._flags[name].default
-        text = OPTIONS[name].help
-        if default is not None and default is not False and default not in ({}, ()):
-            shown = ",".join(map(str, default)) if isinstance(default, tuple) else default
-            text += f" Default: {shown}."
-        first, further = f"  --{name:<19} ", " " * 24
-        return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=further, break_on_hyphens=False)
+        required = {field.name for field in self._fields if _is_required(field)}
+        default = None if name in required else self._flags[name].default
+        text = f"{OPTIONS[name].help} {'Required.' if name in required else _default_text(name, default)}".rstrip()
+        first = f"  {name.upper():<21} " if name == self.positional else f"  --{name:<19} "
+        return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=" " * 24, break_on_hyphens=False)
 
 
 def _is_required(field: dataclasses.Field) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def _default_text(name: str, default: Any) -> str:
+    """Returns the sentence on a flag's default, empty where there is none to name."""
+    if default is None or default in ((), {}):
+        return f"Default: {OPTIONS[name].unset}." if OPTIONS[name].unset else ""
+    if default is False:
+        return ""
+    return f"Default: {','.join(map(str, default)) if isinstance(default, tuple) else default}."

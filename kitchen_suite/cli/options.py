@@ -6,6 +6,7 @@ same help for a field of one name in every command, and the order in which `--he
 
 import dataclasses
 import json
+import math
 import os
 import types
 import typing
@@ -25,12 +26,14 @@ class Option:
       help: one or two sentences, without the default.
       minimum: least value of a number.
       choices: values of a string; any when empty.
+      unset: what applies without the flag, where it has no default.
       check: raises a ValueError for a value that is refused.
     """
 
     help: str
     minimum: float | None = None
     choices: tuple[str, ...] = ()
+    unset: str = ""
     check: Callable[[Any], None] = lambda value: None
 
 
@@ -61,7 +64,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             choices=("speed", "scaling", "soak"),
         ),
         "domain_name": Option("Domain of the task; kitchen-rollout --list shows all."),
-        "task_name": Option("Task of the domain. Default: its first benchmark task (kitchen: complete), or its first."),
+        "task_name": Option("Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"),
         "task_kwargs": Option(
             "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'."
         ),
@@ -72,15 +75,15 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "shipped": Option("Name of a trained policy that comes with the package."),
         "policy_file": Option("File of a trained policy, written by kitchen-train."),
         "episodes": Option("Which episodes: all, or numbers and ranges such as 0,5,7-9."),
-        "num_episodes": Option("Number of episodes.", minimum=1),
-        "seed": Option("First seed; each further episode, or training run, has the next one.", minimum=0),
-        "max_episode_steps": Option("Control steps after which an episode ends. Default: the domain's.", minimum=1),
-        "num_steps": Option("Control steps in total, over all environments.", minimum=0),
-        "num_envs": Option("Environments stepped together (kitchen-benchmark: one or more numbers).", minimum=1),
-        "num_threads": Option("Threads that step them. Default: one per processor; with workers, one each.", minimum=1),
+        "num_episodes": Option("Number of episodes; kitchen-replay spreads them evenly.", minimum=1),
+        "seed": Option("First seed; further episodes, or restarts of a training, have the next ones.", minimum=0),
+        "max_episode_steps": Option("Control steps after which an episode ends.", minimum=1, unset="the domain's"),
+        "num_steps": Option("Control steps in total, over all environments.", minimum=0, unset="of the measure"),
+        "num_envs": Option("Number of environments stepped together.", minimum=1, unset="of the measure"),
+        "num_threads": Option("Threads that step the environments.", minimum=1, unset="one per processor"),
         "workers": Option("Processes on Ray that play the episodes; needs the extra ray.", minimum=1),
         "ray_address": Option(
-            "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto. Default: one started for the command."
+            "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", unset="started for the command"
         ),
         "rounds": Option("Rounds that count.", minimum=1),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
@@ -94,18 +97,18 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "resume": Option("Continue the run in the folder from its newest checkpoint."),
         "output": Option("Folder to write to.", check=_check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
-        "data_path": Option("Folder of the Minari datasets. Default: Minari's own."),
+        "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
         "json": Option("Print JSON in place of tables."),
         "video": Option(
             "Video to write, an .mp4 in an existing folder; one that is there is replaced.", check=_check_video
         ),
         "novideo": Option("Write no video."),
-        "video_episodes": Option("Number of episodes in the video, the first ones; all when omitted.", minimum=1),
+        "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, unset="all"),
         "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1),
         "camera": Option("Camera of the video, by name or number."),
         "width": Option("Width of the video [pixels], even.", minimum=2, check=_check_even),
         "height": Option("Height of the video [pixels], even.", minimum=2, check=_check_even),
-        "visualize_reward": Option("Colour the objects in the video that the reward depends on."),
+        "visualize_reward": Option("Colour objects in the video while they count as a success."),
         "help": Option("Show this help, and exit."),
         "version": Option("Show the version of the suite, and exit."),
     }
@@ -143,9 +146,12 @@ def _integer(text: str) -> int:
 
 def _number(text: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         raise ValueError(f"{text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise ValueError("must be finite")
+    return value
 
 
 def _json_object(text: str) -> dict[str, Any]:

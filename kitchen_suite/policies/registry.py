@@ -125,10 +125,11 @@ def find(name: str) -> PolicyBuilder:
       ImportError: the policy needs an extra that is not installed.
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
-    if ":" in name:
+    is_call = name.endswith(")")
+    if ":" in name and not is_call:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
-    key, options = _parse_call(name) if name.endswith(")") else (name, {})
+    key, options = _parse_call(name) if is_call else (name, {})
     try:
         build = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:

@@ -8,30 +8,27 @@ import math
 import sys
 from collections.abc import Generator, Sequence
 
-from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.recordings.minari_dataset import DatasetPlan
 from kitchen_suite.recordings.settings import RecordSettings
-from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
-from kitchen_suite.rollouts.runners import VectorRunner
+from kitchen_suite.rollouts.runners import VectorRunner, play_many
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
 
-class DivergedError(Exception):
+class PhysicsDivergedError(Exception):
     """The physics diverged in some episodes, which are missing from the recording."""
 
 
 class RecordJob:
     """Makes a recording, or completes it."""
 
-    failures = (ClusterError, DivergedError, OSError)
+    failures = (ClusterError, PhysicsDivergedError, OSError)
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
@@ -69,7 +66,7 @@ class RecordJob:
 
         Raises:
           ClusterError: the workers cannot be started, or die again and again.
-          DivergedError: at the end, if episodes are missing because their physics diverged.
+          PhysicsDivergedError: at the end, if episodes are missing because their physics diverged.
         """
         spec = self._spec
         print(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, seeds from {spec.seed}")
@@ -85,7 +82,7 @@ class RecordJob:
         if self._plan:
             print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
         if diverged:
-            raise DivergedError(f"the physics diverged in {len(diverged)} episodes, left out: seeds {diverged}")
+            raise PhysicsDivergedError(f"the physics diverged in {len(diverged)} episodes, left out: seeds {diverged}")
         return True
 
     def _plan_dataset(self) -> DatasetPlan | None:
@@ -113,18 +110,18 @@ class RecordJob:
         return sorted(diverged)
 
     def _episodes(self, missing: Sequence[tuple[int, int]]) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
-        """Yields episodes of given numbers and seeds, played here or by workers; None if the physics has diverged."""
-        settings, spec = self._settings, self._spec
-        num_envs = min(settings.num_envs, math.ceil(len(missing) / self._processes))
-        if self._ray:
-            num_threads = settings.num_threads or 1
-            build = functools.partial(VectorRunner, spec, num_envs, num_threads)
-            yield from self._ray.run(build, missing, capacity=num_envs, num_threads=num_threads)
-            return
-        controller = PolicyController(suite_env(self._template_env), policies.find(spec.policy))
-        with contextlib.closing(spec.make_vector_env(num_envs, settings.num_threads)) as environments:
-            for index, episode in VectorRollout(environments, controller).play(collections.deque(missing)):
-                yield index, episode.collect() if episode else None
+        """Yields episodes of given numbers and seeds as `play_many` does, played here or by workers."""
+        num_threads, num_envs = self._settings.num_threads, self._num_envs(len(missing))
+        if not self._ray:
+            return play_many(self._spec, collections.deque(missing), num_envs, num_threads)
+        build = functools.partial(VectorRunner, self._spec, num_envs, num_threads or 1)
+        return self._ray.run(build, missing, capacity=num_envs, num_threads=num_threads or 1)
+
+    def _num_envs(self, count: int) -> int:
+        """Returns the least number of environments in each process that plays so many episodes in as many rounds."""
+        each = math.ceil(count / self._processes)
+        rounds = math.ceil(each / self._settings.num_envs)
+        return math.ceil(each / rounds)
 
     @property
     def _processes(self) -> int:

@@ -1,6 +1,7 @@
 """The work of `kitchen-replay`."""
 
 import contextlib
+import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -115,12 +116,18 @@ def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
 
 
 def _listed(indices: Sequence[int], wanted: str) -> list[int]:
+    """Returns the episodes of a list of numbers and ranges."""
     chosen: list[int] = []
     for part in wanted.split(","):
-        first, _, last = part.partition("-")
-        if not first.isdecimal() or not (last or first).isdecimal():
+        if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
             raise ValueError(f"episodes must be 'all', or numbers and ranges such as 0,5,7-9, got {wanted!r}")
-        chosen += range(int(first), int(last or first) + 1)
+        first, last = int(match[1]), int(match[2] or match[1])
+        if first > last:
+            raise ValueError(f"the range {part} of episodes is empty")
+        for end in (first, last):
+            if end not in indices:
+                raise ValueError(f"there is no episode {end}: there are {len(indices)}, from {indices[0]}")
+        chosen += range(first, last + 1)
     if missing := sorted({*chosen} - {*indices}):
         raise ValueError(f"there is no episode {missing[0]}: there are {len(indices)}, from {indices[0]}")
     return chosen

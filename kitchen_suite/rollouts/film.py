@@ -58,7 +58,7 @@ def open_film(
         return
     camera, size = check(settings, environment), {"width": settings.width, "height": settings.height}
     rate = 1.0 / environment.control_timestep()
-    stride = math.ceil(rate / settings.video_fps - 1e-6)
+    stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
     episodes = 0
     with video.open_video(settings.video, **size, frames_per_second=rate / stride) as add_frame:
 

@@ -1,7 +1,8 @@
 """A folder of episodes: one file each, written atomically, and the specification that they were made from."""
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +97,23 @@ class RecordingFolder:
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode."""
         arrays, metadata = files.load_arrays(self._path(index))
-        return EpisodeArrays(index=index, seed=metadata["seed"], arrays=arrays, seconds=metadata["seconds"])
+        with self._reading(index):
+            return EpisodeArrays(index=index, seed=metadata["seed"], arrays=arrays, seconds=metadata["seconds"])
 
     def load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode, and not its arrays."""
         metadata = files.load_metadata(self._path(index))
         names = ("seed", "steps", "total_reward", "seconds")
-        return EpisodeStats(metrics=metadata["results"], **{name: metadata[name] for name in names})
+        with self._reading(index):
+            return EpisodeStats(metrics=metadata["results"], **{name: metadata[name] for name in names})
+
+    @contextlib.contextmanager
+    def _reading(self, index: int) -> Iterator[None]:
+        """Raises an OSError where metadata lacks an entry of an episode."""
+        try:
+            yield
+        except (KeyError, TypeError) as error:
+            raise OSError(f"{self._path(index)} does not hold an episode") from error
 
     def _path(self, index: int) -> Path:
         return self._folder / _PATTERN.replace("*", f"{index:06d}")

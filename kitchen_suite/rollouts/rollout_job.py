@@ -1,6 +1,7 @@
 """The work of `kitchen-rollout`."""
 
 import contextlib
+import dataclasses
 import functools
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -100,7 +101,8 @@ class RolloutJob:
         ended = ray.run(functools.partial(SingleRunner, self._spec), self._episodes, capacity=1, num_threads=1)
         with contextlib.closing(ended), EpisodeBar(self._settings.num_episodes) as bar:
             for _, episode in ended:
-                bar.count(self._add(episode))
+                seconds = episode.seconds / ray.workers
+                bar.count(self._add(dataclasses.replace(episode, seconds=seconds)))
 
     @property
     def _episodes(self) -> list[tuple[int, int]]:

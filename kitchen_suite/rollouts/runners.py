@@ -1,10 +1,13 @@
-"""The runners of episodes in worker processes; see `workers.worker.EpisodeRunner`."""
+"""Episodes of a specification, played one by one or many at once, also by worker processes.
+
+The runners are `workers.worker.EpisodeRunner`s.
+"""
 
 import collections
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Generator, Sequence
 
 from kitchen_suite import policies
-from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.single_rollout import SingleRollout
@@ -12,8 +15,25 @@ from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import VectorRollout
 
 
+def play_many(
+    spec: RecordingSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
+) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
+    """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
+
+    Args:
+      spec: specification of the episodes.
+      waiting: numbers and seeds of episodes; it may grow while they are played.
+      num_envs: number of environments.
+      num_threads: number of threads that step them.
+    """
+    with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
+        controller = PolicyController(environments.template_env, policies.find(spec.policy))
+        for index, episode in VectorRollout(environments, controller).play(waiting):
+            yield index, episode.collect() if episode else None
+
+
 class SingleRunner:
-    """Plays the episodes that it is assigned one after the other."""
+    """Plays its episodes one after the other."""
 
     def __init__(self, spec: RecordingSpec) -> None:
         self._rollout = SingleRollout(spec)
@@ -26,15 +46,13 @@ class SingleRunner:
 
 
 class VectorRunner:
-    """Plays many of the episodes that it is assigned at once."""
+    """Plays many of its episodes at once."""
 
     def __init__(self, spec: RecordingSpec, num_envs: int, num_threads: int) -> None:
-        controller = PolicyController(suite_env(spec.make_environment()), policies.find(spec.policy))
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()
-        self._ended = VectorRollout(spec.make_vector_env(num_envs, num_threads), controller).play(self._waiting)
+        self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:
-        """Returns the next episode to end, None in place of one in which the physics diverged."""
+        """Returns the next episode to end, None if its physics has diverged."""
         self._waiting.extend(more)
-        index, episode = next(self._ended)
-        return index, episode.collect() if episode else None
+        return next(self._episodes)

@@ -99,6 +99,7 @@ class RecordingSpec:
         names = {field.name for field in dataclasses.fields(cls)}
         if not isinstance(record, Mapping) or record.keys() != names:
             raise ValueError(f"a recording is described by {sorted(names)}, not by {record!r}")
+        checks.choice(record["seeding"], SEEDINGS, "seeding")
         return cls(**record)
 
     def as_json(self) -> dict[str, Any]:

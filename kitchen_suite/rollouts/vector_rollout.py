@@ -15,7 +15,7 @@ from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class _Running:
     """An episode in progress in one of the environments.
 
@@ -23,20 +23,20 @@ class _Running:
       index: its number.
       seed: of the episode.
       first: number of the time of its reset in the history.
-      started: time of the reset [s].
+      seconds: its share of the time that playing took [s].
     """
 
     index: int
     seed: int
     first: int
-    started: float
+    seconds: float = 0.0
 
 
 class EndedEpisode:
     """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`."""
 
-    def __init__(self, history: "_History", i: int, running: _Running, seconds: float) -> None:
-        self._history, self._i, self._running, self._seconds = history, i, running, seconds
+    def __init__(self, history: "_History", i: int, running: _Running) -> None:
+        self._history, self._i, self._running = history, i, running
 
     @property
     def total_reward(self) -> float:
@@ -51,7 +51,9 @@ class EndedEpisode:
     def collect(self) -> EpisodeArrays:
         """Returns all arrays of the episode."""
         arrays = self._history.episode(self._i, self._running.first)
-        return EpisodeArrays(index=self._running.index, seed=self._running.seed, arrays=arrays, seconds=self._seconds)
+        return EpisodeArrays(
+            index=self._running.index, seed=self._running.seed, arrays=arrays, seconds=self._running.seconds
+        )
 
 
 class VectorRollout:
@@ -84,18 +86,20 @@ class VectorRollout:
                 self._running[i] = self._next(i, waiting)
             if not any(self._running):
                 return
+            started = time.perf_counter()
             self._reset(needs_reset)
             needs_reset, diverged = self._step()
+            self._share(time.perf_counter() - started)
             for i in np.flatnonzero(needs_reset).tolist():
                 if running := self._running[i]:
-                    yield running.index, None if diverged[i] else self._ended(i, running)
+                    yield running.index, None if diverged[i] else EndedEpisode(self._history, i, running)
 
     def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
         self._controller.start(i, seed)
-        return _Running(index, seed, self._history.present, time.perf_counter())
+        return _Running(index, seed, self._history.present)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes in the environments of the mask.
@@ -122,9 +126,11 @@ class VectorRollout:
         self._history.forget_before(min(running.first for running in self._running if running))
         return terminations | truncations, diverged
 
-    def _ended(self, i: int, running: _Running) -> EndedEpisode:
-        seconds = (time.perf_counter() - running.started) / len(self._running)
-        return EndedEpisode(self._history, i, running, seconds)
+    def _share(self, seconds: float) -> None:
+        """Adds its share of some time to each episode in progress."""
+        playing = [running for running in self._running if running]
+        for running in playing:
+            running.seconds += seconds / len(playing)
 
 
 class _History:
@@ -154,9 +160,9 @@ class _History:
         self._steps.append(step)
         self._rows.append(_named(observations, infos))
 
-    def forget_before(self, time: int) -> None:
-        """Drops everything before a time."""
-        while self._forgotten < time:
+    def forget_before(self, first: int) -> None:
+        """Drops everything before time `first`."""
+        while self._forgotten < first:
             self._rows.popleft()
             self._steps.popleft()
             self._forgotten += 1

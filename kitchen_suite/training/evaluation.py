@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from kitchen_suite.policies.trained import TrainedPolicy, flat
 from kitchen_suite.rollouts.controllers import NetworkController
 from kitchen_suite.rollouts.vector_rollout import VectorRollout
-from kitchen_suite.training.metrics import episode_metrics
+from kitchen_suite.training.metrics import EPISODE_METRICS, episode_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -26,10 +26,10 @@ def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequenc
       in which the physics has diverged.
     """
     rollout = VectorRollout(environments, NetworkController(lambda observations: policy(flat(observations))))
-    metrics: dict[str, NDArray] = collections.defaultdict(lambda: np.zeros(len(seeds)))
+    metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
     for index, episode in rollout.play(collections.deque(enumerate(seeds))):
         if episode:
             for name, value in episode_metrics(episode.last_info).items():
                 metrics[name][index] = value
             metrics["episode/return"][index] = episode.total_reward
-    return dict(metrics)
+    return metrics

@@ -83,7 +83,9 @@ class Hyperparameters:
         for name, value in changes.items():
             checks.choice(name, hints.keys(), "hyperparameter")
             _check(name, value, hints[name])
-        values: dict[str, Any] = {name: tuple(value) if name == "hidden" else value for name, value in changes.items()}
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
+        }
         config = dataclasses.replace(DEFAULTS[domain_name], **values)
         if config.batch_size % config.mini_batches:
             raise ValueError(

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+EPISODE_METRICS = ("episode/success", "episode/progress", "episode/length")
+
 _COMPLETIONS = "episode_task_completions_mask"
 
 
@@ -21,10 +23,10 @@ def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
 
 
 def episode_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Returns `episode/success`, `episode/progress` and `episode/length` `(n,)` of episodes from their last infos.
+    """Returns the `EPISODE_METRICS` `(n,)` of episodes from their last infos.
 
     Progress is the drawer's opening [m], or the number of completed kitchen tasks.
     """
     progress = infos[_COMPLETIONS].sum(axis=-1) if _COMPLETIONS in infos else infos["drawer_opening"]
-    metrics = {"success": infos["is_success"], "progress": progress, "length": infos["episode_step"]}
-    return {f"episode/{name}": np.asarray(values, np.float64) for name, values in metrics.items()}
+    values = (infos["is_success"], progress, infos["episode_step"])
+    return {name: np.asarray(value, np.float64) for name, value in zip(EPISODE_METRICS, values, strict=True)}

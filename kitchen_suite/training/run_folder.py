@@ -23,7 +23,7 @@ def create_run(folder: Path, description: Mapping[str, Any]) -> None:
     path = folder / RUN_FILE
     folder.mkdir(parents=True, exist_ok=True)
     files.check_writable(folder)
-    if path.exists():
+    if path.exists() or any(folder.glob("seed_*")):
         raise FileExistsError(f"{folder} holds a training run already: name another folder, or use --resume")
     with files.atomic_write(path) as partial:
         partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")

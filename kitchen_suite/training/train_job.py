@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import files
+from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
@@ -39,7 +40,7 @@ _VIDEO_FPS = PlaySettings.video_fps
 class TrainJob:
     """Trains with one seed, and with further seeds as long as there is no progress."""
 
-    failures = (CheckpointError, DivergedError, OSError, PhysicsError)
+    failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)
     usage_errors = ()
 
     def __init__(self, settings: TrainSettings) -> None:

@@ -105,6 +105,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
 
+    @property
+    def template_env(self) -> SuiteEnv:
+        """The single environment that starts the episodes; not to be stepped."""
+        return self._template_env
+
     def begin_run(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Resets what environments keep from one episode to the next; see `SuiteTask.begin_run`.
 

@@ -117,7 +117,7 @@ BAD = {
     "runs --output=folder --num_envs=1,0": "must be at least 1",
     "runs --output=folder --num_envs=1,,2": "'' is not an integer",
     "runs --output=folder --video_fps=0": "must be at least 0.1",
-    "runs --output=folder --video_fps=nan": "must be at least 0.1",
+    "runs --output=folder --video_fps=nan": "must be finite",
     "runs --output=folder --video_fps=fast": "'fast' is not a number",
     "runs --output=folder --measure=time": "must be one of speed, scaling, soak",
     "runs --output=folder --seed=-1": "must be at least 0",
@@ -296,17 +296,19 @@ def test_help_lists_every_flag_in_the_order_and_words_of_the_options(name, flag,
     assert list(lines) == [option for option in OPTIONS if option in flags_of(tested)]
     for option, text in lines.items():
         # The same in every command, but for the default.
-        assert re.fullmatch(re.escape(OPTIONS[option].help) + r"( Default: [^ ]+\.)?", text)
-        assert text.count("Default: ") <= 1
+        endings = ("", r" Default: [^ ]+\.", re.escape(f" Default: {OPTIONS[option].unset}."), r" Required\.")
+        assert any(re.fullmatch(re.escape(OPTIONS[option].help) + ending, text) for ending in endings), text
 
 
 def test_help_shows_defaults():
     tested = command()
     lines = flag_lines(tested._help())
-    assert lines["num_episodes"] == "Number of episodes. Default: 3."
+    assert lines["num_episodes"].endswith(" Default: 3.")
     assert lines["num_envs"].endswith(" Default: 1,8.")
     assert lines["video_fps"].endswith(" Default: 25.0.")
-    for name in ("output", "seed", "task_kwargs", "resume"):
+    assert lines["output"].endswith(" Required.")
+    assert lines["seed"] == OPTIONS["seed"].help
+    for name in ("task_kwargs", "resume"):
         assert lines[name] == OPTIONS[name].help
 
 
@@ -354,3 +356,13 @@ def test_options_are_the_settings_of_all_commands():
 def test_the_help_of_an_option_is_one_or_two_sentences(name):
     assert re.fullmatch(r"[A-Za-z][^\n]*[.]", OPTIONS[name].help)
     assert len(OPTIONS[name].help) <= 220
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_reader_who_leaves_before_the_help_is_no_usage_error(name, monkeypatch):
+    def leave(*args):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("builtins.print", leave)
+    with pytest.raises(BrokenPipeError):
+        COMMANDS[name].main(["--help"])

@@ -67,6 +67,13 @@ def test_the_last_line_counts_successes(run):
     assert os.listdir() == ["policy.npz"]
 
 
+def test_the_path_of_a_policy_may_have_a_colon(run, tmp_path):
+    write_policy(tmp_path / "run-12:30.npz")
+    status, out, err = run("--novideo", "--num_episodes=1", file="run-12:30.npz")
+    assert (status, err) == (0, "")
+    assert out.splitlines()[-1] == "success 0/1"
+
+
 def test_episodes_that_succeed_are_counted(run, monkeypatch):
     seeds = []
 

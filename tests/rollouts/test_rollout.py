@@ -337,6 +337,7 @@ BAD = {
     "--video=nowhere/film.mp4": "there is no folder 'nowhere'",
     "--video_episodes=0": "must be at least 1",
     "--video_fps=0": "must be at least 0.1",
+    "--video_fps=inf": "must be finite",
     "--width=0": "must be at least 2",
     "--height=33": "even",
     "--width=wide": "'wide' is not an integer",

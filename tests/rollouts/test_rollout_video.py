@@ -41,6 +41,14 @@ def test_a_video_shows_every_time_step_at_its_true_speed(folder):
 
 
 @pytest.mark.rendering
+def test_more_frames_than_control_steps_make_one_frame_for_each_step(folder):
+    assert film("--num_episodes=1", "--video_fps=1e9") == 0
+    about, frames = read("film.mp4")
+    assert about["fps"] == 12.5
+    assert len(frames) == 4
+
+
+@pytest.mark.rendering
 def test_the_camera_may_be_a_name_or_a_number(folder):
     views = []
     for camera in ("left", "3", "right"):

@@ -260,6 +260,13 @@ def test_a_full_disk_leaves_no_incomplete_checkpoint(run, monkeypatch):
 
 
 @clients
+def test_a_folder_with_a_seed_of_an_older_run_is_not_taken_for_a_new_one(run, tmp_path):
+    tmp_path.joinpath("run", "seed_0").mkdir(parents=True)
+    status, _, err = run("--output=run")
+    assert status == 2
+    assert "run holds a training run already" in err
+
+
 def test_a_folder_with_a_run_is_not_overwritten(run):
     run()
     before = files("run/seed_0")

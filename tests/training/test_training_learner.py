@@ -232,6 +232,25 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
         assert metrics["episode/progress"][i] == pytest.approx(float(info["drawer_opening"]), abs=1e-4)
 
 
+def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
+    from kitchen_suite.training.evaluation import evaluate
+
+    evaluated = environments(2, AutoresetMode.DISABLED)
+    step = type(evaluated).step
+
+    def diverge(self, actions):
+        observations, rewards, terminations, truncations, infos = step(self, actions)
+        diverged = np.full(2, True)
+        return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
+
+    monkeypatch.setattr(type(evaluated), "step", diverge)
+    metrics = evaluate(random_policy(), evaluated, [1, 2])
+    evaluated.close()
+    assert set(metrics) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}
+    for values in metrics.values():
+        np.testing.assert_array_equal(values, [0, 0])
+
+
 def test_the_value_network_has_its_own_learning_rate(monkeypatch):
     from kitchen_suite.training.agent import value_group
 
