@@ -1,6 +1,7 @@
 """Chooses a GL library before MuJoCo is imported; where there is none, deselects the rendering tests and warns."""
 
 import ctypes.util
+import gc
 import os
 
 import pytest
@@ -13,6 +14,11 @@ if "MUJOCO_GL" not in os.environ:
     os.environ["MUJOCO_GL"] = next(
         (backend for backend, name in _LIBRARIES.items() if ctypes.util.find_library(name)), "disable"
     )
+
+
+# MJCF models consist of many small objects: at Python's default thresholds, a quarter of the time that a kitchen takes to
+# build is garbage collection.
+gc.set_threshold(100_000, 20, 20)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -15,7 +15,9 @@ FIELDS = ("dist", "pos", "frame", "includemargin", "friction", "solref", "solref
 ROOM = ((-2.0, -1.5, -0.2), (2.0, 2.0, 3.2))
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["visuals", "no_visuals"])
+@pytest.fixture(
+    scope="module", params=[pytest.param(True, marks=pytest.mark.slow), False], ids=["visuals", "no_visuals"]
+)
 def ours(request):
     return mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=request.param).arena.mjcf_model).model.ptr
 

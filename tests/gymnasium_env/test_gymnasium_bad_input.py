@@ -63,9 +63,7 @@ def assert_works_on(env):
     assert info["tasks_to_complete"] == ["kettle", "microwave"]
 
 
-@cases(800)
-@given(action=st.one_of(junk, numbers, nine))
-def test_actions(env, action):
+def check_action(env, action):
     before = env.get_state()
     if not attempt(env.step, action):
         after = env.get_state()
@@ -75,6 +73,11 @@ def test_actions(env, action):
         assert np.shape(action) == (9,)
         env.reset()
     assert_works_on(env)
+
+
+some_action = given(action=st.one_of(junk, numbers, nine))
+test_actions = cases(100)(some_action(check_action))
+test_many_actions = pytest.mark.slow(cases(800)(some_action(check_action)))
 
 
 @cases(400)
@@ -99,9 +102,7 @@ def mutations(state):
     return st.tuples(st.sampled_from(sorted(paths(state), key=str)), st.sampled_from(["remove", "replace", "add"]))
 
 
-@cases(600)
-@given(data=st.data())
-def test_states(env, data):
+def check_state(env, data):
     env.reset(seed=1)
     env.step(np.ones(9))
     good = env.get_state()
@@ -119,6 +120,11 @@ def test_states(env, data):
         assert_same_random(env.get_state(), good)
     env.set_state(good)
     assert_works_on(env)
+
+
+some_state = given(data=st.data())
+test_states = cases(100)(some_state(check_state))
+test_many_states = pytest.mark.slow(cases(600)(some_state(check_state)))
 
 
 def assert_same_random(one, other):
@@ -155,9 +161,7 @@ arguments = st.fixed_dictionaries(
 )
 
 
-@cases(200)
-@given(arguments=arguments)
-def test_arguments(arguments):
+def check_arguments(arguments):
     built = []
     if attempt(lambda: built.append(FrankaKitchenEnv(**arguments))):
         env = built[0]
@@ -165,6 +169,11 @@ def test_arguments(arguments):
         assert env.observation_space.contains(observation)
         assert env.step(np.zeros(9))[0]["observation"].shape == (59,)
         assert info["tasks_to_complete_mask"].all()
+
+
+some_arguments = given(arguments=arguments)
+test_arguments = cases(40)(some_arguments(check_arguments))
+test_many_arguments = pytest.mark.slow(cases(200)(some_arguments(check_arguments)))
 
 
 def test_unknown_arguments_reach_make_as_a_clear_error():

@@ -423,6 +423,7 @@ class TestRendering:
         assert picture.std() > 20
         env.close()
 
+    @pytest.mark.slow
     def test_visual_options_and_room_for_geoms_reach_the_renderer(self):
         def picture(**settings):
             env = FrankaKitchenEnv(render_mode="rgb_array", width=64, height=48, **settings)

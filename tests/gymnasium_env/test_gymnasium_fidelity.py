@@ -37,7 +37,7 @@ def assert_observations_equal(one, other):
 
 
 @pytest.mark.parametrize("arguments", COMBINATIONS.values(), ids=COMBINATIONS.keys())
-@pytest.mark.parametrize("seed", [3, 2**35 + 1])
+@pytest.mark.parametrize("seed", [3, pytest.param(2**35 + 1, marks=pytest.mark.slow)])
 def test_every_step_of_an_episode_is_the_originals(arguments, seed):
     ours = FrankaKitchenEnv(**arguments)
     completed_before = []

@@ -180,6 +180,7 @@ def test_episodes_are_chosen_by_number_or_spread_from_first_to_last(wanted, coun
     assert choose([0, 1, 3, 5, 6], wanted, count) == chosen
 
 
+@pytest.mark.slow
 @pytest.mark.rendering
 def test_a_video_shows_every_time_step_of_the_replay(run, runs):
     status, out, _ = run("runs", "--num_episodes=2", "--video=film.mp4", "--width=96", "--height=70")

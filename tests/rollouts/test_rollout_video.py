@@ -48,6 +48,7 @@ def test_more_frames_than_control_steps_make_one_frame_for_each_step(folder):
     assert len(frames) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.rendering
 def test_the_camera_may_be_a_name_or_a_number(folder):
     views = []

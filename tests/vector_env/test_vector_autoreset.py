@@ -98,8 +98,8 @@ def assert_equal_for_ever(ours, theirs, actions):
     [
         *(("lists", mode) for mode in MODES),
         ("arrays", "SameStep"),
-        ("paid again", "NextStep"),
-        ("no noise", "Disabled"),
+        pytest.param("paid again", "NextStep", marks=pytest.mark.slow),
+        pytest.param("no noise", "Disabled", marks=pytest.mark.slow),
     ],
 )
 def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
