@@ -16,8 +16,8 @@ if "MUJOCO_GL" not in os.environ:
     )
 
 
-# MJCF models consist of many small objects: at Python's default thresholds, a quarter of the time that a kitchen takes to
-# build is garbage collection.
+# MJCF models consist of many small objects: at Python's default thresholds, garbage collection takes a quarter of the
+# time in which a kitchen is built.
 gc.set_threshold(100_000, 20, 20)
 
 
