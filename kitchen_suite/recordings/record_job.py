@@ -42,15 +42,7 @@ class RecordJob:
         """
         self._ray = RaySettings.of(settings.workers, settings.ray_address)
         self._settings = settings
-        self._spec = RecordingSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.task_kwargs,
-            policy=settings.policy,
-            seed=settings.seed,
-            seeding="gymnasium",
-            max_episode_steps=settings.max_episode_steps,
-        )
+        self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
         self._wanted = range(settings.num_episodes)
         self._plan = self._plan_dataset()

@@ -3,27 +3,11 @@
 import contextlib
 import math
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Protocol
 
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, video
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-
-
-class FilmSettings(Protocol):
-    """The settings of a film, as the commands have them."""
-
-    @property
-    def video(self) -> Path | None: ...
-    @property
-    def video_fps(self) -> float: ...
-    @property
-    def camera(self) -> str: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
+from kitchen_suite.rollouts.settings import FilmSettings
 
 
 def check(settings: FilmSettings, environment: Environment) -> int:

@@ -44,15 +44,7 @@ class RolloutJob:
         if self._ray and settings.video:
             raise ValueError("workers make no video: leave out --workers")
         self._settings = settings
-        self._spec = RecordingSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.task_kwargs,
-            policy=settings.policy,
-            seed=settings.seed,
-            seeding="dm_control",
-            max_episode_steps=settings.max_episode_steps,
-        )
+        self._spec = RecordingSpec.of(settings, seeding="dm_control")
         # Without a video, the scene is built without the geoms that are only seen: it steps faster.
         self._rollout = SingleRollout(self._spec, visuals=settings.video is not None)
         self._environment = suite_env(self._rollout.environment).environment

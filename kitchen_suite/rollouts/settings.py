@@ -1,4 +1,4 @@
-"""Settings of `kitchen-rollout` and `kitchen-play`."""
+"""Settings of `kitchen-rollout` and `kitchen-play`, and those that they share with other commands."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -7,31 +7,43 @@ from typing import Any
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RolloutSettings:
-    """Settings of `kitchen-rollout`; each is the flag of its name."""
+class EpisodeSettings:
+    """The episodes of a task that a command plays, and the processes that play them; each is the flag of its name."""
 
-    list: bool = False
     domain_name: str = "kitchen"
     task_name: str | None = None
     task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     policy: str = "random"
-    num_episodes: int = 3
     seed: int = 0
     max_episode_steps: int | None = None
     workers: int | None = None
     ray_address: str | None = None
-    output: Path | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FilmSettings:
+    """The video that a command writes; each is the flag of its name."""
+
     video: Path | None = None
-    video_episodes: int | None = None
     video_fps: float = 25.0
     camera: str = "overview"
     width: int = 640
     height: int = 480
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RolloutSettings(EpisodeSettings, FilmSettings):
+    """Settings of `kitchen-rollout`; each is the flag of its name."""
+
+    list: bool = False
+    num_episodes: int = 3
+    output: Path | None = None
+    video_episodes: int | None = None
     visualize_reward: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlaySettings:
+class PlaySettings(FilmSettings):
     """Settings of `kitchen-play`; each is the flag of its name."""
 
     shipped: str | None = None
@@ -44,6 +56,3 @@ class PlaySettings:
     video_episodes: int = 2
     # Enough to follow a motion, and few enough to be rendered without a graphics card.
     video_fps: float = 12.5
-    camera: str = "overview"
-    width: int = 640
-    height: int = 480

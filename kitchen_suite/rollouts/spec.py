@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 from kitchen_suite import checks, gymnasium_env, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
@@ -20,7 +21,8 @@ _RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_
 _RESERVED |= {"autoreset_mode", "num_envs", "num_threads"}
 
 # How a seed starts the random stream of an episode: as `reset(seed=...)` of a Gymnasium environment does, or as the
-# RandomState that `suite.load` makes of `random`.
+# RandomState that `suite.load` makes of `random`. Recordings use the former, with float32 actions; rollouts the latter,
+# with float64 actions.
 SEEDINGS = ("gymnasium", "dm_control")
 
 # Distinguishes the policy's random stream from the environment's, which has the same seed.
@@ -50,6 +52,19 @@ class RecordingSpec:
     seeding: str
     max_episode_steps: int
     versions: Mapping[str, str]
+
+    @classmethod
+    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "RecordingSpec":
+        """Makes the specification of a command's episodes; raises as `make`."""
+        return cls.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.task_kwargs,
+            policy=settings.policy,
+            seed=settings.seed,
+            seeding=seeding,
+            max_episode_steps=settings.max_episode_steps,
+        )
 
     @classmethod
     def make(

@@ -267,6 +267,7 @@ def test_a_folder_with_a_seed_of_an_older_run_is_not_taken_for_a_new_one(run, tm
     assert "run holds a training run already" in err
 
 
+@clients
 def test_a_folder_with_a_run_is_not_overwritten(run):
     run()
     before = files("run/seed_0")
