@@ -104,6 +104,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", help="revision of git to compare this tree with")
     parser.add_argument("--rounds", type=int, default=31)
+    parser.add_argument("--only", default="", help="play only the cases whose name contains this")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
@@ -111,7 +112,7 @@ def main() -> int:
         return 0
     with tempfile.TemporaryDirectory() as work:
         before, after = (Server(tree, arguments.revision) for tree in (extract(arguments.revision, Path(work)), ROOT))
-        ratios: dict[str, list[float]] = {case: [] for case in after.cases}
+        ratios: dict[str, list[float]] = {case: [] for case in after.cases if arguments.only in case}
         # The first round warms up. Which tree is first alternates.
         for number in tqdm(range(arguments.rounds + 1), unit="round", disable=None):
             for case in ratios:

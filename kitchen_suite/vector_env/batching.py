@@ -27,8 +27,10 @@ def row(observations: Any, i: int) -> Any:
 def with_masks(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
     """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out."""
     laid_out = {}
-    for key, array in infos.items():
-        laid_out[key], laid_out[f"_{key}"] = array, mask.copy()
+    # One allocation for all copies.
+    copies = np.repeat(mask[np.newaxis], len(infos), axis=0)
+    for (key, array), copy in zip(infos.items(), copies, strict=True):
+        laid_out[key], laid_out[f"_{key}"] = array, copy
     return laid_out
 
 
