@@ -110,7 +110,7 @@ class RecordJob:
         return self._ray.run(build, missing, capacity=num_envs, num_threads=num_threads or 1)
 
     def _num_envs(self, count: int) -> int:
-        """Returns the least number of environments in each process that plays so many episodes in as many rounds."""
+        """Returns the number of environments in each process: no more than keep all of them playing to the end."""
         each = math.ceil(count / self._processes)
         rounds = math.ceil(each / self._settings.num_envs)
         return math.ceil(each / rounds)

@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks.base import Metrics
 
-# Observation and infos of one moment, by the names above.
-Row = Mapping[str, NDArray]
-
 STEP_ARRAYS = ("action", "reward", "termination", "truncation")
 
 
