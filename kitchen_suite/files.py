@@ -1,42 +1,98 @@
-"""Files that are written atomically: whole or not at all."""
+"""Files that are written atomically, and whose contents are checked when they are read."""
 
 import contextlib
+import errno
+import functools
+import hashlib
 import io
 import json
+import math
 import os
+import re
+import secrets
 import shutil
+import socket
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+# Bounds of what is read into memory [bytes], and so of what a damaged or malicious file can ask for.
+MAX_ARRAY_BYTES = 512 * 2**20
+_MAX_JSON_BYTES = 16 * 2**20
+
+# Names of unfinished files and folders: machine, process, random number, and the name when finished.
+_PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")
+
+# File systems without hard links refuse them with one of these.
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK)
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yields a temporary path in the same folder, which is renamed to `path` unless an exception is raised."""
+    with _partial(path) as partial:
+        yield partial
+        os.replace(partial, path)
+
+
+@contextlib.contextmanager
+def atomic_create(path: Path) -> Iterator[Path]:
+    """Yields a temporary path as `atomic_write` does; of several processes that create one file, one succeeds.
+
+    Raises:
+      FileExistsError: the file exists at the end.
+    """
+    with _partial(path) as partial:
+        yield partial
+        try:
+            os.link(partial, path)
+        except OSError as error:
+            if error.errno not in _NO_LINKS:
+                raise
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL))
+            os.replace(partial, path)
+
+
+@contextlib.contextmanager
+def _partial(path: Path) -> Iterator[Path]:
+    """Yields a temporary path, which is removed at the end; errors of writing name the file."""
     partial = partial_path(path)
     try:
         yield partial
-        os.replace(partial, path)
+    except OSError as error:
+        if error.filename in (None, str(partial)):
+            error.filename = str(path)
+        raise
     finally:
         partial.unlink(missing_ok=True)
 
 
+def partial_path(path: Path) -> Path:
+    """Returns a hidden path in the same folder, of a name that nothing else has, to write to before renaming it."""
+    return path.with_name(f".kitchen-suite.{_machine()}.{os.getpid()}.{secrets.token_hex(4)}.{path.name}")
+
+
 def remove_stale_partials(folder: Path) -> None:
-    """Removes the temporary files and folders of `partial_path` that processes killed since have left in a folder."""
-    for path in folder.glob(".*"):
-        owner = path.name[1:].partition(".")[0]
-        if owner.isdecimal() and not _is_running(int(owner)):
+    """Removes the files and folders of `partial_path` whose processes ran on this machine and no longer do."""
+    for path in folder.glob(".kitchen-suite.*"):
+        match = _PARTIAL.fullmatch(path.name)
+        if match and match["machine"] == _machine() and not _is_running(int(match["process"])):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
-def partial_path(path: Path) -> Path:
-    """Returns the hidden path in the same folder to which this process writes before renaming it to `path`."""
-    return path.with_name(f".{os.getpid()}.{path.name}")
+@functools.cache
+def _machine() -> str:
+    """Returns the name of the host and the number of its container, within which process numbers are unique."""
+    namespace = Path("/proc/self/ns/pid")
+    number = namespace.stat().st_ino if namespace.exists() else 0
+    return f"{socket.gethostname().replace('.', '-').replace('/', '-')}-{number}"
 
 
 def _is_running(process: int) -> bool:
@@ -55,6 +111,12 @@ def check_writable(folder: Path) -> None:
         raise PermissionError(f"{folder} may not be written to")
 
 
+def file_digest(path: Path) -> str:
+    """Returns the SHA-256 of a file's contents, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
     everything: dict[str, Any] = {**arrays, "metadata": np.array(json.dumps(metadata))}
@@ -71,31 +133,99 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
     return path
 
 
-def load_arrays(path: Path, what: str = "an episode") -> tuple[dict[str, NDArray], dict[str, Any]]:
+def load_arrays(
+    path: Path, what: str = "an episode", max_bytes: int = MAX_ARRAY_BYTES
+) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Returns the arrays and the metadata that `save_arrays` wrote.
+
+    Args:
+      path: path of the file.
+      what: its expected contents, for the error.
+      max_bytes: bound of the arrays together [bytes], looked at before any is read.
+
+    Raises:
+      OSError: the file does not exist, is larger, or holds something else.
+    """
+    with reading(path, what), zipfile.ZipFile(path) as archive:
+        check_size(sum(info.file_size for info in archive.infolist()), max_bytes)
+        arrays = {name.removesuffix(".npy"): _read_array(archive, name) for name in archive.namelist()}
+        return arrays, _as_metadata(arrays.pop("metadata"))
+
+
+def load_metadata(path: Path, what: str = "an episode") -> dict[str, Any]:
+    """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
+    with reading(path, what), zipfile.ZipFile(path) as archive:
+        check_size(archive.getinfo("metadata.npy").file_size, _MAX_JSON_BYTES)
+        return _as_metadata(_read_array(archive, "metadata.npy"))
+
+
+def load_json(path: Path, what: str) -> Any:
+    """Returns the contents of a JSON file.
 
     Args:
       path: path of the file.
       what: its expected contents, for the error.
 
     Raises:
-      OSError: the file does not exist, or holds something else.
+      OSError: the file does not exist, is larger than 16 MiB, or holds no JSON.
     """
-    with _opened(path, what) as file:
-        arrays = dict(file)
-        return arrays, json.loads(str(arrays.pop("metadata")))
+    with reading(path, what):
+        check_size(path.stat().st_size, _MAX_JSON_BYTES)
+        return json.loads(path.read_text(encoding="utf-8"))
 
 
-def load_metadata(path: Path) -> dict[str, Any]:
-    """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
-    with _opened(path, "an episode") as file:
-        return json.loads(str(file["metadata"]))
+def parse(value: Any, kind: type[T], what: str) -> T:
+    """Converts decoded JSON to a dataclass, whose annotations say which types its fields have.
+
+    Raises:
+      ValueError: a field is missing or has another type.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{what}: {error}") from error
 
 
 @contextlib.contextmanager
-def _opened(path: Path, what: str) -> Iterator[Mapping[str, NDArray]]:
+def reading(path: Path, what: str) -> Iterator[None]:
+    """Raises an OSError that names the file in place of whatever a decoder raises for damaged contents.
+
+    Args:
+      path: of the file or folder that is read.
+      what: its expected contents.
+    """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            yield file
-    except (EOFError, KeyError, RuntimeError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        yield
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"there is no {path}, where {what} should be") from error
+    except OSError as error:
+        if error.filename is None:
+            raise OSError(f"{path} does not hold {what}: {error}") from error
+        raise
+    except Exception as error:  # Decoders of zip, npy, HDF5 and JSON raise dozens of types for damaged bytes.
         raise OSError(f"{path} does not hold {what}") from error
+
+
+def check_size(size: int, limit: int) -> None:
+    """Raises an OSError if contents of `size` bytes are larger than a limit."""
+    if size > limit:
+        raise OSError(f"it would take {size} bytes of memory, more than {limit}")
+
+
+def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
+    """Returns an array of an npz file, whose size has to be what its header says."""
+    with archive.open(name) as member:
+        version = np.lib.format.read_magic(member)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, is_fortran, dtype = read_header(member)
+        data = bytearray(member.read())
+    if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
+        raise ValueError(f"{name} does not hold the array that its header declares")
+    return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
+
+
+def _as_metadata(array: NDArray) -> dict[str, Any]:
+    metadata = json.loads(str(array))
+    if not isinstance(metadata, dict):
+        raise ValueError(f"metadata must be a JSON object, got {type(metadata).__name__}")
+    return metadata

@@ -1,11 +1,14 @@
 """Reads the episode files of `kitchen-rollout` and `kitchen-record` with numpy alone, and compares them."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from kitchen_suite import files
 
 
 def load_episode(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -29,3 +32,10 @@ def nested(arrays: Mapping[str, np.ndarray], name: str, row: int) -> Any:
         return arrays[name][row]
     keys = dict.fromkeys(path.split("/")[name.count("/") + 1] for path in arrays if path.startswith(f"{name}/"))
     return {key: nested(arrays, f"{name}/{key}", row) for key in keys}
+
+
+def left_behind(path: Path) -> Path:
+    """Returns the temporary path for a file or folder of a process on this machine that has been killed."""
+    partial = files.partial_path(path)
+    # Greater than Linux's maximum of process numbers.
+    return partial.with_name(partial.name.replace(f".{os.getpid()}.", ".9999999."))

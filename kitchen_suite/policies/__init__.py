@@ -5,3 +5,4 @@ from kitchen_suite.policies.registry import Policy as Policy
 from kitchen_suite.policies.registry import PolicyBuilder as PolicyBuilder
 from kitchen_suite.policies.registry import PolicyError as PolicyError
 from kitchen_suite.policies.registry import find as find
+from kitchen_suite.policies.registry import policy_file as policy_file

@@ -35,7 +35,7 @@ PolicyBuilder = Callable[..., Policy]
 _EXPERT_PACKAGES = ("daqp", "mink")
 
 
-class PolicyError(Exception):
+class PolicyError(ValueError):
     """A policy could not be built, raised an exception, or returned a bad action."""
 
 
@@ -69,6 +69,8 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     """
     from kitchen_suite.policies import experts
 
+    takers = experts.MotionStyle, experts.expert_class(environment.task)
+    checks.keywords(options, *takers, what="option", leave_out=("style",))
     names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}
     return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
@@ -112,6 +114,9 @@ POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
 
 _WITH_OPTIONS = ("expert", "trained")
 
+# Characters of a policy with options; there is room for the path of a file.
+_MAX_LENGTH = 5_000
+
 
 def find(name: str) -> PolicyBuilder:
     """Returns the builder of a named policy. The policy checks its actions and returns them as float64.
@@ -125,7 +130,7 @@ def find(name: str) -> PolicyBuilder:
       ImportError: the policy needs an extra that is not installed.
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
-    is_call = name.endswith(")")
+    is_call = "(" in name
     if ":" in name and not is_call:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
@@ -149,6 +154,13 @@ def find(name: str) -> PolicyBuilder:
     return build_with_checks
 
 
+def policy_file(name: str) -> Path | None:
+    """Returns the file that `trained(file=...)` names; None for other policies."""
+    key, options = _parse_call(name) if "(" in name else (name, {})
+    file = options.get("file")
+    return Path(file) if key == "trained" and isinstance(file, str) else None
+
+
 def _check_expert_packages(name: str) -> None:
     """Raises an ImportError with the pip command if the extra `experts` is missing."""
     if missing := [package for package in _EXPERT_PACKAGES if not importlib.util.find_spec(package)]:
@@ -159,13 +171,19 @@ def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
     """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`.
 
     Raises:
-      ValueError: it is not a call of a name with keyword arguments that are constants.
+      ValueError: it is not a call of a name with keyword arguments that are constants, or it is too long.
     """
-    with contextlib.suppress(SyntaxError, ValueError):
+    if len(text) > _MAX_LENGTH:
+        raise ValueError(f"policy {text[:40]!r} (continued) is not well-formed: it has {len(text)} characters")
+    # Python's parser raises the last two for nested text.
+    with contextlib.suppress(SyntaxError, ValueError, MemoryError, RecursionError):
         match ast.parse(text, mode="eval").body:
             case ast.Call(func=ast.Name(id=name), args=[], keywords=options) if all(option.arg for option in options):
                 return name, {str(option.arg): ast.literal_eval(option.value) for option in options}
-    raise ValueError(f"policy {text!r} must be a name, or a name with options such as expert(speed=0.8, jitter=0.02)")
+    raise ValueError(
+        f"policy {text!r} is not well-formed: it must be a name, or a name with options such as "
+        "expert(speed=0.8, jitter=0.02)"
+    )
 
 
 def _import_policy(name: str) -> Policy:
@@ -193,7 +211,7 @@ def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> 
     def checked(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         try:
             action = policy(timestep)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_location(error)})") from error
         try:
             return checks.vector(action, size, "action").copy()
@@ -203,7 +221,7 @@ def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> 
     return checked
 
 
-def _location(error: Exception) -> str:
+def _location(error: BaseException) -> str:
     """File and line that raised an exception."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return f"{frame.filename}, line {frame.lineno}"

@@ -50,8 +50,9 @@ class DatasetPlan:
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
-            with minari_root(root):
-                self._check_same(self._minari.load_dataset(dataset_id).storage.metadata)
+            with minari_root(root), files.reading(self.path, "a Minari dataset"):
+                metadata = self._minari.load_dataset(dataset_id).storage.metadata
+            self._check_same(metadata)
 
     @property
     def dataset_id(self) -> str:
@@ -62,7 +63,7 @@ class DatasetPlan:
     def path(self) -> Path:
         """Folder of the dataset."""
         with minari_root(self._root):
-            return _absolute_root() / self._dataset_id
+            return absolute_root() / self._dataset_id
 
     @property
     def is_missing(self) -> bool:
@@ -96,7 +97,7 @@ class DatasetPlan:
     @contextlib.contextmanager
     def _write_elsewhere(self) -> Iterator[None]:
         """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
-        root = _absolute_root()
+        root = absolute_root()
         files.remove_stale_partials(root)
         elsewhere = files.partial_path(root / "kitchen-record")
         try:
@@ -181,6 +182,22 @@ def check_id(dataset_id: str) -> None:
         raise ValueError(f"{dataset_id!r} is no name of a dataset, such as kitchen-suite/complete-expert-v0") from error
 
 
-def _absolute_root() -> Path:
+def check_size(data_path: Path, index: int) -> None:
+    """Checks that an episode in HDF5 declares no more than `files.MAX_ARRAY_BYTES`, before it is read.
+
+    Raises:
+      OSError: it does, or the file cannot be read.
+    """
+    path = data_path / "main_data.hdf5"
+    if not path.exists():  # Minari's other formats.
+        return
+    h5py, sizes = importlib.import_module("h5py"), []
+    with h5py.File(path, "r") as file:
+        file[f"episode_{index}"].visititems(lambda name, item: sizes.append(getattr(item, "nbytes", 0)))
+    files.check_size(sum(sizes), files.MAX_ARRAY_BYTES)
+
+
+def absolute_root() -> Path:
+    """Returns the folder of all local datasets."""
     # With a relative root, Minari looks for its files in the wrong folder.
     return Path(importlib.import_module("minari.storage.datasets_root_dir").get_dataset_path()).absolute()

@@ -121,8 +121,17 @@ class RecordJob:
         return self._ray.workers if self._ray else 1
 
     def _bar(self) -> EpisodeBar:
-        successes = sum(bool(self._folder.load_stats(index).metrics["success"]) for index in self._present())
+        successes = sum(bool(self._load_stats(index).metrics["success"]) for index in self._present())
         return EpisodeBar(len(self._wanted), self._found, successes)
+
+    def _load_stats(self, index: int) -> EpisodeStats:
+        """Reads the statistics of an episode; raises an OSError unless its metrics are those of the task."""
+        stats, expected = self._folder.load_stats(index), suite_env(self._template_env).environment.task.episode_metrics
+        if {name: type(value) for name, value in stats.metrics.items()} != {
+            name: type(value) for name, value in expected.items()
+        }:
+            raise OSError(f"episode {index} in {self._settings.output} has metrics {stats.metrics}, not {expected}")
+        return stats
 
     def _present(self) -> list[int]:
         return [index for index in self._folder.indices if index in self._wanted]
@@ -130,5 +139,5 @@ class RecordJob:
     def _summary(self) -> str:
         report = Report(last_seed=self._spec.seed + len(self._wanted) - 1)
         for index in self._present():
-            report.add(self._folder.load_stats(index))
+            report.add(self._load_stats(index))
         return report.summary()

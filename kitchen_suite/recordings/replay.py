@@ -33,13 +33,27 @@ def replay(
       watch: called after the reset and after every step.
 
     Raises:
-      ValueError: the episode has no seed, and its task's episodes start from a seed only.
+      ValueError: the arrays do not fit the environment, or the episode has no seed, and its task's episodes start from
+        a seed only.
     """
+    _check_fits(environment, recorded)
     start = _start(environment, recorded, seeding)
     arrays = play(environment, start, _recorded_actions(environment, recorded), watch)
     return EpisodeArrays(
         index=recorded.index, seed=recorded.seed, arrays={**arrays, "action": recorded.arrays["action"]}
     )
+
+
+def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
+    """Raises a ValueError if actions or states have other shapes than the environment's."""
+    space = environment.observation_space
+    state = space["observation"] if isinstance(space, gymnasium.spaces.Dict) else space
+    pairs = {"action": (recorded.arrays["action"], environment.action_space), "observation": (_state(recorded), state)}
+    for name, (array, expected) in pairs.items():
+        if array.shape[1:] != expected.shape:
+            raise ValueError(
+                f"episode {recorded.index} has {name}s of shape {array.shape[1:]}, the environment {expected.shape}"
+            )
 
 
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
@@ -48,7 +62,9 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
     task, physics = inner.environment.task, inner.environment.physics
     observation, info = reset_to_seed(environment, recorded.seed or 0, seeding)
     first = _state(recorded)[0]
-    if not task.is_initial(physics, first):
+    if recorded.seed is None:
+        task.set_observed_positions(first)
+    if np.isfinite(first).all() and not task.is_initial(physics, first):
         task.restore(physics, first)
         observation = inner.set_state(inner.get_state())
     return observation, info
@@ -69,5 +85,7 @@ def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Ac
 
 def _state(recorded: EpisodeArrays) -> NDArray[np.float64]:
     """Returns the observations `(T + 1, ...)` of a recording without its goals."""
-    arrays = recorded.arrays
-    return arrays[_STATE] if _STATE in arrays else arrays["observation"]
+    for name in (_STATE, "observation"):
+        if name in recorded.arrays:
+            return recorded.arrays[name]
+    raise ValueError(f"episode {recorded.index} has no observations of the state")

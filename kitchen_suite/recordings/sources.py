@@ -1,17 +1,24 @@
 """Sources of episodes to replay: folders of `kitchen-record` and `kitchen-rollout`, and Minari datasets."""
 
 import abc
-from collections.abc import Sequence
+import contextlib
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
+from numpy.typing import NDArray
 
-from kitchen_suite import gymnasium_env
-from kitchen_suite.recordings.minari_dataset import SPEC_KEY, check_id, import_minari
+from kitchen_suite import files, gymnasium_env
+from kitchen_suite.recordings.minari_dataset import SPEC_KEY, absolute_root, check_id, check_size, import_minari
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
+
+# End of the name of a Minari dataset.
+_DATASET_ID = re.compile(r"-v\d+$")
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
@@ -68,12 +75,14 @@ class MinariSource(Source):
         """Takes a dataset that Minari has loaded.
 
         Raises:
+          OSError: its metadata cannot be read.
           ValueError: the dataset is of another environment.
         """
         self._dataset = dataset
-        spec = dataset.storage.metadata.get(SPEC_KEY)
-        self._spec = None if spec is None else RecordingSpec.from_json(spec)
-        self._env_spec = dataset.env_spec
+        with self._reading("the metadata of a dataset"):
+            spec = dataset.storage.metadata.get(SPEC_KEY)
+            self._spec = None if spec is None else RecordingSpec.from_json(spec)
+            self._env_spec = dataset.env_spec
         if self._env_spec is None or self._env_spec.id not in (_ORIGINAL_ID, *gymnasium_env.IDS.values()):
             found = self._env_spec and self._env_spec.id
             raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {found}")
@@ -95,17 +104,31 @@ class MinariSource(Source):
         return gymnasium.make(env_id, max_episode_steps=limit, **{**arguments, "visuals": visuals})
 
     def load(self, index: int) -> EpisodeArrays:
-        (data,) = self._dataset.iterate_episodes([index])
-        (metadata,) = self._dataset.storage.get_episode_metadata([index])
-        arrays = {
-            **flatten(data.observations, "observation"),
-            **(flatten(data.infos, "info") if data.infos else {}),
-            "action": data.actions,
-            "reward": data.rewards,
-            "termination": data.terminations,
-            "truncation": data.truncations,
-        }
-        return EpisodeArrays(index=index, seed=metadata.get("seed"), arrays=arrays)
+        with self._reading(f"episode {index}"):
+            check_size(self._dataset.storage.data_path, index)
+            (data,) = self._dataset.iterate_episodes([index])
+            (metadata,) = self._dataset.storage.get_episode_metadata([index])
+            arrays = {
+                **flatten(data.observations, "observation"),
+                **_numeric(data.infos or {}, len(data.rewards) + 1),
+                "action": data.actions,
+                "reward": data.rewards,
+                "termination": data.terminations,
+                "truncation": data.truncations,
+            }
+            seed = metadata.get("seed")
+            episode = EpisodeArrays(index=index, seed=None if seed is None else int(seed), arrays=arrays)
+            episode.check()
+        return episode
+
+    def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
+        return files.reading(self._dataset.storage.data_path, what)
+
+
+def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:
+    """Returns the arrays of numbers with `rows` rows: other programs also keep strings, or lack the reset's infos."""
+    arrays = {name: np.asarray(array) for name, array in flatten(infos, "info").items()}
+    return {name: array for name, array in arrays.items() if array.dtype.kind in "biuf" and array.shape[:1] == (rows,)}
 
 
 def find(name: str) -> Source:
@@ -113,22 +136,29 @@ def find(name: str) -> Source:
 
     Raises:
       ImportError: it may be a dataset, but Minari is not installed.
-      OSError: there is none.
+      OSError: there is none, or it cannot be read.
       ValueError: the folder holds something else.
     """
     folder = Path(name)
     if (folder / SPEC_FILE).is_file():
         return FolderSource(folder)
-    minari = import_minari()
     for data in (folder, folder / "data"):
         if (data / "metadata.json").is_file():
-            return MinariSource(minari.MinariDataset(data))
+            return MinariSource(_load_dataset(import_minari().MinariDataset, data))
     if folder.exists():
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari dataset")
+    if not _DATASET_ID.search(name):
+        raise FileNotFoundError(f"there is no folder {name}, and no Minari dataset has such a name (they end in -v0)")
+    minari = import_minari()
     check_id(name)
-    try:
-        return MinariSource(minari.load_dataset(name))
-    except FileNotFoundError as error:
+    if not (absolute_root() / name / "data").exists():
         raise FileNotFoundError(
             f"there is neither a folder {name} nor a local Minari dataset of that name; `minari download` gets others"
-        ) from error
+        )
+    return MinariSource(_load_dataset(minari.load_dataset, name))
+
+
+def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
+    """Loads a dataset; raises an OSError if it is damaged."""
+    with files.reading(Path(name), "a Minari dataset"):
+        return load(name)

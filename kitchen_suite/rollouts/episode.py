@@ -20,6 +20,16 @@ from kitchen_suite.tasks.base import Metrics
 
 STEP_ARRAYS = ("action", "reward", "termination", "truncation")
 
+# Kinds of NumPy dtypes, rows beside one a control step, and dimensions (0: any) of the arrays above.
+_LAYOUT = {
+    "action": ("f", 0, 2),
+    "reward": ("f", 0, 1),
+    "termination": ("b", 0, 1),
+    "truncation": ("b", 0, 1),
+    "observation": ("f", 1, 0),
+    "info": ("biuf", 1, 0),
+}
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeArrays:
@@ -41,6 +51,19 @@ class EpisodeArrays:
     def steps(self) -> int:
         """Number of control steps."""
         return len(self.arrays["reward"])
+
+    def check(self) -> None:
+        """Checks that the arrays have the names, types and lengths of an episode.
+
+        Raises:
+          ValueError: they have not.
+        """
+        if missing := [name for name in STEP_ARRAYS if name not in self.arrays]:
+            raise ValueError(f"{', '.join(missing)} is missing")
+        if not any(_part(name) == "observation" for name in self.arrays):
+            raise ValueError("there are no observations")
+        for name, array in self.arrays.items():
+            _check_array(name, array, self.arrays["reward"])
 
     @property
     def last_info(self) -> dict[str, NDArray]:
@@ -78,6 +101,24 @@ class EpisodeStats:
             metrics=metrics,
             seconds=episode.seconds,
         )
+
+
+def _part(name: str) -> str:
+    """Returns the first component of an array's name."""
+    return name.partition("/")[0]
+
+
+def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
+    """Checks that an array is of numbers, and has a row for each reward, or one more: that of the reset.
+
+    Raises:
+      ValueError: it is not, or has not.
+    """
+    kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
+    if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):
+        raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
+    if array.ndim == 0 or len(array) != rewards.size + extra or not rewards.size:
+        raise ValueError(f"{name} of shape {array.shape} does not fit {rewards.size} control steps")
 
 
 def flatten(nested: Any, name: str) -> dict[str, Any]:

@@ -1,17 +1,32 @@
 """A folder of episodes: one file each, written atomically, and the specification that they were made from."""
 
 import contextlib
+import dataclasses
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.tasks.base import Metrics
 
 SPEC_FILE = "recording.json"
 _PATTERN = "episode_*.npz"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Metadata:
+    """Metadata of an episode's file; `results` are the task's metrics."""
+
+    episode: int
+    seed: int
+    steps: int
+    total_reward: float
+    seconds: float
+    results: Metrics
+    recording: Mapping[str, Any]
 
 
 class RecordingFolder:
@@ -27,28 +42,32 @@ class RecordingFolder:
 
         Raises:
           OSError: the folder cannot be made or written to, or holds episodes already.
+          ValueError: it holds a recording of another specification.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        files.check_writable(folder)
         if any(folder.glob(_PATTERN)):
             raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
-        with files.atomic_write(folder / SPEC_FILE) as partial:
-            partial.write_text(json.dumps(spec.as_json(), indent=2) + "\n", encoding="utf-8")
-        return cls(folder, spec)
+        return cls.claim(folder, spec)
 
     @classmethod
     def claim(cls, folder: Path, spec: RecordingSpec) -> "RecordingFolder":
         """Starts a new recording, or continues an interrupted one of the same specification.
 
+        Of several processes that start different recordings in one folder at the same time, one succeeds.
+
         Raises:
           OSError: the folder cannot be made or written to, or holds other episodes.
           ValueError: it holds a recording of another specification.
         """
-        if not (folder / SPEC_FILE).exists():
-            return cls.create(folder, spec)
+        folder.mkdir(parents=True, exist_ok=True)
+        files.check_writable(folder)
+        episodes, path = any(folder.glob(_PATTERN)), folder / SPEC_FILE
+        if not path.exists():
+            if episodes:
+                raise FileExistsError(f"{folder} holds episodes already, but no {SPEC_FILE}: name another folder")
+            with contextlib.suppress(FileExistsError), files.atomic_create(path) as partial:
+                partial.write_text(json.dumps(spec.as_json(), indent=2) + "\n", encoding="utf-8")
         present = cls.open(folder)
         _check_same(folder, present.spec.as_json(), spec.as_json())
-        files.check_writable(folder)
         files.remove_stale_partials(folder)
         return present
 
@@ -57,14 +76,14 @@ class RecordingFolder:
         """Opens a recording.
 
         Raises:
-          OSError: there is none.
-          ValueError: its specification cannot be read.
+          OSError: there is none, or its specification cannot be read.
         """
         path = folder / SPEC_FILE
+        record = files.load_json(path, "the specification of a recording")
         try:
-            return cls(folder, RecordingSpec.from_json(json.loads(path.read_text(encoding="utf-8"))))
+            return cls(folder, RecordingSpec.from_json(record))
         except ValueError as error:
-            raise ValueError(f"{path} does not describe a recording: {error}") from error
+            raise OSError(f"{path} does not describe a recording: {error}") from error
 
     @property
     def spec(self) -> RecordingSpec:
@@ -95,25 +114,42 @@ class RecordingFolder:
         files.save_arrays(self._path(episode.index), episode.arrays, metadata)
 
     def load(self, index: int) -> EpisodeArrays:
-        """Reads an episode."""
-        arrays, metadata = files.load_arrays(self._path(index))
-        with self._reading(index):
-            return EpisodeArrays(index=index, seed=metadata["seed"], arrays=arrays, seconds=metadata["seconds"])
+        """Reads an episode.
+
+        Raises:
+          OSError: its file cannot be read, or is of another episode or recording.
+        """
+        arrays, record = files.load_arrays(self._path(index))
+        metadata = self._parse(index, record)
+        try:
+            episode = EpisodeArrays(index=index, seed=metadata.seed, arrays=arrays, seconds=metadata.seconds)
+            episode.check()
+        except ValueError as error:
+            raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
+        return episode
 
     def load_stats(self, index: int) -> EpisodeStats:
-        """Reads the statistics of an episode, and not its arrays."""
-        metadata = files.load_metadata(self._path(index))
-        names = ("seed", "steps", "total_reward", "seconds")
-        with self._reading(index):
-            return EpisodeStats(metrics=metadata["results"], **{name: metadata[name] for name in names})
+        """Reads the statistics of an episode, and not its arrays; raises as `load`."""
+        metadata = self._parse(index, files.load_metadata(self._path(index)))
+        return EpisodeStats(
+            seed=metadata.seed,
+            steps=metadata.steps,
+            total_reward=metadata.total_reward,
+            metrics=metadata.results,
+            seconds=metadata.seconds,
+        )
 
-    @contextlib.contextmanager
-    def _reading(self, index: int) -> Iterator[None]:
-        """Raises an OSError where metadata lacks an entry of an episode."""
+    def _parse(self, index: int, record: Mapping[str, Any]) -> _Metadata:
+        """Returns an episode's metadata; raises an OSError if they are of another episode or recording."""
+        path = self._path(index)
         try:
-            yield
-        except (KeyError, TypeError) as error:
-            raise OSError(f"{self._path(index)} does not hold an episode") from error
+            metadata = files.parse(record, _Metadata, f"{path} does not hold an episode")
+        except ValueError as error:
+            raise OSError(str(error)) from error
+        expected = (index, self._spec.seed + index, self._spec.as_json())
+        if (metadata.episode, metadata.seed, metadata.recording) != expected:
+            raise OSError(f"{path} holds an episode of another number, seed or recording than its folder's")
+        return metadata
 
     def _path(self, index: int) -> Path:
         return self._folder / _PATTERN.replace("*", f"{index:06d}")
@@ -121,9 +157,10 @@ class RecordingFolder:
 
 def _check_same(folder: Path, present: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Raises a ValueError that names the first difference."""
-    for name, value in present.items():
-        if value != wanted[name]:
+    for name in {**present, **wanted}:
+        found, given = present.get(name), wanted.get(name)
+        if found != given:
             raise ValueError(
-                f"{folder} holds a recording with {name} {json.dumps(value)}, not {json.dumps(wanted[name])}: "
+                f"{folder} holds a recording with {name} {json.dumps(found)}, not {json.dumps(given)}: "
                 "name another folder"
             )

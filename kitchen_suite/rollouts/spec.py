@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite import checks, gymnasium_env, policies, suite
+from kitchen_suite import checks, files, gymnasium_env, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.settings import EpisodeSettings
@@ -17,7 +17,7 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
 # Arguments of the environments that a recording sets itself.
-_RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
+_RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "render_quality", "time_limit", "visuals"}
 _RESERVED |= {"autoreset_mode", "num_envs", "num_threads"}
 
 # How a seed starts the random stream of an episode: as `reset(seed=...)` of a Gymnasium environment does, or as the
@@ -42,6 +42,7 @@ class RecordingSpec:
       seeding: one of `SEEDINGS`.
       max_episode_steps: control steps after which an episode is truncated.
       versions: by package.
+      policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
     """
 
     domain_name: str
@@ -52,6 +53,7 @@ class RecordingSpec:
     seeding: str
     max_episode_steps: int
     versions: Mapping[str, str]
+    policy_sha256: str | None = None
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "RecordingSpec":
@@ -84,6 +86,7 @@ class RecordingSpec:
 
         Raises:
           ImportError: the policy needs an extra that is not installed.
+          OSError: the policy names a file that cannot be read.
           TypeError: a name is not a string.
           ValueError: an unknown domain, task or policy, or an argument that is reserved.
         """
@@ -102,6 +105,7 @@ class RecordingSpec:
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
             max_episode_steps=cast(int, limit),
             versions=installed_versions(),
+            policy_sha256=_policy_digest(policy),
         )
 
     @classmethod
@@ -109,17 +113,21 @@ class RecordingSpec:
         """Returns the specification that `as_json` wrote.
 
         Raises:
-          ValueError: `record` has other keys.
+          ValueError: an attribute is missing, unknown, or has a value that `make` would refuse.
         """
-        names = {field.name for field in dataclasses.fields(cls)}
-        if not isinstance(record, Mapping) or record.keys() != names:
-            raise ValueError(f"a recording is described by {sorted(names)}, not by {record!r}")
-        checks.choice(record["seeding"], SEEDINGS, "seeding")
-        return cls(**record)
+        spec = files.parse(record, cls, "not a specification")
+        if unknown := sorted(record.keys() - {field.name for field in dataclasses.fields(cls)}):
+            raise ValueError(f"unknown attributes {unknown}")
+        suite.task_arguments(spec.domain_name, spec.task_name)
+        checks.choice(spec.seeding, SEEDINGS, "seeding")
+        checks.integer(spec.seed, "seed", minimum=0)
+        checks.integer(spec.max_episode_steps, "max_episode_steps", minimum=1)
+        return spec
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the specification as JSON represents it."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
+        """Returns the specification as JSON represents it, without what is None."""
+        record = json.loads(json.dumps(dataclasses.asdict(self)))
+        return {name: value for name, value in record.items() if value is not None}
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
@@ -150,6 +158,14 @@ class RecordingSpec:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
         return {**arguments, **({"info_format": "arrays"} if self.domain_name == "kitchen" else {})}
+
+
+def _policy_digest(policy: str) -> str | None:
+    path = policies.policy_file(policy)
+    if path is None:
+        return None
+    with files.reading(path, "a trained policy"):
+        return files.file_digest(path)
 
 
 def reset_to_seed(environment: gymnasium.Env, seed: int, seeding: str) -> tuple[Any, dict[str, Any]]:

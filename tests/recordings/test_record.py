@@ -3,22 +3,25 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import dm_env
 import gymnasium
 import numpy as np
 import pytest
 import tqdm
-from episode_files import assert_same_arrays
+from episode_files import assert_same_arrays, left_behind
 from episode_files import load_episode as load
 
 from kitchen_suite import policies
 from kitchen_suite.cli import record, rollout
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
+from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.rollouts import report
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
@@ -208,7 +211,7 @@ def test_an_interrupt_keeps_the_finished_episodes_and_the_same_command_completes
     assert run(*command, "--num_episodes=3")[0] == 0
     kept = load_all("runs")
     # A file left by a killed process.
-    tmp_path.joinpath("runs/.999999999.episode_000004.npz").touch()
+    left_behind(tmp_path / "runs" / "episode_000004.npz").touch()
     status, out, _ = run(*command)
     assert status == 0
     assert "5 episodes in runs, 3 of them there already\n" in out
@@ -317,6 +320,62 @@ def test_a_recording_made_with_another_mujoco_is_not_continued(run, tmp_path):
     status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
     assert status == 2
     assert '"mujoco": "3.0.0"' in err
+
+
+def test_two_recordings_started_together_do_not_share_a_folder(run, tmp_path, monkeypatch):
+    exists = Path.exists
+
+    def not_yet(path):
+        # Another recording begins right after this one has looked for it.
+        if path.name == "recording.json":
+            monkeypatch.setattr(Path, "exists", exists)
+            assert run("--output=runs", "--num_episodes=1", "--seed=5", *SHORT)[0] == 0
+            return False
+        return exists(path)
+
+    monkeypatch.setattr(Path, "exists", not_yet)
+    status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
+    assert (status, err) == (
+        2,
+        "kitchen-record: runs holds a recording with seed 5, not 0: name another folder\n",
+    )
+    assert [about["seed"] for about, _ in load_all("runs").values()] == [5]
+    assert json.loads(tmp_path.joinpath("runs/recording.json").read_text())["seed"] == 5
+
+
+def test_a_recording_is_not_completed_with_another_policy_of_the_same_file_name(run, tmp_path):
+    command = ["--output=runs", "--domain_name=open_cabinet", "--policy=trained(file='p.npz')", "--max_episode_steps=5"]
+    shutil.copy(shipped_as("top_drawer"), tmp_path / "p.npz")
+    assert run(*command, "--num_episodes=1")[0] == 0
+    shutil.copy(shipped_as("top_drawer_grasp"), tmp_path / "p.npz")
+    status, _, err = run(*command, "--num_episodes=2")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "runs holds a recording with policy_sha256" in err
+    assert list(load_all("runs")) == names(0)
+    os.remove("p.npz")
+    status, _, err = run(*command, "--num_episodes=2")
+    assert (status, err) == (2, "kitchen-record: there is no p.npz, where a trained policy should be\n")
+
+
+MISFITS = {
+    "episode": 3,
+    "seed": 4,
+    "steps": "five",
+    "total_reward": None,
+    "seconds": [],
+    "results": {"success": 1.5},
+    "recording": {},
+}
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_an_episode_of_another_recording_is_not_counted_as_its_own(run, name):
+    assert run("--output=runs", "--num_episodes=2", *SHORT)[0] == 0
+    about, arrays = load(f"runs/{names(1)[0]}")
+    np.savez_compressed(f"runs/{names(1)[0]}", **arrays, metadata=json.dumps({**about, name: MISFITS[name]}))
+    status, _, err = run("--output=runs", "--num_episodes=3", *SHORT)
+    assert (status, err.count("\n")) == (1, 1)
+    assert re.search(r"runs/episode_000001.npz|episode 1 in runs has metrics", err)
 
 
 def test_a_folder_of_rollouts_is_refused(run):

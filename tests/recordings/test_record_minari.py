@@ -7,7 +7,7 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
-from episode_files import load_episode
+from episode_files import left_behind, load_episode
 from minari.dataset.minari_dataset import MinariDataset
 
 from kitchen_suite.cli import record
@@ -149,7 +149,7 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
     )
     assert os.listdir("datasets") == []
     # A file left by a killed process.
-    (tmp_path / "datasets" / ".999999999.kitchen-record" / ID).mkdir(parents=True)
+    (left_behind(tmp_path / "datasets" / "kitchen-record") / ID).mkdir(parents=True)
     assert run(f"--dataset={ID}")[0] == 0
     assert os.listdir("datasets") == ["kitchen-suite"]
     assert minari.load_dataset(ID).total_episodes == 3

@@ -4,17 +4,20 @@ import contextlib
 import json
 import re
 import sys
+from pathlib import Path
 
 import gymnasium
 import imageio.v2 as imageio
 import minari
 import numpy as np
 import pytest
+from episode_files import load_episode
 from reference import original_environment, random_actions
 
 from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.recordings.replay_job import choose
 from kitchen_suite.rollouts.episode import flatten, unflatten
+from kitchen_suite.versions import installed_versions
 
 ID = "kitchen-suite/random-v0"
 KITCHEN = ["--num_threads=1", "--num_envs=4", "--max_episode_steps=6"]
@@ -59,6 +62,16 @@ def change(index, **changes):
     for name, function in changes.items():
         function(arrays[name.replace("__", "/")])
     np.savez_compressed(path, **arrays)
+
+
+def respecify(folder, **changes):
+    """Changes attributes of a recording's specification, in its file and in those of its episodes."""
+    path = Path(folder, "recording.json")
+    spec = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps(spec))
+    for episode in path.parent.glob("episode_*.npz"):
+        metadata, arrays = load_episode(episode)
+        np.savez_compressed(episode, **arrays, metadata=json.dumps({**metadata, "recording": spec}))
 
 
 @pytest.mark.parametrize("name", ["runs", ID, f"datasets/{ID}"])
@@ -110,11 +123,7 @@ def test_a_folder_of_rollouts_replays_exactly(run, capsys, monkeypatch, argument
         assert row == {**row, **EQUAL, "replayed": row["return"]}
     assert out.endswith("\n3 of 3 episodes are equal\n")
     # The same seeds start other episodes where Gymnasium draws from them.
-    path = "rolled/recording.json"
-    with open(path, encoding="utf-8") as file:
-        text = file.read()
-    with open(path, "w", encoding="utf-8") as file:
-        file.write(text.replace('"dm_control",\n', '"gymnasium",\n'))
+    respecify("rolled", seeding="gymnasium")
     status, out, _ = run("rolled")
     assert status == 1
     assert all(float(row["difference"]) > 0 for row in rows(out))
@@ -156,9 +165,48 @@ def test_a_completion_that_differs_is_named(run, runs):
     assert out.endswith("\n1 of 2 episodes are equal\n")
 
 
-def test_other_versions_are_printed(run, runs, tmp_path):
-    path = tmp_path / "runs" / "recording.json"
-    path.write_text(re.sub(r'"mujoco": "[^"]*"', '"mujoco": "3.0.0"', path.read_text()))
+def set_nan(array):
+    array[0, 0] = np.nan
+
+
+@pytest.mark.parametrize("name", ["achieved_goal/kettle", "desired_goal/microwave", "observation"])
+def test_nan_in_an_observation_is_a_difference(run, runs, name):
+    change(1, **{f"observation/{name}": set_nan})
+    status, out, _ = run("runs", "--episodes=1")
+    assert (status, rows(out)[0]["difference"]) == (1, "nan")
+    assert out.endswith("\n0 of 1 episodes are equal\n")
+
+
+def test_a_missing_observation_is_a_difference(run, runs):
+    metadata, arrays = load_episode("runs/episode_000001.npz")
+    del arrays["observation/desired_goal/kettle"]
+    np.savez_compressed("runs/episode_000001.npz", **arrays, metadata=json.dumps(metadata))
+    status, out, _ = run("runs", "--episodes=0,1")
+    assert (status, [row["difference"] for row in rows(out)]) == (1, ["0", "inf"])
+    assert out.endswith("\n1 of 2 episodes are equal\n")
+
+
+@pytest.mark.parametrize("name", ["reward", "termination", "observation/achieved_goal/kettle", "info/completion_steps"])
+def test_an_array_of_fewer_steps_is_refused(run, runs, name):
+    metadata, arrays = load_episode("runs/episode_000001.npz")
+    np.savez_compressed("runs/episode_000001.npz", **{**arrays, name: arrays[name][:1]}, metadata=json.dumps(metadata))
+    status, _, err = run("runs", "--episodes=1")
+    assert status == 1
+    assert re.fullmatch(r"kitchen-replay: runs/episode_000001.npz does not hold an episode: .* does not fit .*\n", err)
+
+
+def test_an_info_that_differs_is_a_difference(run, runs):
+    def later(array):
+        array[:] = 5
+
+    change(1, **{"info/completion_steps": later})
+    status, out, _ = run("runs", "--episodes=0,1")
+    assert status == 1
+    assert out.endswith("\n1 of 2 episodes are equal\n")
+
+
+def test_other_versions_are_printed(run, runs):
+    respecify("runs", versions={**installed_versions(), "mujoco": "3.0.0"})
     status, out, _ = run("runs")
     assert status == 0
     assert re.match(r"runs: 4 of 4 episodes\nrecorded with mujoco 3.0.0, here [\d.]+\n\n", out)
@@ -315,7 +363,9 @@ def test_a_dataset_of_something_else_is_refused(run):
 
 BAD = {
     "": "source is missing",
-    "nowhere": "'nowhere' is no name of a dataset",
+    "nowhere": "there is no folder nowhere",
+    "no/where-vx": "there is no folder no/where-vx",
+    "no//where-v0": "'no//where-v0' is no name of a dataset",
     "nowhere-v0": "there is neither a folder nowhere-v0",
     "empty": "empty holds neither recording.json nor a Minari dataset",
     "runs more": "unexpected argument 'more'",

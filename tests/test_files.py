@@ -1,0 +1,138 @@
+"""Files: what is removed, who may create one, and damaged contents."""
+
+import errno
+import io
+import json
+import os
+import zipfile
+
+import numpy as np
+import pytest
+from episode_files import left_behind
+
+from kitchen_suite import files
+
+
+def test_hidden_files_and_folders_of_the_user_stay(tmp_path):
+    theirs = [".2024.backup/precious", ".2023.notes", ".99999999999999999999.x", ".9999999.episode_000000.npz"]
+    # What another host, another container or a running process is writing.
+    running = files.partial_path(tmp_path / "episode_000001.npz")
+    elsewhere = running.name.replace(files._machine(), "elsewhere-4026531836").replace(str(os.getpid()), "9999999")
+    for name in (*theirs, running.name, elsewhere):
+        tmp_path.joinpath(name).parent.mkdir(exist_ok=True)
+        tmp_path.joinpath(name).write_text("x")
+    left_behind(tmp_path / "episode_000002.npz").write_text("x")
+    left_behind(tmp_path / "dataset").joinpath("data").mkdir(parents=True)
+    files.remove_stale_partials(tmp_path)
+    assert sorted(os.listdir(tmp_path)) == sorted(
+        [name.partition("/")[0] for name in theirs] + [running.name, elsewhere]
+    )
+    assert tmp_path.joinpath(theirs[0]).read_text() == "x"
+
+
+def test_two_writers_of_one_file_never_share_a_temporary_path(tmp_path):
+    path = tmp_path / "episode_000000.npz"
+    with files.atomic_write(path) as one, files.atomic_write(path) as other:
+        assert one != other
+        one.write_text("one")
+        other.write_text("other")
+    assert path.read_text() == "one"
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_is_created_once(tmp_path, monkeypatch, links):
+    def refuse(*paths):
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
+    path = tmp_path / "recording.json"
+    with files.atomic_create(path) as partial:
+        partial.write_text("first")
+    with pytest.raises(FileExistsError), files.atomic_create(path) as partial:
+        partial.write_text("second")
+    assert (path.read_text(), os.listdir(tmp_path)) == ("first", [path.name])
+
+
+def test_an_error_of_a_full_disk_names_the_file(tmp_path):
+    with (
+        pytest.raises(OSError, match=r"No space left on device: '.*/film.mp4'"),
+        files.atomic_write(tmp_path / "film.mp4"),
+    ):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def npz(path, **members):
+    """Writes a zip of bytes as they are."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(f"{name}.npy", data)
+
+
+def npy(header, data=b""):
+    """Returns an npy file with a given header."""
+    text = header.encode().ljust(118) + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data
+
+
+def array(values):
+    buffer = io.BytesIO()
+    np.save(buffer, values)
+    return buffer.getvalue()
+
+
+METADATA = array(np.array(json.dumps({"a": 1})))
+BOMBS = {
+    "declares more than it holds": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000,), }"),
+    "declares a huge string": npy("{'descr': '<U250000000', 'fortran_order': False, 'shape': (), }"),
+    "thousands of brackets": npy("(" * 9000),
+    "an open string": npy("{'descr': '<f4"),
+    "minus signs": npy("-" * 9000 + "1"),
+    "no npy": b"nothing of the kind",
+    "objects": npy("{'descr': '|O', 'fortran_order': False, 'shape': (), }", b"\x80\x04N."),
+}
+
+
+@pytest.mark.parametrize("member", BOMBS.values(), ids=BOMBS.keys())
+def test_a_member_that_is_no_array_is_refused(tmp_path, member):
+    npz(tmp_path / "x.npz", metadata=METADATA, array=member)
+    with pytest.raises(OSError, match=r"x.npz does not hold a policy$"):
+        files.load_arrays(tmp_path / "x.npz", "a policy")
+    assert files.load_metadata(tmp_path / "x.npz") == {"a": 1}
+
+
+def test_sizes_are_looked_at_before_arrays_are_read(tmp_path, monkeypatch):
+    npz(tmp_path / "x.npz", metadata=METADATA, array=array(np.zeros(2**20)))
+    assert tmp_path.joinpath("x.npz").stat().st_size < 20_000
+    assert files.load_arrays(tmp_path / "x.npz", max_bytes=2**24)[0]["array"].shape == (2**20,)
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)
+    with pytest.raises(OSError, match=r"x.npz does not hold an episode: it would take 8\d+ bytes of memory, more than"):
+        files.load_arrays(tmp_path / "x.npz", max_bytes=2**22)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "9" * 5000, '{"a": "\\ud800'])
+def test_broken_json_is_refused(tmp_path, text):
+    tmp_path.joinpath("x.json").write_text(text)
+    with pytest.raises(OSError, match=r"x.json does not hold a specification$"):
+        files.load_json(tmp_path / "x.json", "a specification")
+
+
+def test_a_missing_file_is_named(tmp_path):
+    for load in (files.load_json, files.load_arrays):
+        with pytest.raises(FileNotFoundError, match=r"there is no .*/x, where an episode should be"):
+            load(tmp_path / "x", "an episode")
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", ["<f8", "<f4", "?", "<i8", "<U5"])
+def test_arrays_are_read_as_numpy_reads_them(tmp_path, order, dtype):
+    values = np.arange(24).reshape(2, 3, 4).astype(dtype, order=order)
+    files.save_arrays(tmp_path / "x.npz", {"a/b": values, "empty": np.zeros((0, 3))}, {"seed": 2**70})
+    arrays, metadata = files.load_arrays(tmp_path / "x.npz")
+    with np.load(tmp_path / "x.npz") as expected:
+        assert list(arrays) == ["a/b", "empty"]
+        for name, found in arrays.items():
+            np.testing.assert_array_equal(found, expected[name], strict=True)
+    assert metadata == {"seed": 2**70}
+    arrays["a/b"][0] = arrays["a/b"][1]
