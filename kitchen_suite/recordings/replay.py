@@ -59,8 +59,8 @@ def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
     """Resets to where the recorded episode began; returns the observation and the info there."""
     inner = suite_env(environment)
-    task, physics = inner.environment.task, inner.environment.physics
     observation, info = reset_to_seed(environment, recorded.seed or 0, seeding)
+    task, physics = inner.environment.task, inner.environment.physics
     first = _state(recorded)[0]
     if recorded.seed is None:
         task.set_observed_positions(first)

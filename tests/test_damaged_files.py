@@ -1,0 +1,349 @@
+"""Files of every kind, damaged in any way: refused with an OSError or a ValueError, or read as what was written.
+
+Where contents are checked by no sum (HDF5, JSON), what is read may differ; then a replay must say so.
+"""
+
+import abc
+import json
+import resource
+import shutil
+
+import numpy as np
+import pytest
+from episode_files import load_episode
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kitchen_suite.cli import record
+from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.recordings.comparison import compare
+from kitchen_suite.recordings.replay import replay
+from kitchen_suite.recordings.sources import FolderSource, MinariSource, find
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.training import run_folder
+
+# Growth of the process while it reads a damaged file [KiB]; Linux counts so.
+_MAX_GROWTH = 2**20
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@st.composite
+def damages(draw):
+    """Returns a function of the bytes of a file, which changes a few of them somewhere, or cuts or doubles them."""
+    at, length = draw(st.floats(0, 1)), draw(st.integers(1, 64))
+    replacement = draw(st.binary(max_size=64))
+    kind = draw(st.sampled_from(["flip", "flip", "flip", "replace", "cut", "repeat", "empty", "zeros"]))
+    bit = draw(st.integers(0, 7))
+
+    def damage(contents):
+        start = min(int(at * len(contents)), len(contents) - 1)
+        head, middle, tail = contents[:start], contents[start : start + length], contents[start + length :]
+        flipped = bytes([contents[start] ^ 1 << bit]) + contents[start + 1 :]
+        return {
+            "flip": head + flipped,
+            "replace": head + replacement + tail,
+            "cut": head,
+            "repeat": head + middle + middle + tail,
+            "empty": b"",
+            "zeros": head + bytes(len(middle)) + tail,
+        }[kind]
+
+    return damage
+
+
+@st.composite
+def edits(draw):
+    """Returns a function of decoded JSON or of arrays by name, which removes, renames or replaces an entry."""
+    kind = draw(st.sampled_from(["remove", "rename", "replace", "add"]))
+    at, name = draw(st.floats(0, 1)), draw(st.text(max_size=5))
+    value = draw(_JSON)
+
+    def edit(entries, convert=lambda value: value):
+        entries = dict(entries)
+        key = list(entries)[min(int(at * len(entries)), len(entries) - 1)]
+        old = entries.pop(key) if kind in ("remove", "rename") else None
+        if kind != "remove":
+            entries[key if kind == "replace" else name] = old if kind == "rename" else convert(value)
+        return entries
+
+    return edit
+
+
+def as_array(value):
+    """Returns an array of a JSON value, without objects."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, OverflowError):
+        return np.array("odd")
+    return np.array(repr(value)) if array.dtype.hasobject else array
+
+
+class Kind(abc.ABC):
+    """A kind of file, of which one is valid."""
+
+    @abc.abstractmethod
+    def __init__(self, folder):
+        """Writes valid files below a folder."""
+
+    @property
+    @abc.abstractmethod
+    def paths(self):
+        """Files to damage."""
+
+    @abc.abstractmethod
+    def read(self, is_edit):
+        """Reads the files, and asserts that no difference is silent.
+
+        Args:
+          is_edit: whether an entry was changed in place of the file's bytes.
+
+        Raises:
+          OSError: a file is damaged.
+          ValueError: a file holds something else.
+        """
+
+    def edit(self, path, change):
+        """Changes an entry of a file of JSON; other kinds do so with their own entries."""
+        path.write_text(json.dumps(change(json.loads(path.read_text()))))
+
+
+def play(source, index, environment):
+    """Returns an episode of a source, and whether its replay is equal."""
+    recorded = source.load(index)
+    replayed = replay(environment, recorded, source.spec.seeding)
+    comparison = compare(environment.unwrapped.environment.task, recorded, replayed, truncations=True)
+    return recorded, comparison.is_equal(exactly=True)
+
+
+def same(one, other):
+    return one.keys() == other.keys() and all(np.array_equal(array, other[name]) for name, array in one.items())
+
+
+class Recording(Kind):
+    """A folder of `kitchen-record`."""
+
+    def __init__(self, folder):
+        self.folder = folder / "runs"
+        arguments = ["--num_threads=1", "--max_episode_steps=3", f"--output={self.folder}", "--num_episodes=1"]
+        assert record.main(arguments) == 0
+        self.source = FolderSource(self.folder)
+        self.environment = self.source.make_environment(visuals=False)
+        self.episode = self.source.load(0)
+        self.stats = RecordingFolder.open(self.folder).load_stats(0)
+
+    def read(self, is_edit):
+        opened = RecordingFolder.open(self.folder)
+        episode = opened.load(0)
+        assert opened.spec == self.source.spec
+        if not same(episode.arrays, self.episode.arrays):
+            assert not play(FolderSource(self.folder), 0, self.environment)[1]
+        opened.load_stats(0)
+
+
+class Episodes(Recording):
+    @property
+    def paths(self):
+        return [self.folder / "episode_000000.npz"]
+
+    def edit(self, path, change):
+        metadata, arrays = load_episode(path)
+        if len(str(change({"": 0}))) % 2:
+            metadata = change(metadata)
+        else:
+            arrays = change(arrays, as_array)
+            arrays.pop("file", None)
+        np.savez_compressed(path, **arrays, **({} if "metadata" in arrays else {"metadata": json.dumps(metadata)}))
+
+
+class Specifications(Recording):
+    @property
+    def paths(self):
+        return [self.folder / "recording.json"]
+
+
+class Policies(Kind):
+    """A trained policy."""
+
+    def __init__(self, folder):
+        self.path = folder / "policy.npz"
+        shutil.copy(shipped_as("top_drawer"), self.path)
+        self.policy = TrainedPolicy.load(self.path)
+
+    @property
+    def paths(self):
+        return [self.path]
+
+    def edit(self, path, change):
+        metadata, arrays = load_episode(path)
+        arrays = change(arrays, as_array)
+        arrays.pop("file", None)
+        np.savez_compressed(path, **arrays, **({} if "metadata" in arrays else {"metadata": json.dumps(metadata)}))
+
+    def read(self, is_edit):
+        policy = TrainedPolicy.load(self.path)
+        action = policy(np.linspace(-1, 1, policy.observation_size))
+        assert np.isfinite(action).all()
+        if not is_edit:
+            assert np.array_equal(action, self.policy(np.linspace(-1, 1, self.policy.observation_size)))
+
+
+class Datasets(Kind):
+    """A Minari dataset of `kitchen-record`."""
+
+    def __init__(self, folder):
+        arguments = ["--num_threads=1", "--max_episode_steps=3", f"--output={folder / 'runs'}", "--num_episodes=1"]
+        assert record.main([*arguments, "--dataset=x-v0", f"--data_path={folder}"]) == 0
+        self.folder = folder / "x-v0" / "data"
+        self.source = find(str(self.folder))
+        assert isinstance(self.source, MinariSource)
+        self.environment = self.source.make_environment(visuals=False)
+        self.episode = self.source.load(0)
+
+    @property
+    def paths(self):
+        return [self.folder / "main_data.hdf5", self.folder / "metadata.json"]
+
+    def edit(self, path, change):
+        path = self.folder / "metadata.json"
+        super().edit(path, change)
+
+    def read(self, is_edit):
+        source = find(str(self.folder))
+        if not source.indices:
+            raise ValueError("there are no episodes")
+        same_environment = source.spec == self.source.spec and source._env_spec == self.source._env_spec
+        environment = self.environment if same_environment else source.make_environment(visuals=False)
+        if source.spec is None:
+            source.load(0)
+            return
+        episode, is_equal = play(source, 0, environment)
+        assert is_equal == same(episode.arrays, self.episode.arrays) or not is_equal
+
+
+class Runs(Kind):
+    """The description of a training run."""
+
+    def __init__(self, folder):
+        self.folder = folder / "run"
+        self.description = run_folder.RunDescription(
+            domain_name="kitchen", task_name="kettle", task_kwargs={"a": [1.5]}, hyperparameters={"b": None}, seed=3
+        )
+        run_folder.create_run(self.folder, self.description)
+
+    @property
+    def paths(self):
+        return [self.folder / run_folder.RUN_FILE]
+
+    def read(self, is_edit):
+        run_folder.open_run(self.folder, self.description)
+        entries = json.loads(self.paths[0].read_text())
+        assert {**entries, **self.description.as_json()} == entries
+
+
+class Checkpoints(Kind):
+    """The checkpoints of a training run, of which the newest is damaged."""
+
+    def __init__(self, folder):
+        import torch
+
+        from kitchen_suite.training import checkpoints
+
+        self.checkpoints, self.folder = checkpoints, folder
+        weights = torch.linspace(-1, 1, 300).reshape(10, 30)
+        progress = {"seconds": 1.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
+        for steps in (1, 2):
+            checkpoint = checkpoints.Checkpoint(
+                modules={"policy": {"weight": weights * steps}},
+                random=torch.get_rng_state(),
+                steps=steps,
+                warmup_batches=0,
+                **progress,
+            )
+            self.path = checkpoints.save(folder, checkpoint)
+        self.weights = weights
+
+    @property
+    def paths(self):
+        return [self.path]
+
+    def edit(self, path, change):
+        import torch
+
+        torch.save(change(torch.load(path, weights_only=True)), path)
+
+    def read(self, is_edit):
+        checkpoint = self.checkpoints.load_last(self.folder)
+        assert checkpoint.steps in (1, 2) or is_edit
+        if not is_edit:
+            assert checkpoint.modules["policy"]["weight"].equal(self.weights * checkpoint.steps)
+
+
+KINDS = {
+    "episodes": Episodes,
+    "specifications": Specifications,
+    "policies": Policies,
+    "Minari datasets": Datasets,
+    "runs": Runs,
+    "checkpoints": Checkpoints,
+}
+# PyTorch is not among what the default tests need.
+NAMES = [*[*KINDS][:-1], pytest.param("checkpoints", marks=pytest.mark.clients)]
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """The kinds of files by name, each written once."""
+    written = {}
+
+    def get(name):
+        if name not in written:
+            written[name] = KINDS[name](tmp_path_factory.mktemp("files"))
+        return written[name]
+
+    return get
+
+
+def check(kind, choice, harm, is_edit):
+    path = kind.paths[choice % len(kind.paths)]
+    before = {path: path.read_bytes() for path in kind.paths}
+    growth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    try:
+        if is_edit:
+            kind.edit(path, harm)
+        else:
+            path.write_bytes(harm(before[path]))
+        kind.read(is_edit)
+    except (OSError, ValueError):
+        pass
+    finally:
+        for path, contents in before.items():
+            path.write_bytes(contents)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - growth < _MAX_GROWTH
+
+
+DAMAGED = st.tuples(damages(), st.just(False)) | st.tuples(edits(), st.just(True))
+COMMON = {
+    "deadline": None,
+    "database": None,
+    "suppress_health_check": [HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=20, derandomize=True, **COMMON)
+@given(choice=st.integers(0, 9), damaged=DAMAGED)
+def test_a_damaged_file_is_refused_or_read_as_it_was(kinds, name, choice, damaged):
+    check(kinds(name), choice, *damaged)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=400, **COMMON)
+@given(choice=st.integers(0, 9), damaged=DAMAGED)
+def test_many_damaged_files_are_refused_or_read_as_they_were(kinds, name, choice, damaged):
+    check(kinds(name), choice, *damaged)
