@@ -3,22 +3,27 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dm_env
 import numpy as np
-from dm_control import composer
 from numpy.typing import NDArray
 
 import kitchen_suite
 from kitchen_suite import checks, files
 from kitchen_suite.tasks import OpenCabinetTask
 
+if TYPE_CHECKING:
+    from dm_control import composer
+
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
 
-# Metadata that every file must hold, and their types.
-_METADATA_TYPES = {"domain_name": str, "task_name": str, "task_kwargs": dict}
+# Bound of the arrays of a file [bytes], a hundred times what the policies of the package take.
+_MAX_BYTES = 64 * 2**20
+
+# First parts of the names of each layer's arrays.
+_LAYER = ("weight", "bias")
 
 # Folder of the policies that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
@@ -28,6 +33,16 @@ _GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class _Metadata:
+    """Metadata that every file must hold: the version of its layout, and the task of the policy."""
+
+    format: int
+    domain_name: str
+    task_name: str
+    task_kwargs: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class TrainedPolicy:
     """A multilayer perceptron with ELU activations on standardised observations.
 
@@ -73,6 +88,11 @@ class TrainedPolicy:
         if not (self.deviation > 0).all() or not self.clip > 0:
             raise ValueError("deviation and clip must be positive")
 
+    def __repr__(self) -> str:
+        task = f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+        sizes = [self.observation_size, *(bias.size for bias in self.biases)]
+        return f"<TrainedPolicy of {task}, layers {sizes}>"
+
     @property
     def observation_size(self) -> int:
         """Number of elements of the observation."""
@@ -111,26 +131,30 @@ class TrainedPolicy:
         """Reads a policy.
 
         Raises:
-          OSError: the file does not exist, or is not an npz file with metadata.
+          OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
           ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
         """
-        arrays, metadata = files.load_arrays(path, "a trained policy")
-        _check_metadata(path, metadata)
+        arrays, metadata = files.load_arrays(path, "a trained policy", max_bytes=_MAX_BYTES)
+        problem = f"{path} holds no trained policy"
+        version = files.parse(metadata, _Metadata, problem).format
+        if version != FORMAT:
+            raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
         layers = range(sum(name.startswith("weight_") for name in arrays))
+        names = ["mean", "deviation", "clip", "action_scale", *(f"{kind}_{i}" for kind in _LAYER for i in layers)]
+        if odd := sorted(arrays.keys() ^ set(names)):
+            raise ValueError(f"{problem}: missing or unknown arrays {odd}")
         try:
             return cls(
                 mean=arrays["mean"],
                 deviation=arrays["deviation"],
-                clip=float(arrays["clip"]),
+                clip=float(_scalar(arrays["clip"])),
                 weights=tuple(arrays[f"weight_{i}"] for i in layers),
                 biases=tuple(arrays[f"bias_{i}"] for i in layers),
                 action_scale=arrays["action_scale"],
                 metadata=metadata,
             )
-        except KeyError as error:
-            raise ValueError(f"{path} holds no trained policy: {error} is missing") from error
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{path} holds no trained policy: {error}") from error
+        except ValueError as error:
+            raise ValueError(f"{problem}: {error}") from error
 
     def check_fits(self, observation_size: int, action_size: int) -> None:
         """Checks that the policy's sizes are those of a task.
@@ -150,19 +174,15 @@ class TrainedPolicy:
             )
 
 
-def _check_metadata(path: Path, metadata: Any) -> None:
-    """Checks the metadata of a file.
+def _scalar(array: NDArray) -> NDArray:
+    """Returns an array of shape `()` of a real number.
 
     Raises:
-      ValueError: they are not those of a trained policy, or the file has another version of the layout.
+      ValueError: it is another one.
     """
-    if not isinstance(metadata, dict) or "format" not in metadata:
-        raise ValueError(f"{path} holds no trained policy: it has no format version")
-    if metadata["format"] != FORMAT:
-        raise ValueError(f"{path} has format {metadata['format']!r}; this version reads {FORMAT}")
-    for name, kind in _METADATA_TYPES.items():
-        if not isinstance(metadata.get(name), kind):
-            raise ValueError(f"{path} holds no trained policy: its {name} is {metadata.get(name)!r}")
+    if array.shape != () or array.dtype.kind not in "fiu":
+        raise ValueError(f"clip must be a number, not {array.dtype} of shape {array.shape}")
+    return array
 
 
 def flat(observations: Any) -> NDArray:
@@ -182,16 +202,22 @@ def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
     return np.concatenate([np.ravel(array) for array in timestep.observation.values()])
 
 
-def shipped(task: composer.Task) -> Path:
+def shipped(task: "composer.Task") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward.
 
     Raises:
       ValueError: there is none.
     """
     if isinstance(task, OpenCabinetTask):
-        name = f"{task.drawer}_drawer"
-        return shipped_as(name if task.reward_name == "original" else f"{name}_{task.reward_name}")
-    return shipped_as("_".join(task.goals).replace(" ", "_"))
+        name = f"{task.drawer}_drawer" + ("" if task.reward_name == "original" else f"_{task.reward_name}")
+        title = f"open_cabinet {name}"
+    else:
+        name, title = "_".join(task.goals).replace(" ", "_"), f"the kitchen tasks {', '.join(task.goals)}"
+    path = SHIPPED / f"{name}.npz"
+    if not path.exists():
+        present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
+        raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
+    return path
 
 
 def shipped_as(name: str) -> Path:

@@ -1,14 +1,20 @@
 """Behaviour cloning: fits an agent's policy to recorded demonstrations before reinforcement learning."""
 
+import inspect
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from skrl.agents.torch.ppo import PPO
 
-from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
+from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
 
 # Bound of the imitated actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
 # squared error of a few large actions would dominate the loss.
@@ -17,36 +23,68 @@ _ACTION_LIMIT = 5.0
 # Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
 _SCALER_COUNT = 1e15
 
+# By domain: the environment, and its arguments that decide what observed numbers and actions mean. Those for noise,
+# rewards, thresholds and the end of episodes may differ between demonstrations and training.
+_MEANINGS: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "kitchen": (FrankaKitchenEnv, ("tasks_to_complete", "goals", "velocity_scale", "feedback")),
+    "open_cabinet": (FrankaOpenCabinetEnv, ("gripper",)),
+}
+
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
-def load_demonstrations(
-    folder: Path, domain_name: str, task_name: str
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Reads the episodes that `kitchen-record` has written to a folder.
 
     Args:
       folder: of the recording.
-      domain_name: domain that it must be of.
-      task_name: task that it must be of.
+      spec: of the environments to be trained in.
 
     Returns:
       Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: it is of another task, or holds no episodes.
+      ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
+        episodes.
     """
+    if not (folder / SPEC_FILE).exists():
+        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
     recording = RecordingFolder.open(folder)
-    found, expected = (recording.spec.domain_name, recording.spec.task_name), (domain_name, task_name)
-    if found != expected:
-        raise ValueError(f"{folder} holds episodes of {' '.join(found)}, not of {' '.join(expected)}")
+    _check_same_meaning(folder, recording.spec, spec)
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
     episodes = [recording.load(index).arrays for index in recording.indices]
     observations = np.concatenate([_flat_observations(arrays)[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])
     return observations.astype(np.float32), actions.astype(np.float32)
+
+
+def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
+    """Checks that observations and actions of a recording mean the same in the environments to be trained in.
+
+    Raises:
+      ValueError: the tasks differ, or an argument of `_MEANINGS`.
+    """
+    found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
+    if found != expected:
+        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
+    _, names = _MEANINGS[wanted.domain_name]
+    for name in names:
+        one, other = (_argument(spec, name) for spec in (recorded, wanted))
+        if one != other:
+            raise ValueError(
+                f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
+                "pass the same --task_kwargs to both commands"
+            )
+
+
+def _argument(spec: RecordingSpec, name: str) -> Any:
+    """Returns an argument of the environments of a specification, as JSON represents it."""
+    environment, _ = _MEANINGS[spec.domain_name]
+    default = {name: inspect.signature(environment).parameters[name].default}
+    arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
+    return json.loads(json.dumps(arguments[name]))
 
 
 def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:

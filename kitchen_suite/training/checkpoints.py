@@ -1,12 +1,14 @@
-"""Checkpoints of a training run. Files are written atomically, and the last few are kept."""
+"""Checkpoints of a training run: written atomically, and checked before they are read; the last few are kept."""
 
-import pickle
+import dataclasses
+import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from msgspec import Meta
 from tqdm import tqdm
 
 from kitchen_suite import files
@@ -15,49 +17,98 @@ _PATTERN = "checkpoint_*.pt"
 _NUM_KEPT = 3
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """State of the run of a seed after an evaluation.
+
+    Attributes:
+      modules: state dicts of networks, scalers and optimiser, by name.
+      random: state `(k,)` of PyTorch's random generator, uint8.
+      steps: control steps learned from.
+      warmup_batches: batches that still train the value network alone.
+      seconds: duration of the run [s].
+      best: success rate and mean return of the best evaluation.
+      progress: greatest mean progress of an evaluation.
+      successes: success rates of the last evaluations.
+    """
+
+    modules: dict[str, Any]
+    random: torch.Tensor
+    steps: Annotated[int, Meta(ge=0)]
+    warmup_batches: Annotated[int, Meta(ge=0)]
+    seconds: Annotated[float, Meta(ge=0)]
+    best: tuple[float, float]
+    progress: float
+    successes: Annotated[list[float], Meta(max_length=2)]
+
+
 class CheckpointError(Exception):
     """None of the checkpoints in a folder can be read."""
 
 
-def save(folder: Path, steps: int, state: Mapping[str, Any]) -> Path:
-    """Writes a checkpoint, and removes all but the last few.
-
-    Args:
-      folder: of the checkpoints.
-      steps: control steps learned from; part of the file name.
-      state: tensors, numbers and strings, in dicts and lists.
-
-    Returns:
-      The file.
-    """
-    path = folder / _PATTERN.replace("*", f"{steps:012d}")
+def save(folder: Path, checkpoint: Checkpoint) -> Path:
+    """Writes a checkpoint, named by its control steps, and removes all but the last few; returns the file."""
+    path = folder / _PATTERN.replace("*", f"{checkpoint.steps:012d}")
+    contents = io.BytesIO()
+    torch.save(vars(checkpoint), contents)
     with files.atomic_write(path) as partial:
-        torch.save(dict(state), partial)
-    for old in _checkpoints(folder)[:-_NUM_KEPT]:
+        partial.write_bytes(contents.getbuffer())
+    for old in _paths(folder)[:-_NUM_KEPT]:
         old.unlink()
     return path
 
 
-def load_last(folder: Path) -> dict[str, Any] | None:
-    """Returns the state in the newest readable checkpoint, or None if there are no checkpoints.
+def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpoint: None) -> Checkpoint | None:
+    """Returns the newest readable checkpoint in a folder, or None if there are no checkpoints.
 
     A message names each newer one that cannot be read.
+
+    Args:
+      folder: of the checkpoints.
+      check: raises a ValueError if a checkpoint does not fit the learner.
 
     Raises:
       CheckpointError: there are checkpoints, but none can be read.
     """
-    paths = _checkpoints(folder)
+    paths = _paths(folder)
     for path in reversed(paths):
         try:
-            return torch.load(path, weights_only=True)
-        except (EOFError, OSError, RuntimeError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
-            reason = str(error).partition("\n")[0]
-            tqdm.write(f"{path} cannot be read, trying the checkpoint before it: {reason}")
+            return _load(path, check)
+        except OSError:
+            tqdm.write(f"{path} cannot be read, trying the checkpoint before it")
     if paths:
         raise CheckpointError(f"none of the {len(paths)} checkpoints in {folder} can be read")
     return None
 
 
-def _checkpoints(folder: Path) -> list[Path]:
+def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
+    """Reads a checkpoint.
+
+    Raises:
+      OSError: the file cannot be read, is damaged, or does not hold a checkpoint that passes the check.
+    """
+    with files.reading(path, "a checkpoint"):
+        contents = io.BytesIO(path.read_bytes())
+        _check_zip(contents)
+        checkpoint = files.parse(torch.load(contents, weights_only=True), Checkpoint, "a checkpoint")
+        check(checkpoint)
+        return checkpoint
+
+
+def _check_zip(contents: io.BytesIO) -> None:
+    """Checks the members of a zip file by their CRC-32, which PyTorch does not.
+
+    Raises:
+      zipfile.BadZipFile: a member is damaged, or larger than the file.
+    """
+    with zipfile.ZipFile(contents) as archive:
+        if sum(member.file_size for member in archive.infolist()) > len(contents.getbuffer()):
+            raise zipfile.BadZipFile("PyTorch writes members without compression, but one is larger than the file")
+        if damaged := archive.testzip():
+            raise zipfile.BadZipFile(f"{damaged} is damaged")
+    contents.seek(0)
+
+
+def _paths(folder: Path) -> list[Path]:
     """Returns the checkpoints in a folder, oldest first."""
     return sorted(folder.glob(_PATTERN))

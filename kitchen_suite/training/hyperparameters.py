@@ -1,6 +1,7 @@
 """Hyperparameters of PPO, with defaults for each domain."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, get_args, get_type_hints
@@ -9,6 +10,16 @@ from kitchen_suite import checks
 
 # Hyperparameters that are divided by, or whose logarithm is taken.
 _POSITIVE = ("exploration", "standardisation_epsilon")
+
+# Greatest values, of those that have one: of factors, and of sizes beyond any machine's memory.
+_MAXIMA = {
+    "num_envs": 2**16,
+    "rollouts": 2**16,
+    "mini_batches": 2**16,
+    "hidden": 2**14,
+    "discount": 1,
+    "gae_lambda": 1,
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,20 +118,19 @@ def _check(name: str, value: object, kind: Any) -> None:
 
     Raises:
       TypeError: the value has another type.
-      ValueError: it is negative, or zero where it must be positive.
+      ValueError: it is negative, zero where it must be positive, or too large.
     """
-    if kind is int:
-        checks.integer(value, name, minimum=1)
-    elif kind is float:
-        checks.number(value, name, positive=name in _POSITIVE)
-    elif not isinstance(value, list) or not value:
+    elements = get_args(kind)
+    if elements and (not isinstance(value, list) or not value):
         raise TypeError(f"{name} must be a list of numbers, got {value!r}")
-    else:
-        for element in value:
-            if get_args(kind)[0] is int:
-                checks.integer(element, name, minimum=1)
-            else:
-                checks.number(element, name, positive=True)
+    for part in value if isinstance(value, list) and elements else [value]:
+        number: float
+        if int in (kind, *elements):
+            number = checks.integer(part, name, minimum=1)
+        else:
+            number = checks.number(part, name, positive=bool(elements) or name in _POSITIVE)
+        if number > _MAXIMA.get(name, math.inf):
+            raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {part!r}")
 
 
 DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(

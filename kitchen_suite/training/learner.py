@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from kitchen_suite.policies.trained import flat
 from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.agent import build_agent, value_group
+from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.metrics import episode_metrics, step_metrics
+from kitchen_suite.training.state_dicts import check_modules
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
@@ -92,17 +94,27 @@ class Learner:
             self.agent.checkpoint_modules["observation_preprocessor"](self._observations, train=True)
 
     def state(self) -> dict[str, Any]:
-        """Returns the state of learning for `load_state`; that of the episodes in progress is not part of it."""
+        """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
         modules = {name: module.state_dict() for name, module in self.agent.checkpoint_modules.items()}
         random = torch.get_rng_state()
         return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self._warmup_batches}
 
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Restores a state returned by `state`."""
+    def check_fits(self, checkpoint: Checkpoint) -> None:
+        """Checks that `load_state` can restore a checkpoint.
+
+        Raises:
+          ValueError: it is one of other networks.
+        """
+        check_modules(checkpoint.modules, self.agent.checkpoint_modules)
+        # A generator of its own, so that a random state that is refused changes nothing.
+        torch.Generator().set_state(checkpoint.random)
+
+    def load_state(self, checkpoint: Checkpoint) -> None:
+        """Restores the state of learning; the checkpoint has to fit."""
         for name, module in self.agent.checkpoint_modules.items():
-            module.load_state_dict(state["modules"][name])
-        torch.set_rng_state(state["random"])
-        self.steps, self._warmup_batches = state["steps"], state["warmup_batches"]
+            module.load_state_dict(checkpoint.modules[name])
+        torch.set_rng_state(checkpoint.random)
+        self.steps, self._warmup_batches = checkpoint.steps, checkpoint.warmup_batches
         self._standardised = True
 
     def learn(self) -> dict[str, float]:

@@ -1,7 +1,9 @@
 """The folder of a training run: its description, by which a resumed run is recognised as the same."""
 
+import contextlib
+import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,26 +12,50 @@ from kitchen_suite import files
 RUN_FILE = "training.json"
 
 
-def create_run(folder: Path, description: Mapping[str, Any]) -> None:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunDescription:
+    """What a run trains; a run is only resumed with the same.
+
+    Attributes:
+      domain_name: a key of `suite.TASKS_BY_DOMAIN`.
+      task_name: one of the domain's tasks.
+      task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
+      hyperparameters: all of them, by name.
+      seed: of the first learner.
+    """
+
+    domain_name: str
+    task_name: str
+    task_kwargs: dict[str, Any]
+    hyperparameters: dict[str, Any]
+    seed: int
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns the description as JSON represents it."""
+        return json.loads(json.dumps(vars(self)))
+
+
+def create_run(folder: Path, description: RunDescription) -> None:
     """Creates the folder of a new run, and writes the run's description to it.
+
+    Of several processes that create a run in one folder at the same time, one succeeds.
 
     Args:
       folder: created if it does not exist.
-      description: task, hyperparameters and seed, as JSON can hold them.
+      description: of the run.
 
     Raises:
       OSError: the folder cannot be created or written to, or holds another run.
     """
-    path = folder / RUN_FILE
     folder.mkdir(parents=True, exist_ok=True)
     files.check_writable(folder)
-    if path.exists() or any(folder.glob("seed_*")):
-        raise FileExistsError(f"{folder} holds a training run already: name another folder, or use --resume")
-    with files.atomic_write(path) as partial:
-        partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+    with _new_run(folder), files.atomic_create(folder / RUN_FILE) as partial:
+        if any(folder.glob("seed_*")):
+            raise FileExistsError
+        partial.write_text(json.dumps(description.as_json(), indent=2) + "\n", encoding="utf-8")
 
 
-def open_run(folder: Path, description: Mapping[str, Any]) -> None:
+def open_run(folder: Path, description: RunDescription) -> None:
     """Prepares the folder of an interrupted run for resuming: checks its description, removes incomplete files.
 
     Raises:
@@ -40,19 +66,26 @@ def open_run(folder: Path, description: Mapping[str, Any]) -> None:
     if not path.exists():
         raise FileNotFoundError(f"{folder} holds no training run to resume")
     files.check_writable(folder)
-    for subfolder in (folder, *folder.glob("seed_*")):
-        files.remove_stale_partials(subfolder)
-    present = _entries(json.loads(path.read_text(encoding="utf-8")))
-    expected = _entries(json.loads(json.dumps(description)))
+    found = files.parse(files.load_json(path, "the description of a training run"), RunDescription, str(path))
+    present, expected = _entries(found), _entries(description)
     for name in {**expected, **present}:
         if present.get(name) != expected.get(name):
-            found, given = json.dumps(present.get(name)), json.dumps(expected.get(name))
-            raise ValueError(f"{folder} holds a run with {name} {found}, not {given}")
+            one, other = json.dumps(present.get(name)), json.dumps(expected.get(name))
+            raise ValueError(f"{folder} holds a run with {name} {one}, not {other}")
+    for subfolder in (folder, *folder.glob("seed_*")):
+        files.remove_stale_partials(subfolder)
 
 
-def _entries(description: Mapping[str, Any]) -> dict[str, Any]:
+@contextlib.contextmanager
+def _new_run(folder: Path) -> Iterator[None]:
+    """Names the folder and a remedy where a run exists already."""
+    try:
+        yield
+    except FileExistsError as error:
+        raise FileExistsError(f"{folder} holds a training run already: name another folder, or use --resume") from error
+
+
+def _entries(description: RunDescription) -> dict[str, Any]:
     """Returns a description with the arguments of the task and the hyperparameters beside the other entries."""
-    entries: dict[str, Any] = {}
-    for name, value in description.items():
-        entries |= value if isinstance(value, dict) else {name: value}
-    return entries
+    entries = description.as_json()
+    return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}

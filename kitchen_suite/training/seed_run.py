@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
-from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.agent import export_policy
+from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
 from kitchen_suite.training.learner import Learner
 from kitchen_suite.training.settings import TrainSettings
@@ -76,6 +77,11 @@ class SeedRun:
         self.resumed = self._restore()
 
     @property
+    def policy_file(self) -> Path:
+        """File of the policy of the best evaluation so far."""
+        return self._folder / POLICY_FILE
+
+    @property
     def best(self) -> tuple[float, float]:
         """Success rate and mean return of the best evaluation so far."""
         return self._best
@@ -122,20 +128,20 @@ class SeedRun:
         interval = self._settings.eval_interval
         return self.steps // interval > previous // interval or self._stop_reason() is not None
 
-    def _learn(self, writer: SummaryWriter, bar: tqdm) -> None:
+    def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
         """Learns from one batch, and shows its metrics."""
         steps, started = self.steps, time.perf_counter()
         means = self._learner.learn()
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)
-        _write(writer, means, self.steps)
+        writer.write(means, self.steps)
         bar.update(self.steps - steps)
         bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
 
-    def _evaluate_and_checkpoint(self, writer: SummaryWriter, started: float, report: Callable[[str], None]) -> None:
+    def _evaluate_and_checkpoint(self, writer: CurveWriter, started: float, report: Callable[[str], None]) -> None:
         """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
         metrics = self._evaluate()
         self._seconds = time.perf_counter() - started
-        _write(writer, {**_means(metrics), "time/minutes": self._seconds / 60}, self.steps)
+        writer.write({**_means(metrics), "time/minutes": self._seconds / 60}, self.steps)
         self._save_checkpoint()
         report(self._row(metrics))
 
@@ -156,38 +162,37 @@ class SeedRun:
         success, mean_return = self._best
         training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
         metadata = {**policy.metadata, "training": training}
-        dataclasses.replace(policy, metadata=metadata).save(self._folder / POLICY_FILE)
+        dataclasses.replace(policy, metadata=metadata).save(self.policy_file)
 
     def _save_checkpoint(self) -> None:
-        state = {
+        checkpoint = Checkpoint(
             **self._learner.state(),
-            "seconds": self._seconds,
-            "best": list(self._best),
-            "progress": self._progress,
-            "successes": self._successes,
-        }
-        checkpoints.save(self._folder, self.steps, state)
+            seconds=self._seconds,
+            best=self._best,
+            progress=self._progress,
+            successes=self._successes,
+        )
+        checkpoints.save(self._folder, checkpoint)
 
     def _restore(self) -> bool:
         """Restores the newest checkpoint; returns whether there is one."""
-        state = checkpoints.load_last(self._folder)
-        if state is None:
+        checkpoint = checkpoints.load_last(self._folder, self._learner.check_fits)
+        if checkpoint is None:
             return False
-        self._learner.load_state(state)
-        success, mean_return = state["best"]
-        self._best, self._seconds = (success, mean_return), state["seconds"]
-        self._progress, self._successes = state["progress"], state["successes"]
+        self._learner.load_state(checkpoint)
+        self._best, self._seconds = checkpoint.best, checkpoint.seconds
+        self._progress, self._successes = checkpoint.progress, checkpoint.successes
         return True
 
-    def _open_writer(self) -> SummaryWriter:
+    def _open_writer(self) -> CurveWriter:
         """Opens the curves; those that an interrupted run wrote after its last checkpoint are hidden."""
-        return SummaryWriter(str(self._folder), purge_step=self.steps + 1 if self.resumed else None)
+        return CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
 
     def _progress_bar(self) -> tqdm:
         return tqdm(
             total=self._settings.num_steps,
             initial=self.steps,
-            desc=f"seed {self._seed}",
+            desc=f"seed {self._seed}, at most",
             unit="step",
             unit_scale=True,
             disable=None,
@@ -205,8 +210,3 @@ class SeedRun:
 
 def _means(metrics: Mapping[str, NDArray]) -> dict[str, float]:
     return {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in metrics.items()}
-
-
-def _write(writer: SummaryWriter, means: Mapping[str, float], steps: int) -> None:
-    for name, value in means.items():
-        writer.add_scalar(name, value, steps)

@@ -2,9 +2,11 @@
 
 import contextlib
 import dataclasses
+import functools
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -60,7 +62,7 @@ class TrainJob:
         if settings.video:
             video.check_ffmpeg()
         self._config = Hyperparameters.for_domain(settings.domain_name, settings.hyperparameters)
-        self._metadata = {
+        self._metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
             "task_kwargs": dict(settings.task_kwargs),
@@ -74,7 +76,7 @@ class TrainJob:
         self._seed_run: SeedRun | None = None
         self._best = (-1.0, 0.0)
         prepare = run_folder.open_run if settings.resume else run_folder.create_run
-        prepare(settings.output, {**self._metadata, "seed": settings.seed})
+        prepare(settings.output, run_folder.RunDescription(**self._metadata, seed=settings.seed))
 
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
@@ -106,7 +108,7 @@ class TrainJob:
         return True
 
     def _train_seed(self, seed: int) -> StopReason:
-        """Trains with one seed; its policy becomes the run's if it is the best so far."""
+        """Trains with one seed; returns why it stopped."""
         settings, folder = self._settings, self._settings.output / f"seed_{seed}"
         learner = Learner(self._environments, self._config, seed)
         run = SeedRun(folder, seed, settings, learner, self._evaluation_environments, self._metadata)
@@ -114,14 +116,23 @@ class TrainJob:
         if self._demonstrations and not run.resumed:
             with _cloning_bar(self._config.clone_epochs) as report:
                 learner.imitate(*self._demonstrations, report)
-        reason = run.run(print_line)
+        reason = run.run(functools.partial(self._report, run))
+        self._keep_if_best(run)
         success, mean_return = run.best
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
+        return reason
+
+    def _report(self, run: SeedRun, row: str) -> None:
+        """Prints the row of an evaluation, after which the policy may be the best so far."""
+        self._keep_if_best(run)
+        print_line(row)
+
+    def _keep_if_best(self, run: SeedRun) -> None:
+        """Copies the policy of a seed to the folder of the run if it is the best of all seeds so far."""
         if run.best > self._best:
             self._best = run.best
-            with files.atomic_write(settings.output / POLICY_FILE) as partial:
-                shutil.copyfile(folder / POLICY_FILE, partial)
-        return reason
+            with files.atomic_write(self._settings.output / POLICY_FILE) as partial:
+                shutil.copyfile(run.policy_file, partial)
 
     def _film(self, file: Path) -> None:
         """Films the best policy on a seed that it was not trained with."""
@@ -159,7 +170,7 @@ class TrainJob:
         folder = self._settings.demonstrations
         if folder is None:
             return None
-        observations, actions = load_demonstrations(folder, self._spec.domain_name, self._spec.task_name)
+        observations, actions = load_demonstrations(folder, self._spec)
         space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:

@@ -143,3 +143,136 @@ def still_open(info):
 
 def weights(model):
     return [parameter.detach().numpy().copy() for parameter in model.policy.parameters()]
+
+
+CABINET = "kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1"
+# Arguments of environments that Stable-Baselines3 supports.
+SUPPORTED = {KITCHEN: {"goal_format": "flat", **EASY}, CABINET: {"action_limit": 1.0}}
+# Infos from which hindsight relabelling computes the rewards of steps.
+HINDSIGHT = ["tasks_to_complete_mask", "step_task_completions_mask"]
+
+
+def make_fast(env_id=KITCHEN, num_envs=2, **options):
+    from kitchen_suite.bridges.stable_baselines3 import make_vec_env
+
+    return make_vec_env(env_id, num_envs, num_threads=1, **{**SUPPORTED[env_id], **options})
+
+
+def assert_same(one, other):
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key])
+    else:
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("env_id", SUPPORTED)
+def test_the_vectorised_environments_equal_a_dummy_vec_env(env_id):
+    from stable_baselines3.common.env_util import make_vec_env
+
+    arguments = {**SUPPORTED[env_id], "max_episode_steps": 7}
+    plain, fast = make_vec_env(env_id, n_envs=3, env_kwargs=arguments), make_fast(env_id, 3, max_episode_steps=7)
+    for environments in (plain, fast):
+        environments.seed(5)
+    assert (plain.observation_space, plain.action_space) == (fast.observation_space, fast.action_space)
+    assert_same(plain.reset(), fast.reset())
+    plain.action_space.seed(0)
+    for _ in range(15):
+        actions = np.stack([plain.action_space.sample() for _ in range(3)])
+        (*expected, infos), (*found, fast_infos) = plain.step(actions), fast.step(actions)
+        for one, other in zip(expected, found, strict=True):
+            assert_same(one, other)
+        for one, other, ended in zip(infos, fast_infos, found[2], strict=True):
+            assert other["TimeLimit.truncated"] == one["TimeLimit.truncated"]
+            assert ("terminal_observation" in other) == ended
+            if ended:
+                assert_same(one["terminal_observation"], other["terminal_observation"])
+                assert other["episode"]["l"] == one["episode"]["l"] <= 7
+                assert other["episode"]["r"] == pytest.approx(one["episode"]["r"], abs=1e-5)
+                assert other["is_success"] == one["is_success"]
+            else:
+                assert other.keys() == {"TimeLimit.truncated"}
+    for environments in (plain, fast):
+        environments.close()
+
+
+def test_an_episode_that_terminates_at_its_limit_is_not_truncated():
+    goals = {"tasks_to_complete": ["microwave"], "goals": {"microwave": [0.0]}}
+    environments = make_fast(num_envs=2, max_episode_steps=1, **goals)
+    environments.reset()
+    _, rewards, dones, infos = environments.step(np.zeros((2, 9)))
+    assert (rewards.tolist(), dones.tolist()) == ([1.0, 1.0], [True, True])
+    assert [info["TimeLimit.truncated"] for info in infos] == [False, False]
+    assert [bool(info["is_success"]) for info in infos] == [True, True]
+    environments.close()
+
+
+@pytest.mark.parametrize("env_id", SUPPORTED)
+def test_ppo_learns_in_the_vectorised_environments(env_id):
+    from stable_baselines3 import PPO
+
+    environments = make_fast(env_id, 4, max_episode_steps=20)
+    policy = "MultiInputPolicy" if env_id == KITCHEN else "MlpPolicy"
+    model = PPO(policy, environments, n_steps=50, batch_size=100, n_epochs=1, seed=0, device="cpu")
+    before = weights(model)
+    model.learn(400)
+    assert not all(np.array_equal(old, new) for old, new in zip(before, weights(model), strict=True))
+    assert len(model.ep_info_buffer) >= 20
+    assert max(episode["l"] for episode in model.ep_info_buffer) == 20
+    environments.close()
+
+
+@pytest.mark.parametrize("copy_info_dict", [False, True])
+def test_hindsight_relabelling_in_the_vectorised_environments(copy_info_dict):
+    from stable_baselines3 import SAC, HerReplayBuffer
+
+    environments = make_fast(KITCHEN, 2, max_episode_steps=30, info_format="arrays", info_keys=HINDSIGHT)
+    model = SAC(
+        "MultiInputPolicy",
+        environments,
+        replay_buffer_class=HerReplayBuffer,
+        replay_buffer_kwargs={"copy_info_dict": copy_info_dict, "n_sampled_goal": 4},
+        buffer_size=400,
+        learning_starts=100,
+        train_freq=50,
+        gradient_steps=2,
+        seed=0,
+        device="cpu",
+    )
+    model.learn(300)
+    assert [(episode["l"], episode["r"]) for episode in model.ep_info_buffer] == [(30, 1.0)] * 10
+    rewards = model.replay_buffer.sample(200).rewards.numpy().ravel()
+    # The microwave may be rewarded once an episode by its info, but always where there is none.
+    assert {*rewards} >= ({0.0, 1.0} if copy_info_dict else {1.0, 2.0})
+    environments.close()
+
+
+def test_what_it_does_not_support_is_refused_with_the_argument_to_pass():
+    with pytest.raises(ValueError, match="pass goal_format='flat'"):
+        make_fast(KITCHEN, goal_format="dict")
+    with pytest.raises(ValueError, match=r"pass action_limit, such as action_limit=1\.0"):
+        make_fast(CABINET, action_limit=None)
+
+
+def test_attributes_and_methods_are_those_of_the_environments():
+    from stable_baselines3.common.monitor import Monitor
+
+    environments = make_fast(num_envs=3)
+    assert environments.get_attr("info_format") == ["lists"] * 3
+    assert environments.get_attr("render_mode", [0, 2]) == [None, None]
+    assert environments.env_is_wrapped(Monitor, 1) == [False]
+    with pytest.raises(AttributeError, match="no_such"):
+        environments.get_attr("no_such")
+    with pytest.raises(AttributeError, match="velocity_scale cannot be set: pass it to make_vec_env"):
+        environments.set_attr("velocity_scale", 1.0)
+    environments.close()
+
+
+@pytest.mark.rendering
+def test_images_are_tiled():
+    environments = make_fast(num_envs=2, render_mode="rgb_array", width=32, height=16)
+    environments.reset()
+    assert environments.render().shape == (32, 32, 3)
+    environments.close()

@@ -95,3 +95,15 @@ def test_infos_of_fixed_shape_can_be_read_too():
     assert got["completion_steps"].tolist() == [[1, -1]] * 3
     assert got["episode_step"].ravel().tolist() == [1, 2, 3]
     environment.close()
+
+
+def test_many_environments_are_stepped_by_processes(goal_format):
+    from torchrl.envs import GymEnv
+
+    # Without "arrays" it raises an AttributeError: it reads the infos of such environments, and cannot read lists.
+    environment = GymEnv(KITCHEN, num_envs=2, goal_format=goal_format, info_format="arrays")
+    got = environment.rollout(3)
+    assert got.shape == (2, 3)
+    assert got["observation"].shape == (2, 3, 59)
+    assert got["next", "episode_step"].reshape(2, 3).tolist() == [[1, 2, 3]] * 2
+    environment.close()

@@ -3,8 +3,10 @@
 import json
 import math
 import os
+import resource
 import subprocess
 import sys
+import zipfile
 
 import gymnasium
 import numpy as np
@@ -171,7 +173,7 @@ def test_a_file_that_is_not_an_npz_is_an_os_error(tmp_path, content):
 
 def test_an_npz_of_something_else_is_rejected(tmp_path):
     np.savez(tmp_path / "other.npz", metadata=np.array(json.dumps({"episode": 0})), action=np.zeros((3, 8)))
-    with pytest.raises(ValueError, match=r"other\.npz holds no trained policy: it has no format version"):
+    with pytest.raises(ValueError, match=r"other\.npz holds no trained policy: .*`format`"):
         TrainedPolicy.load(tmp_path / "other.npz")
 
 
@@ -209,6 +211,55 @@ def test_numbers_that_are_not_finite_are_rejected(saved, name):
         TrainedPolicy.load(saved)
 
 
+def npy(header):
+    """Returns the bytes of an array file with a given header."""
+    text = header.encode().ljust(118) + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+
+
+CRAFTED = {
+    "a shape of 10**12": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000,)}"),
+    "a huge string": npy("{'descr': '<U250000000', 'fortran_order': False, 'shape': (1,)}"),
+    "brackets": npy("(" * 9000),
+    "an open string": npy("{'descr': '<f4"),
+    "minus signs": npy("-" * 9000),
+    "no array file": b"text",
+    "a negative shape": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (-25,)}"),
+    "objects": npy("{'descr': '|O', 'fortran_order': False, 'shape': (25,)}"),
+    "a bomb": npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1073741824,)}") + bytes(2**27),
+}
+
+
+@pytest.mark.parametrize("content", CRAFTED.values(), ids=CRAFTED)
+def test_a_crafted_array_is_refused_in_one_line_before_it_takes_memory(saved, content):
+    with zipfile.ZipFile(saved) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(saved, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in {**members, "mean.npy": content}.items():
+            archive.writestr(name, member)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(OSError, match=r"^[^\n]*policy\.npz does not hold a trained policy[^\n]*$"):
+        TrainedPolicy.load(saved)
+    # In KiB; the bomb would take 128 MiB.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16
+
+
+BAD_METADATA = [[], 3, "text", None, {"format": "1"}, {"format": 1, "domain_name": ["x"]}, {"format": [[]]}]
+
+
+@pytest.mark.parametrize("metadata", BAD_METADATA, ids=str)
+def test_metadata_of_another_kind_are_refused_in_one_line(saved, metadata):
+    with np.load(saved) as file:
+        arrays = {**file, "metadata": np.array(json.dumps(metadata))}
+    np.savez(saved, **arrays)
+    with pytest.raises((OSError, ValueError), match=r"^[^\n]*policy\.npz [^\n]*$"):
+        TrainedPolicy.load(saved)
+
+
+def test_the_representation_names_the_task_and_the_layers():
+    assert repr(make()) == "<TrainedPolicy of open_cabinet top_drawer, layers [25, 6, 4, 8]>"
+
+
 def test_a_deviation_of_zero_is_rejected():
     with pytest.raises(ValueError, match="deviation and clip must be positive"):
         make(deviation=np.zeros(25, np.float32))
@@ -223,7 +274,7 @@ def test_another_format_version_is_rejected(saved):
 @pytest.mark.parametrize("name", ["domain_name", "task_name", "task_kwargs"])
 def test_a_file_that_does_not_name_its_task_is_rejected(saved, name):
     rewrite(saved, metadata={name: None})
-    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: its {name} is None"):
+    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: .*got `null` - at `\$\.{name}`"):
         TrainedPolicy.load(saved)
 
 
@@ -343,14 +394,21 @@ def test_bad_options_are_policy_errors(options):
 def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkeypatch, tmp_path):
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")
-    with pytest.raises(policies.PolicyError, match=r"'top_drawer' does not exist.*; choose from \['bottom_drawer'\]"):
+    with pytest.raises(
+        policies.PolicyError,
+        match="no trained policy comes with the package for open_cabinet top_drawer; there are: open_cabinet bottom",
+    ):
         policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
     make().save(tmp_path / "top_drawer.npz")
     policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
     with pytest.raises(
         policies.PolicyError,
-        match=r"'top_drawer_grasp' does not exist.*; choose from \['bottom_drawer', 'top_drawer'\]",
+        match=r"for open_cabinet top_drawer_grasp; there are: open_cabinet bottom_drawer, open_cabinet top_drawer$",
     ):
         policies.find("trained")(load("open_cabinet", reward="grasp"), np.random.default_rng(0))
+    with pytest.raises(
+        policies.PolicyError, match="for the kitchen tasks microwave, kettle, bottom burner, light switch;"
+    ):
+        policies.find("trained")(load("kitchen"), np.random.default_rng(0))
     make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
     policies.find("trained")(load("kitchen"), np.random.default_rng(0))

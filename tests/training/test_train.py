@@ -5,6 +5,7 @@ import importlib.util
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -189,6 +190,22 @@ def test_a_run_that_reached_its_target_can_be_resumed_with_a_higher_one(run, eva
 
 
 @clients
+def test_the_policy_of_an_interrupted_run_lies_where_that_of_a_finished_one_does(run, evaluations):
+    evaluations[:] = [{"success": success, "progress": 0.1, "return": 1.0} for success in (0.1, 0.4, 0.3)] + [None]
+    assert run()[0] == 130
+    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["steps"] == 2 * BATCH
+
+
+@clients
+def test_the_policy_of_an_earlier_seed_stays_until_a_better_one_is_found(run, evaluations):
+    found = [{"success": success, "progress": 0.0, "return": 1.0} for success in (0.1, 0.4, 0.3, 0.2)]
+    evaluations[:] = [*found, None]
+    assert run("--patience=64")[0] == 130
+    training = TrainedPolicy.load("run/policy.npz").metadata["training"]
+    assert (training["seed"], training["success"]) == (0, 0.4)
+
+
+@clients
 def test_divergence_is_reported_in_one_line(run):
     changes = json.dumps({**SMALL, "learning_rate": 1e30, "kl_target": 0})
     status, _, err = run(f"--hyperparameters={changes}")
@@ -239,24 +256,23 @@ def test_unreadable_checkpoints_are_reported_in_one_line(run, share):
     assert (status, err) == (1, "kitchen-train: none of the 3 checkpoints in run/seed_0 can be read\n")
 
 
+@pytest.fixture
+def limit_files():
+    """Returns a function that bounds the size of files [bytes], beyond which writing fails as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 @clients
-def test_a_full_disk_leaves_no_incomplete_checkpoint(run, monkeypatch):
-    import torch
-
-    save, count = torch.save, 0
-
-    def fail(state, path):
-        nonlocal count
-        count += 1
-        if count == 3:
-            path.write_bytes(b"half")
-            raise OSError(28, "No space left on device")
-        save(state, path)
-
-    monkeypatch.setattr(torch, "save", fail)
-    status, _, err = run()
-    assert (status, err) == (1, "kitchen-train: [Errno 28] No space left on device\n")
-    assert files("run/seed_0") == [*map(checkpoint, (0, 2)), "policy.npz"]
+# Within the description, the curves, a policy, and a checkpoint.
+@pytest.mark.parametrize("size", [30, 1_000, 4_000, 10_000])
+def test_a_full_disk_ends_in_one_line(run, limit_files, size, tmp_path):
+    limit_files(size)
+    status, _, err = run("--num_steps=10000000")
+    assert status in (1, 2)
+    assert re.fullmatch(r"kitchen-train: \[Errno 27\] File too large[^\n]*\n", err)
+    assert not [path for path in tmp_path.rglob(".*") if path.is_file()]
 
 
 @clients
@@ -317,7 +333,14 @@ BAD = {
     '--task_kwargs={"drawer": "bottom"}': "fixes ['drawer']",
     '--task_kwargs={"max_episode_steps": 5}': "max_episode_steps",
     '--task_kwargs={"time_limit": 5}': "time_limit",
-    "--demonstrations=nowhere": "nowhere",
+    '--hyperparameters={"discount": 1.5}': "discount must be at most 1, got 1.5",
+    '--hyperparameters={"gae_lambda": 1.01}': "gae_lambda must be at most 1, got 1.01",
+    '--hyperparameters={"discount": NaN}': "discount must be finite",
+    '--hyperparameters={"entropy_scale": Infinity}': "entropy_scale must be finite",
+    '--hyperparameters={"ratio_clip": -0.1}': "ratio_clip must be finite and non-negative",
+    '--hyperparameters={"num_envs": 1000000000000}': "num_envs must be at most 65536",
+    '--hyperparameters={"hidden": [100000000]}': "hidden must be at most 16384",
+    "--demonstrations=nowhere": "there is no recording in nowhere",
     "--num_steps=0": "needs --demonstrations",
 }
 
@@ -346,7 +369,7 @@ BAD_FLAGS = {
     "--hyperparameters={": "not JSON",
     "--task_kwargs=3": "JSON object",
     "--video=film.avi": ".mp4",
-    "--colour=red": "Unknown command line flag 'colour'",
+    "--colour=red": "there is no flag --colour",
     "more": "unexpected argument 'more'",
 }
 

@@ -8,6 +8,8 @@ import pytest
 from training_reference import METADATA, SMALL, environments, learner
 
 from kitchen_suite.cli import play, record, train
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
 
 pytestmark = pytest.mark.clients
 
@@ -18,6 +20,19 @@ def act(timestep):
     observation = np.concatenate([*timestep.observation.values()])
     return 0.02 * np.tanh(observation[:8] - observation[8:16])
 """
+
+
+def spec_of(domain_name, task_name, **task_kwargs):
+    """Returns the specification of the environments that a run trains in."""
+    return RecordingSpec.make(
+        domain_name=domain_name,
+        task_name=task_name,
+        task_kwargs=task_kwargs,
+        policy="zero",
+        seed=0,
+        seeding="gymnasium",
+        max_episode_steps=None,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +52,7 @@ def demonstrations(tmp_path_factory):
 def samples(demonstrations):
     from kitchen_suite.training.behaviour_cloning import load_demonstrations
 
-    return load_demonstrations(demonstrations, "open_cabinet", "top_drawer")
+    return load_demonstrations(demonstrations, spec_of("open_cabinet", "top_drawer"))
 
 
 @pytest.fixture
@@ -154,7 +169,39 @@ def test_demonstrations_that_do_not_fit_are_refused(tmp_path, capsys, goal_forma
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9})
     arguments += [*ARGUMENTS, f"--hyperparameters={scale}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 2
-    assert "but this task has ((73,), (9,))" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert 'was recorded with tasks_to_complete ["microwave"], but this run has ["kettle"]' in err
+
+
+# Recorded with the first, trained with the second; the last says whether they mean the same.
+OTHER_ARGUMENTS = {
+    "nothing": ({}, {}, True),
+    "the default named": ({"velocity_scale": 2.0}, {}, True),
+    "noise": ({"object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}, {}, True),
+    "threshold": ({"threshold": 0.1}, {"threshold": 0.3}, True),
+    "format of goals": ({"goal_format": "dict"}, {"goal_format": "flat"}, True),
+    "velocities": ({"velocity_scale": 1.0}, {}, False),
+    "feedback": ({}, {"feedback": "target"}, False),
+    "goals": ({"goals": {"microwave": [-0.5]}}, {}, False),
+    "order of tasks": (
+        {"tasks_to_complete": ["kettle", "microwave"]},
+        {"tasks_to_complete": ["microwave", "kettle"]},
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize(("recorded", "trained", "same"), OTHER_ARGUMENTS.values(), ids=OTHER_ARGUMENTS)
+def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, recorded, trained, same):
+    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+
+    RecordingFolder.create(tmp_path, spec_of("kitchen", "all", **recorded))
+    # A recording without episodes, which is refused only after its arguments have been compared.
+    message = (
+        "holds no episodes yet" if same else "was recorded with .*, but this run has .*: pass the same --task_kwargs"
+    )
+    with pytest.raises(ValueError, match=message):
+        load_demonstrations(tmp_path, spec_of("kitchen", "all", **trained))
 
 
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
@@ -162,7 +209,7 @@ def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_pat
     from kitchen_suite.training.behaviour_cloning import load_demonstrations
 
     record_kitchen(tmp_path / "episodes", {"goal_format": goal_format})
-    observations, actions = load_demonstrations(tmp_path / "episodes", "kitchen", "kettle")
+    observations, actions = load_demonstrations(tmp_path / "episodes", spec_of("kitchen", "kettle"))
     assert (observations.shape, actions.shape) == ((3, 59 + 2 * 7), (3, 9))
     # The desired goal comes last.
     from kitchen_suite.tasks import GOALS
@@ -177,7 +224,7 @@ def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_pat
     tasks, loaded = ["slide cabinet", "microwave", "kettle", "light switch"], []
     for goal_format in ("dict", "flat"):
         record_kitchen(tmp_path / goal_format, {"goal_format": goal_format, "tasks_to_complete": tasks}, "all")
-        loaded.append(load_demonstrations(tmp_path / goal_format, "kitchen", "all"))
+        loaded.append(load_demonstrations(tmp_path / goal_format, spec_of("kitchen", "all", tasks_to_complete=tasks)))
     (one, actions), (other, same_actions) = loaded
     assert one.shape == (3, 59 + 2 * (1 + 1 + 7 + 2))
     np.testing.assert_array_equal(one, other)

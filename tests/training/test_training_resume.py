@@ -1,19 +1,25 @@
 """Resuming of an interrupted training run, and its curves afterwards."""
 
+import dataclasses
 import itertools
+import json
 import os
+import threading
 
 import numpy as np
 import pytest
+from episode_files import left_behind
 from gymnasium.vector import AutoresetMode
 from training_reference import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
-from kitchen_suite.training.run_folder import create_run, open_run
+from kitchen_suite.training.run_folder import RunDescription, create_run, open_run
 from kitchen_suite.training.settings import TrainSettings
 
 pytestmark = pytest.mark.clients
+
+DESCRIPTION = RunDescription(**METADATA, hyperparameters={}, seed=0)
 
 EVALUATION = {f"evaluation/{name}" for name in ("success", "progress", "length", "return")}
 BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
@@ -188,16 +194,69 @@ def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
     paths = sorted(tmp_path.glob("checkpoint_*"))
     assert [path.name for path in paths] == [f"checkpoint_{batches * BATCH:012d}.pt" for batches in (6, 8, 10)]
     for path in reversed(paths):
-        assert checkpoints.load_last(tmp_path)["steps"] == int(path.stem.removeprefix("checkpoint_"))
+        assert checkpoints.load_last(tmp_path).steps == int(path.stem.removeprefix("checkpoint_"))
         path.unlink()
     assert checkpoints.load_last(tmp_path) is None
 
 
 def test_incomplete_files_of_a_killed_run_are_removed(tmp_path):
-    create_run(tmp_path, {"seed": 0})
-    # No process has this number.
-    incomplete = tmp_path / "seed_0" / ".4194999.checkpoint_000000000064.pt"
+    create_run(tmp_path, DESCRIPTION)
+    incomplete = left_behind(tmp_path / "seed_0" / "checkpoint_000000000064.pt")
     incomplete.parent.mkdir()
     incomplete.write_bytes(b"half")
-    open_run(tmp_path, {"seed": 0})
+    open_run(tmp_path, DESCRIPTION)
     assert not incomplete.exists()
+
+
+def test_hidden_files_of_the_user_survive_resuming(tmp_path):
+    create_run(tmp_path, DESCRIPTION)
+    notes, backup = tmp_path / ".2023.notes", tmp_path / "seed_0" / ".2024.backup"
+    backup.mkdir(parents=True)
+    for path in (notes, backup / "precious"):
+        path.write_text("mine")
+    open_run(tmp_path, DESCRIPTION)
+    assert notes.exists()
+    assert (backup / "precious").exists()
+
+
+def test_two_runs_started_together_in_one_folder_are_not_both_let_in(tmp_path):
+    barrier, outcomes, refusals = threading.Barrier(2), [], []
+
+    def start(seed, folder):
+        barrier.wait()
+        try:
+            create_run(folder, dataclasses.replace(DESCRIPTION, seed=seed))
+            outcomes.append(seed)
+        except FileExistsError as error:
+            refusals.append(str(error))
+
+    for i in range(100):
+        folder, outcomes[:] = tmp_path / str(i), []
+        threads = [threading.Thread(target=start, args=(seed, folder)) for seed in (1, 2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(outcomes) == 1
+        assert refusals.pop() == f"{folder} holds a training run already: name another folder, or use --resume"
+        assert json.loads((folder / "training.json").read_text())["seed"] == outcomes[0]
+        assert os.listdir(folder) == ["training.json"]
+
+
+BAD_DESCRIPTIONS = {
+    "not JSON": "{",
+    "deep": "[" * 100_000,
+    "no object": "[1]",
+    "nothing": "{}",
+    "a number as a name": json.dumps({**vars(DESCRIPTION), "domain_name": 3}),
+    "no dict": json.dumps({**vars(DESCRIPTION), "hyperparameters": [1]}),
+    "no text": "\udcff",
+}
+
+
+@pytest.mark.parametrize("text", BAD_DESCRIPTIONS.values(), ids=BAD_DESCRIPTIONS)
+def test_a_description_that_cannot_be_read_is_named_in_one_line(tmp_path, text):
+    create_run(tmp_path, DESCRIPTION)
+    (tmp_path / "training.json").write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises((OSError, ValueError), match=r"^[^\n]*training\.json[^\n]*$"):
+        open_run(tmp_path, DESCRIPTION)

@@ -1,0 +1,1 @@
+"""Adapters of the vectorised environments to libraries with interfaces of their own."""
