@@ -7,15 +7,26 @@ downloaded. The folder is found without importing the package, which would regis
 import importlib.util
 from pathlib import Path
 
-from dm_control import mjcf
+from dm_control import composer, mjcf
 
 _PACKAGE = "gymnasium_robotics"
-_REQUIREMENT = "gymnasium-robotics==1.4.2"
+_REQUIREMENT = "gymnasium-robotics>=1.4,<1.5"
 _ASSETS = Path("envs", "assets", "kitchen_franka")
 _XML_DIR = Path(__file__).parent / "xml"
 
+# Ending of the names of bodies that hold only visual geoms; see `split_visual_geoms`.
+VISUAL_BODY = "_visuals"
+
 # Three numbers along x, y and z.
 Vector = tuple[float, float, float]
+
+
+class NamedEntity(composer.Entity):
+    """An entity whose representation has its name in a scene, and its joints."""
+
+    def __repr__(self) -> str:
+        joints = [joint.full_identifier for joint in self.mjcf_model.find_all("joint", exclude_attachments=True)]
+        return f"{type(self).__name__}({self.mjcf_model.model!r}, joints={joints})"
 
 
 def asset_dir() -> Path:
@@ -87,7 +98,7 @@ def split_visual_geoms(model: mjcf.RootElement) -> None:
     for body in model.find_all("body", exclude_attachments=True):
         visual = [geom for geom in body.geom if is_visual(geom)]
         if 0 < len(visual) < len(body.geom):
-            child = body.add("body", name=f"{body.name}_visuals")
+            child = body.add("body", name=f"{body.name}{VISUAL_BODY}")
             for geom in visual:
                 attributes = geom.get_attributes()
                 geom.remove()

@@ -1,13 +1,18 @@
 """Checks of arguments; the error messages name the argument, its value and the values allowed."""
 
 import difflib
+import inspect
 import math
 import numbers
-from collections.abc import Collection, Mapping, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# Bounds far above what is of use, and below what exhausts a machine before it is refused.
+MAX_ENVS = 2**16
+MAX_THREADS = 2**10
 
 
 def choice(value: object, choices: Collection[str], name: str) -> str:
@@ -20,14 +25,41 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a string, got {value!r}")
     if value not in choices:
-        near = [*_nearest(value.replace("_", " "), choices), *_nearest(value, choices)]
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ValueError(f"{name} {value!r} does not exist{hint}; choose from {sorted(choices)}")
+        raise ValueError(_unknown(value, choices, name))
     return value
 
 
-def _nearest(value: str, choices: Collection[str]) -> list[str]:
-    return difflib.get_close_matches(value, choices, n=1)
+def _unknown(value: str, choices: Collection[str], name: str) -> str:
+    near = nearest(value, choices)
+    hint = f" (did you mean {near!r}?)" if near else ""
+    return f"{name} {value!r} does not exist{hint}; choose from {sorted(choices)}"
+
+
+def nearest(value: str, choices: Collection[str]) -> str | None:
+    """Returns the choice that is most like a value, or None if none is like it."""
+    spellings = (value.replace("_", " "), value)
+    near = [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
+    return near[0] if near else None
+
+
+def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, leave_out: Collection[str] = ()) -> None:
+    """Checks that functions have keyword arguments of given names.
+
+    Args:
+      names: of the arguments.
+      *takers: functions, or classes, that share the arguments among them.
+      what: kind of the arguments, for the message.
+      leave_out: arguments of the functions that are set otherwise.
+
+    Raises:
+      TypeError: there is no such argument; the message lists them and suggests the nearest.
+    """
+    parameters = [parameter for taker in takers for parameter in inspect.signature(taker).parameters.values()]
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(leave_out)
+    for name in names:
+        if name not in choices:
+            raise TypeError(_unknown(str(name), choices, what))
 
 
 def number(value: object, name: str, *, positive: bool = False) -> float:
@@ -39,23 +71,32 @@ def number(value: object, name: str, *, positive: bool = False) -> float:
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a number, got {value!r}")
-    if not math.isfinite(value) or value < 0 or (positive and value == 0):
+    if not _is_finite(value) or value < 0 or (positive and value == 0):
         kind = "positive" if positive else "non-negative"
         raise ValueError(f"{name} must be finite and {kind}, got {value!r}")
     return float(value)
 
 
-def integer(value: object, name: str, *, minimum: int) -> int:
-    """Returns `value` as an int if it is an integer and not below `minimum`.
+def _is_finite(value: numbers.Real) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # An int beyond all floats.
+        return False
+
+
+def integer(value: object, name: str, *, minimum: int, maximum: int | None = None) -> int:
+    """Returns `value` as an int if it is an integer from `minimum` to `maximum`.
 
     Raises:
       TypeError: `value` is no integer, or a bool.
-      ValueError: `value` is below `minimum`.
+      ValueError: `value` is out of range.
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
     if value < minimum:
         raise ValueError(f"{name} must be at least {minimum}, got {value!r}")
+    if maximum is not None and int(value) > maximum:
+        raise ValueError(f"{name} must be at most {maximum}, got {value!r}")
     return int(value)
 
 
@@ -99,7 +140,10 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
         raise TypeError(f"{name} must hold {size} numbers, got {value!r}")
     if array.shape != (size,):
         raise ValueError(f"{name} must have shape ({size},), got shape {array.shape}")
-    array = array.astype(np.float64, copy=False)
+    if array.dtype != np.float64:
+        # Wider types overflow to inf.
+        with np.errstate(over="ignore"):
+            array = array.astype(np.float64)
     if not np.logical_and.reduce(np.isfinite(array)):
         raise ValueError(f"{name} must be finite, got {array}")
     return array

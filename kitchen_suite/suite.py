@@ -1,33 +1,54 @@
-"""The domains and tasks of the suite, and `load`, with the interface of `dm_control.suite`."""
+"""The domains and tasks of the suite, and `load`, with the interface of `dm_control.suite`.
 
-import functools
+Importing this module does not import dm_control: the builders do, when they are called.
+"""
+
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetConfig, build_kitchen_scene, build_open_cabinet_scene
-from kitchen_suite.entities.props.cabinet import DRAWERS
-from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import GOALS, KitchenTask, OpenCabinetTask
-from kitchen_suite.tasks.base import SuiteTask
-from kitchen_suite.tasks.kitchen.task import TIME_LIMIT
-from kitchen_suite.tasks.open_cabinet import task as cabinet_task
+
+if TYPE_CHECKING:
+    from kitchen_suite.entities import CabinetConfig
+    from kitchen_suite.environment import Environment
+    from kitchen_suite.tasks.base import SuiteTask
+
+__all__ = [
+    "ALL_TASKS",
+    "BENCHMARKING",
+    "DOMAINS",
+    "TASKS_BY_DOMAIN",
+    "Domain",
+    "default_task",
+    "kitchen",
+    "load",
+    "open_cabinet",
+    "task_arguments",
+]
+
+# Arguments of tasks that the builders set.
+_SET_BY_BUILDERS = ("scene",)
+
+# Arguments of `Environment` that the builders set.
+_SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
 
 
 def kitchen(
     *,
     tasks_to_complete: Sequence[str],
-    time_limit: float | None = TIME_LIMIT,
+    time_limit: float | None = 22.4,
     random: int | np.random.RandomState | None = None,
     visuals: bool = True,
+    render_quality: str = "high",
     sleep: bool = False,
     environment_kwargs: Mapping[str, Any] | None = None,
     **task_options: Any,
-) -> Environment:
+) -> "Environment":
     """Builds a kitchen environment.
 
     Args:
@@ -35,6 +56,7 @@ def kitchen(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or random state to draw from.
       visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
       sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
         `build_kitchen_scene`.
       environment_kwargs: further arguments of `Environment`.
@@ -44,22 +66,29 @@ def kitchen(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: see `KitchenTask`; or the time limit is not positive and finite.
     """
+    from kitchen_suite.entities import build_kitchen_scene
+    from kitchen_suite.rendering.quality import set_render_quality
+    from kitchen_suite.tasks import KitchenTask
+
+    checks.keywords(task_options, kitchen, KitchenTask, what="argument", leave_out=_SET_BY_BUILDERS)
     limit = _limit(time_limit)
     scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
     task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
+    set_render_quality(task.root_entity.mjcf_model, render_quality)
     return _environment(task, limit, random, environment_kwargs)
 
 
 def open_cabinet(
     *,
     drawer: str,
-    time_limit: float | None = cabinet_task.TIME_LIMIT,
+    time_limit: float | None = 7.0,
     random: int | np.random.RandomState | None = None,
     visuals: bool = True,
-    cabinet_config: CabinetConfig | None = None,
+    render_quality: str = "high",
+    cabinet_config: "CabinetConfig | None" = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     **task_options: Any,
-) -> Environment:
+) -> "Environment":
     """Builds an environment of a cabinet whose drawer is to be opened.
 
     Args:
@@ -67,6 +96,7 @@ def open_cabinet(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or random state to draw from.
       visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
       cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `OpenCabinetTask`.
@@ -75,11 +105,17 @@ def open_cabinet(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: see `OpenCabinetTask`; or the time limit is not positive and finite.
     """
+    from kitchen_suite.entities import CabinetConfig, build_open_cabinet_scene
+    from kitchen_suite.rendering.quality import set_render_quality
+    from kitchen_suite.tasks import OpenCabinetTask
+
+    checks.keywords(task_options, open_cabinet, OpenCabinetTask, what="argument", leave_out=_SET_BY_BUILDERS)
     limit = _limit(time_limit)
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
     scene = build_open_cabinet_scene(cabinet_config, visuals=checks.boolean(visuals, "visuals"))
     task = OpenCabinetTask(scene, drawer=drawer, **task_options)
+    set_render_quality(task.root_entity.mjcf_model, render_quality)
     return _environment(task, limit, random, environment_kwargs)
 
 
@@ -88,11 +124,15 @@ def _limit(time_limit: float | None) -> float:
 
 
 def _environment(
-    task: SuiteTask,
+    task: "SuiteTask",
     limit: float,
     random: int | np.random.RandomState | None,
     environment_kwargs: Mapping[str, Any] | None,
-) -> Environment:
+) -> "Environment":
+    from kitchen_suite.environment import Environment
+
+    takers = Environment, *Environment.__bases__
+    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", leave_out=_SET_OF_ENVIRONMENT)
     settings = {
         "strip_singleton_obs_buffer_dim": True,
         "recompile_mjcf_every_episode": False,
@@ -101,28 +141,71 @@ def _environment(
     return Environment(task, time_limit=limit, random_state=random, **settings)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Domain:
+    """A domain of the suite. Its Gymnasium environments are named by strings, which `gymnasium.register` takes.
+
+    Attributes:
+      build: builds an environment for `load`.
+      tasks: by task name, the arguments that define the task: of `build` and of the Gymnasium environments.
+      env_id: id of the Gymnasium environment.
+      env: its class.
+      vector_env: class of the vectorised environment.
+      episode_steps: control steps in an episode.
+    """
+
+    build: "Callable[..., Environment]"
+    tasks: Mapping[str, Mapping[str, Any]]
+    env_id: str
+    env: str
+    vector_env: str
+    episode_steps: int
+
+
+# Spelt and ordered as in `tasks.GOALS`.
+_KITCHEN_GOALS = (
+    "bottom burner",
+    "top burner",
+    "light switch",
+    "slide cabinet",
+    "hinge cabinet",
+    "microwave",
+    "kettle",
+)
+
+# `complete` and `partial` are two data sets of D4RL, of demonstrations for the same four goals.
 _KITCHEN_TASKS = {
-    **{name.replace(" ", "_"): (name,) for name in GOALS},
+    **{name.replace(" ", "_"): (name,) for name in _KITCHEN_GOALS},
     "complete": ("microwave", "kettle", "light switch", "slide cabinet"),
     "partial": ("microwave", "kettle", "light switch", "slide cabinet"),
     "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
-    "all": tuple(GOALS),
+    "all": _KITCHEN_GOALS,
 }
 
-_DOMAINS: Mapping[str, Mapping[str, functools.partial[Environment]]] = MappingProxyType(
+DOMAINS: Mapping[str, Domain] = MappingProxyType(
     {
-        "kitchen": MappingProxyType(
-            {name: functools.partial(kitchen, tasks_to_complete=tasks) for name, tasks in _KITCHEN_TASKS.items()}
+        "kitchen": Domain(
+            build=kitchen,
+            tasks=MappingProxyType({name: {"tasks_to_complete": goals} for name, goals in _KITCHEN_TASKS.items()}),
+            env_id="KitchenSuite/FrankaKitchen-v1",
+            env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
+            vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
+            episode_steps=280,
         ),
-        "open_cabinet": MappingProxyType(
-            {f"{drawer}_drawer": functools.partial(open_cabinet, drawer=drawer) for drawer in DRAWERS}
+        "open_cabinet": Domain(
+            build=open_cabinet,
+            tasks=MappingProxyType({f"{drawer}_drawer": {"drawer": drawer} for drawer in ("top", "bottom")}),
+            env_id="KitchenSuite/FrankaOpenCabinet-v1",
+            env="kitchen_suite.gymnasium_env.open_cabinet:FrankaOpenCabinetEnv",
+            vector_env="kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
+            episode_steps=700,
         ),
     }
 )
 
 # Task names by domain.
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {domain: tuple(tasks) for domain, tasks in _DOMAINS.items()}
+    {name: tuple(domain.tasks) for name, domain in DOMAINS.items()}
 )
 
 # All pairs of domain and task name.
@@ -141,7 +224,11 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
       TypeError: a name is no string.
       ValueError: an unknown domain or task.
     """
-    return dict(_find(domain_name, task_name).keywords)
+    tasks = DOMAINS[checks.choice(domain_name, DOMAINS.keys(), "domain")].tasks
+    for other, names in TASKS_BY_DOMAIN.items():
+        if task_name in names and task_name not in tasks:
+            raise ValueError(f"task {task_name!r} is not one of {domain_name!r}, but of --domain_name={other}")
+    return dict(tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")])
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
@@ -155,18 +242,13 @@ def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, 
         raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
 
 
-def _find(domain_name: str, task_name: str) -> functools.partial[Environment]:
-    tasks = _DOMAINS[checks.choice(domain_name, _DOMAINS.keys(), "domain")]
-    return tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")]
-
-
 def load(
     domain_name: str,
     task_name: str,
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
-) -> Environment:
+) -> "Environment":
     """Builds an environment of the suite; the arguments are those of `dm_control.suite.load`.
 
     Args:
@@ -180,12 +262,13 @@ def load(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: an unknown domain or task, or a value that the builder refuses.
     """
-    build = _find(domain_name, task_name)
+    task = task_arguments(domain_name, task_name)
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
         if kwargs is not None and not isinstance(kwargs, Mapping):
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
     check_not_fixed(domain_name, task_name, task_kwargs or {})
-    environment = build(**(task_kwargs or {}), environment_kwargs=environment_kwargs)
+    arguments = {**task, **(task_kwargs or {})}
+    environment = DOMAINS[domain_name].build(**arguments, environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
 
@@ -199,3 +282,7 @@ def default_task(domain_name: str) -> str:
     """
     checks.choice(domain_name, TASKS_BY_DOMAIN.keys(), "domain")
     return next(task for domain, task in (*BENCHMARKING, *ALL_TASKS) if domain == domain_name)
+
+
+def __dir__() -> list[str]:
+    return __all__

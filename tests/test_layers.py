@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Each package knows those after it. All know GROUND, which knows no other; WORKERS and RENDERING know hardly more.
 ORDER = (
     "cli",
+    "bridges",
     "training",
     "recordings",
     "benchmarks",
@@ -27,11 +28,11 @@ ORDER = (
 )
 GROUND = ("", "checks", "files", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
-# A module of one line for users: `kitchen_suite.experts`.
-ALIASES = {"experts": ("policies",)}
+# For users: `kitchen_suite.experts` and `kitchen_suite.load`.
+ALIASES = {"experts": ("policies",), "": ("suite",)}
 
 # Where a library may be imported.
-HOMES = {"absl": {"cli"}, "torch": {"training"}, "skrl": {"training"}, "ray": {"workers"}, "minari": {"recordings"}}
+HOMES = {"absl": {"cli"}, "torch": {"training"}, "skrl": {"training"}, "ray": {"workers"}, "minari": {"recordings"}, "stable_baselines3": {"bridges"}}
 COMMANDS = ("benchmark", "play", "record", "replay", "rollout", "train")
 
 
@@ -81,7 +82,7 @@ def dependencies(module):
 def allowed(name):
     if name in ORDER:
         return {*ORDER[ORDER.index(name) :], *BESIDE, *GROUND}
-    if name in GROUND:
+    if name in GROUND and name not in ALIASES:
         return {*GROUND}
     return {name, *BESIDE.get(name, ALIASES.get(name, ())), *GROUND}
 
@@ -119,6 +120,19 @@ def test_no_command_imports_dm_control_before_the_gl_library_is_chosen(command):
         "assert not {'dm_control', 'mujoco', 'torch', 'ray'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+
+# Commands choose the GL library before they import these.
+COMMANDS_ALONE = {"cli", "training", "recordings", "benchmarks", "rollouts"}
+
+
+def test_the_gl_library_is_chosen_before_dm_control_is_imported():
+    choosing = {module for module in MODULES if "rendering.choice" in dependencies(module)}
+    for module, tree in MODULES.items():
+        imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        names = {name.partition(".")[0] for node in imports for name in imported_names(node)}
+        if "dm_control" in names and package(module) not in COMMANDS_ALONE:
+            assert choosing & {module.rpartition(".")[0], package(module)}, module
 
 
 def test_the_package_has_few_modules_beside_its_folders():

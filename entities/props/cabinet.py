@@ -17,7 +17,7 @@ DOORS = ("left", "right")
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
-class Cabinet(composer.Entity):
+class Cabinet(assets.NamedEntity):
     """The cabinet; the origin of its frame is its centre, x points out of its front."""
 
     def _build(self, config: CabinetConfig | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:

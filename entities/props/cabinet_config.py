@@ -13,6 +13,10 @@ DOOR_GAP = 0.003
 # Parameters that may be negative.
 _SIGNED = ("drawer_heights", "handle_height")
 
+# Least and greatest value of every other parameter, in its unit. MuJoCo's compiler refuses panels of 1e-9 m, bars of
+# 1e-8 m and masses of 1e-14 kg, whose inertia it cannot represent; above 1e10 it takes a simulation to have diverged.
+_LEAST, _GREATEST = 1e-6, 1e10
+
 # Tolerance for rounding errors in sums of sizes [m].
 _ROUNDING = 1e-9
 
@@ -117,4 +121,5 @@ def _check_field(name: str, value: Any, default: float | tuple[float, ...]) -> N
         if name in _SIGNED:
             checks.vector((number,), 1, what)
         else:
-            checks.number(number, what, positive=True)
+            if not _LEAST <= checks.number(number, what, positive=True) <= _GREATEST:
+                raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {value!r}")

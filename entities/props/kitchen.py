@@ -11,7 +11,7 @@ from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
 
 
-class KitchenProp(composer.Entity):
+class KitchenProp(assets.NamedEntity):
     """An object with a fixed list of joints, described by one MJCF file."""
 
     xml_name: str

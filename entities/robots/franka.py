@@ -14,7 +14,7 @@ from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
 
 
-class Franka(composer.Entity):
+class Franka(assets.NamedEntity):
     """The arm with its hand; its base is at the entity's origin and faces +x."""
 
     def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:

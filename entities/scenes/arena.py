@@ -5,7 +5,7 @@ from dm_control import composer, mjcf
 from kitchen_suite.entities import assets
 
 
-class SiteArena(composer.Arena):
+class SiteArena(assets.NamedEntity, composer.Arena):
     """Floor, lights, cameras, and a site at the pose of each entity."""
 
     xml_name: str

@@ -1,4 +1,7 @@
 """The composer environment of the suite."""
 
-from kitchen_suite.environment.environment import PHYSICS_STATE as PHYSICS_STATE
-from kitchen_suite.environment.environment import Environment as Environment
+import kitchen_suite.rendering.choice  # noqa: F401
+from kitchen_suite.environment.environment import Environment
+from kitchen_suite.environment.physics_state import PHYSICS_STATE
+
+__all__ = ["PHYSICS_STATE", "Environment"]

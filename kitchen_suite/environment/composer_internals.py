@@ -12,7 +12,10 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "dm_control.composer.environment:Environment": (
             "_delayed_observation_padding",
+            "_fixed_initial_state",
+            "_fixed_random_state",
             "_hooks",
+            "_legacy_step",
             "_make_observation_updater",
             "_n_sub_steps",
             "_observation_updater",
@@ -20,11 +23,13 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "_physics",
             "_physics_proxy",
             "_random_state",
+            "_recompile_physics",
             "_reset_next_step",
             "_strip_singleton_obs_buffer_dim",
             "_substep",
             "_task",
         ),
+        "dm_control.mujoco.engine:Physics": ("_contexts", "_free_rendering_contexts", "_make_rendering_contexts"),
         "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
         "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),
         "dm_control.composer.observation.updater:Updater": (

@@ -18,12 +18,11 @@ from kitchen_suite import checks
 from kitchen_suite.environment import random_state as random_states
 from kitchen_suite.environment.composer_internals import check_private_names
 from kitchen_suite.environment.observation_updater import UnbufferedUpdater, is_unbuffered
+from kitchen_suite.environment.physics import Physics
+from kitchen_suite.environment.physics_state import PhysicsState
 from kitchen_suite.tasks.base import SuiteTask
 
 check_private_names()
-
-# The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included.
-PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Environment(composer.Environment):
@@ -72,6 +71,11 @@ class Environment(composer.Environment):
         self._flat_observation = checks.boolean(flat_observation, "flat_observation")
         self._plan_substeps()
 
+    def __repr__(self) -> str:
+        return (
+            f"Environment({self._task!r}, control_timestep={self.control_timestep():g}, step_limit={self._step_limit})"
+        )
+
     @property
     def random_state(self) -> np.random.RandomState:
         """The random state that the environment draws from; can be replaced at any time."""
@@ -80,6 +84,9 @@ class Environment(composer.Environment):
     @random_state.setter
     def random_state(self, value: int | np.random.RandomState | None) -> None:
         self._random_state = random_states.make_random_state(value)
+        if self._fixed_initial_state:
+            # From which composer starts every episode.
+            self._fixed_random_state = self._random_state.get_state(legacy=False)
 
     @property
     def step_limit(self) -> float:
@@ -129,12 +136,12 @@ class Environment(composer.Environment):
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """Returns the state on which later steps depend: physics, task, random state, step count."""
-        model, data = self._physics.model.ptr, self._physics.data.ptr
-        physics = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
-        mujoco.mj_getState(model, data, physics, PHYSICS_STATE)
+        """Returns the state on which later steps depend: physics, task, random state, step count.
+
+        It is the same with and without visuals.
+        """
         return {
-            "physics": physics,
+            "physics": self._physics_state.read(self._physics.data.ptr),
             "task": self._task.get_state(),
             "step_count": self._step_count,
             "reset_next_step": self._reset_next_step,
@@ -144,7 +151,7 @@ class Environment(composer.Environment):
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
         """Sets a state returned by `get_state` of this environment, or of another one of the same task.
 
-        Buffers of delayed or buffered observables are reset.
+        One of the two may have visuals and the other none. Buffers of delayed or buffered observables are reset.
 
         Returns:
           The observation.
@@ -163,7 +170,7 @@ class Environment(composer.Environment):
         # The task goes first: it may change the model, from which mj_step1 then computes.
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
-        mujoco.mj_setState(model, data, state["physics"], PHYSICS_STATE)
+        self._physics_state.write(data, state["physics"])
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)
@@ -222,6 +229,13 @@ class Environment(composer.Environment):
         self._physics.step(self._steps_per_call)
         # composer's `step` updates the observation once more, which counts as the last physics step.
         self._observation_updater.skip(self._steps_per_call - 1)
+
+    def _recompile_physics(self) -> None:
+        if physics := getattr(self, "_physics", None):
+            physics.free()
+        self._physics = Physics.from_mjcf_model(self._task.root_entity.mjcf_model)
+        self._physics.legacy_step = self._legacy_step
+        self._physics_state = PhysicsState(self._physics.model.ptr)
 
     def _make_observation_updater(self) -> UnbufferedUpdater:
         padding = self._delayed_observation_padding == composer.ObservationPadding.INITIAL_VALUE

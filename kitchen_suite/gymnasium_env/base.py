@@ -2,23 +2,19 @@
 
 import abc
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
 import dm_env
 import gymnasium
-import mujoco
 import numpy as np
-from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
+from kitchen_suite.gymnasium_env import rendering
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
-
-_VISUAL_FLAGS = range(int(mujoco.mjtVisFlag.mjNVISFLAG))
-_RENDER_MODES = ("human", "rgb_array", "depth_array")
 
 
 class SuiteEnv(gymnasium.Env, abc.ABC):
@@ -28,7 +24,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     `copy.deepcopy` or pickle continues from the state of the original.
     """
 
-    metadata = {"render_modes": list(_RENDER_MODES)}
+    metadata = {"render_modes": list(rendering.RENDER_MODES)}
 
     def __init__(
         self,
@@ -43,7 +39,9 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         visual_options: Mapping[int, bool] | None = None,
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
+        render_quality: str = "high",
         task_options: Mapping[str, Any],
+        **unknown: Any,
     ) -> None:
         """Builds the environment.
 
@@ -60,29 +58,33 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
             separately.
           visuals: whether to build geoms and textures that only rendering needs; when omitted, only with a render mode.
+          render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
           task_options: arguments of the domain's builder in `kitchen_suite.suite`.
+          **unknown: refused.
 
         Raises:
-          TypeError: an argument of the wrong type.
+          TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        self._render_settings: dict[str, Any] = {
-            "default_cam_config": self._checked_camera_config(default_camera_config),
-            "width": checks.integer(width, "width", minimum=1),
-            "height": checks.integer(height, "height", minimum=1),
-            "camera_id": camera_id,
-            "camera_name": camera_name,
-            "max_geom": checks.integer(max_geom, "max_geom", minimum=1),
-            "visual_options": self._checked_visual_options(visual_options),
-        }
-        self.render_mode = None if render_mode is None else self._checked_render_mode(render_mode)
+        self.check_keywords(unknown)
+        camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
+        self._renderer = rendering.Renderer(
+            width=width,
+            height=height,
+            camera_id=camera_id,
+            camera_name=camera_name,
+            default_camera_config=camera_config,
+            max_geom=max_geom,
+            visual_options=visual_options,
+        )
+        self.render_mode = None if render_mode is None else rendering.checked_render_mode(render_mode)
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         self._max_episode_steps = max_episode_steps
         with_visuals = render_mode is not None if visuals is None else checks.boolean(visuals, "visuals")
-        self._environment = self._make_environment({"visuals": with_visuals, "time_limit": None, **task_options})
-        self._check_camera(camera_id, camera_name)
-        self._renderer: MujocoRenderer | None = None
+        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None, **task_options}
+        self._environment = self._make_environment(options)
+        self._renderer.check_camera(self._environment)
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -91,6 +93,22 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         self = super().__new__(cls)
         self._arguments = copy.deepcopy((args, kwargs))
         return self
+
+    @classmethod
+    def check_keywords(cls, names: Iterable[str], leave_out: Iterable[str] = ()) -> None:
+        """Checks that the constructor has keyword arguments of given names.
+
+        Args:
+          names: of the arguments.
+          leave_out: arguments that are set otherwise.
+
+        Raises:
+          TypeError: there is no such argument.
+        """
+        constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
+        # TorchRL tries arguments of its own, and leaves out those that are called an "unexpected keyword argument".
+        what = "unexpected keyword argument"
+        checks.keywords(names, *constructors, what=what, leave_out={"self", "task_options", *leave_out})
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
@@ -114,6 +132,10 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
         It has the keys and the order of `task.task_observables`, which policies expect.
         """
+
+    def __repr__(self) -> str:
+        settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
+        return f"{type(self).__name__}({self._environment.task!r}, {settings})"
 
     @property
     def environment(self) -> Environment:
@@ -179,6 +201,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def set_state(self, state: Mapping[str, Any]) -> Any:
         """Sets a state returned by `get_state` of this environment, or of another one built with the same arguments.
 
+        Arguments of rendering may differ: a state of an environment without a render mode can be set in one with it.
+
         Returns:
           The observation.
 
@@ -200,14 +224,10 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         if self.render_mode is None:
             gymnasium.logger.warn("render() was called without a render_mode; pass one to the constructor")
             return None
-        if self._renderer is None:
-            self._renderer = self._make_renderer()
-        return self._renderer.render(self.render_mode)
+        return self._renderer.render(self._environment, self.render_mode)
 
     def close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._renderer.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -241,47 +261,6 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def _render_window(self) -> None:
         if self.render_mode == "human":
             self.render()
-
-    def _make_renderer(self) -> MujocoRenderer:
-        model, data = self._environment.physics.model.ptr, self._environment.physics.data.ptr
-        framebuffer = model.vis.global_
-        framebuffer.offwidth = max(framebuffer.offwidth, self._render_settings["width"])
-        framebuffer.offheight = max(framebuffer.offheight, self._render_settings["height"])
-        return MujocoRenderer(model, data, **self._render_settings)
-
-    def _check_camera(self, camera_id: int | None, camera_name: str | None) -> None:
-        model = self._environment.physics.model
-        names = [model.camera(i).name for i in range(model.ncam)]
-        if camera_name is not None and camera_id is not None:
-            raise ValueError(f"pass camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
-        if camera_name is not None:
-            checks.choice(camera_name, names, "camera_name")
-        if camera_id is not None and checks.integer(camera_id, "camera_id", minimum=-1) >= len(names):
-            raise ValueError(f"camera_id must be below {len(names)}, got {camera_id}; the cameras are {names}")
-
-    def _checked_camera_config(self, config: Mapping[str, Any] | None) -> dict[str, Any]:
-        if config is None:
-            return self._default_camera_config()
-        if not isinstance(config, Mapping):
-            raise TypeError(f"default_camera_config must be a dict, got {config!r}")
-        names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
-        return {checks.choice(name, names, "camera attribute"): value for name, value in config.items()}
-
-    @staticmethod
-    def _checked_visual_options(options: Mapping[int, bool] | None) -> dict[int, bool]:
-        if options is not None and not isinstance(options, Mapping):
-            raise TypeError(f"visual_options must be a dict, got {options!r}")
-        if odd := [flag for flag in options or {} if flag not in _VISUAL_FLAGS]:
-            raise ValueError(
-                f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {odd}"
-            )
-        return {int(flag): checks.boolean(value, "visual option") for flag, value in (options or {}).items()}
-
-    @staticmethod
-    def _checked_render_mode(render_mode: str) -> str:
-        if render_mode == "rgb_array_list":
-            raise ValueError("render_mode 'rgb_array_list' needs gymnasium.make; use 'rgb_array' here")
-        return checks.choice(render_mode, _RENDER_MODES, "render_mode")
 
     @staticmethod
     def _checked_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:

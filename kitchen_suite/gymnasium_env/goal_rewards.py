@@ -49,7 +49,7 @@ def reward(
     A task is rewarded if the info lists it as still to complete or as completed in the step. An info without these
     lists and masks rewards every task.
     """
-    within = goal_distances(achieved, desired, goals.starts) < threshold
+    within = _within(achieved, desired, goals, threshold)
     listed, has_lists = _listed_tasks(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
     return (within & np.where(has_lists, listed, True)).sum(axis=-1).astype(np.float64)
 
@@ -58,9 +58,17 @@ def terminated(
     achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
 ) -> NDArray[np.bool_]:
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
-    within = goal_distances(achieved, desired, goals.starts) < threshold
+    within = _within(achieved, desired, goals, threshold)
     completed, has_list = _listed_tasks(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
     return np.all(np.where(has_list, completed, within), axis=-1)
+
+
+def _within(
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], goals: GoalSet, threshold: float
+) -> NDArray[np.bool_]:
+    """Returns whether `(..., n)` each task is within the threshold; infinitely far goals are not."""
+    with np.errstate(over="ignore"):
+        return goal_distances(achieved, desired, goals.starts) < threshold
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -19,14 +19,10 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD
 from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.task import TIME_LIMIT
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
-
-# Control steps in an episode.
-EPISODE_STEPS = round(TIME_LIMIT / CONTROL_TIMESTEP)
 
 _STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
 
@@ -82,7 +78,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
+            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.

@@ -15,10 +15,6 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet.mdp import ACTION_SIZE, CONTROL_TIMESTEP
-from kitchen_suite.tasks.open_cabinet.task import TIME_LIMIT
-
-# Control steps in an episode.
-EPISODE_STEPS = round(TIME_LIMIT / CONTROL_TIMESTEP)
 
 
 class FrankaOpenCabinetEnv(SuiteEnv):
@@ -59,7 +55,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
           action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
             space is unbounded when omitted.
           **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options` and `visuals`; see `SuiteEnv`.
+            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.

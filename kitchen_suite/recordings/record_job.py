@@ -44,6 +44,7 @@ class RecordJob:
         self._settings = settings
         self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
+        self._spec.check_policy(self._template_env)
         self._wanted = range(settings.num_episodes)
         self._plan = self._plan_dataset()
         self._folder = RecordingFolder.claim(settings.output, self._spec)

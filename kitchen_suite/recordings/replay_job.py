@@ -14,8 +14,8 @@ from kitchen_suite.recordings.comparison import Comparison, compare
 from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.recordings.replay import replay
 from kitchen_suite.recordings.settings import ReplaySettings
-from kitchen_suite.rollouts import film
 from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.film import Film
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.versions import installed_versions
 
@@ -52,11 +52,12 @@ class ReplayJob:
         with minari_root(settings.data_path):
             self._source = sources.find(settings.source)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
-        self._environment = self._source.make_environment(visuals=settings.video is not None)
+        self._environment = self._source.make_environment(**settings.rendering)
         # The first reset compiles the model, and the size of its pictures with it.
         self._environment.reset()
         self._inner = suite_env(self._environment).environment
-        film.check(settings, self._inner)
+        limit = self._environment.spec.max_episode_steps if self._environment.spec else None
+        self._film = Film(settings, self._inner, num_episodes=len(self._indices), max_steps=limit)
         self._finished = 0
 
     def progress(self) -> str:
@@ -65,13 +66,14 @@ class ReplayJob:
     def run(self) -> bool:
         """Replays the episodes; prints a table row by row, and a verdict. Returns whether all are equal."""
         exactly = self._source.spec is not None
-        print_line("\n".join([self._heading(), "", _row({name: name for name in _COLUMNS})]))
+        print_line(f"{self._heading()}\n")
         equal = 0
         with (
             contextlib.closing(self._environment),
             minari_root(self._settings.data_path),
-            film.open_film(self._settings, self._inner) as watch,
+            self._film.open() as watch,
         ):
+            print_line(_row({name: name for name in _COLUMNS}))
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):
                 comparison = self._compare(index, watch, exactly)
                 equal += comparison.is_equal(exactly=exactly)

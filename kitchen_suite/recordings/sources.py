@@ -22,6 +22,7 @@ _DATASET_ID = re.compile(r"-v\d+$")
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
+_KNOWN_IDS = {_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()}
 
 
 class Source(abc.ABC):
@@ -38,8 +39,8 @@ class Source(abc.ABC):
         """Numbers of the episodes, in order."""
 
     @abc.abstractmethod
-    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
-        """Makes the environment; with visuals for pictures."""
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        """Makes the environment, with arguments of its rendering such as `visuals`."""
 
     @abc.abstractmethod
     def load(self, index: int) -> EpisodeArrays:
@@ -61,8 +62,8 @@ class FolderSource(Source):
     def indices(self) -> Sequence[int]:
         return self._folder.indices
 
-    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
-        return self.spec.make_environment(visuals=visuals)
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        return self.spec.make_environment(**rendering)
 
     def load(self, index: int) -> EpisodeArrays:
         return self._folder.load(index)
@@ -83,7 +84,7 @@ class MinariSource(Source):
             spec = dataset.storage.metadata.get(SPEC_KEY)
             self._spec = None if spec is None else RecordingSpec.from_json(spec)
             self._env_spec = dataset.env_spec
-        if self._env_spec is None or self._env_spec.id not in (_ORIGINAL_ID, *gymnasium_env.IDS.values()):
+        if self._env_spec is None or self._env_spec.id not in _KNOWN_IDS:
             found = self._env_spec and self._env_spec.id
             raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {found}")
 
@@ -95,13 +96,13 @@ class MinariSource(Source):
     def indices(self) -> Sequence[int]:
         return range(self._dataset.total_episodes)
 
-    def make_environment(self, *, visuals: bool) -> gymnasium.Env:
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
         env_spec = self._env_spec
         env_id = gymnasium_env.KITCHEN_ID if env_spec.id == _ORIGINAL_ID else env_spec.id
         arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
         # -1: no limit.
         limit = env_spec.max_episode_steps or -1
-        return gymnasium.make(env_id, max_episode_steps=limit, **{**arguments, "visuals": visuals})
+        return gymnasium.make(env_id, max_episode_steps=limit, **{**arguments, **rendering})
 
     def load(self, index: int) -> EpisodeArrays:
         with self._reading(f"episode {index}"):

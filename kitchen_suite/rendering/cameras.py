@@ -1,16 +1,19 @@
 """Cameras of a model, and the image sizes that it can render."""
 
-from dm_control import mjcf
+from typing import TYPE_CHECKING
 
 from kitchen_suite import checks
 
+if TYPE_CHECKING:
+    from dm_control import mjcf
 
-def camera_names(physics: mjcf.Physics) -> list[str]:
+
+def camera_names(physics: "mjcf.Physics") -> list[str]:
     """Returns the names of all cameras, in order of their ids."""
     return [physics.model.id2name(camera_id, "camera") for camera_id in range(physics.model.ncam)]
 
 
-def find_camera(physics: mjcf.Physics, camera: str) -> int:
+def find_camera(physics: "mjcf.Physics", camera: str) -> int:
     """Returns the id of a camera.
 
     Args:
@@ -21,12 +24,15 @@ def find_camera(physics: mjcf.Physics, camera: str) -> int:
       ValueError: the model has no such camera.
     """
     names = camera_names(physics)
-    if camera.isdecimal() and int(camera) < len(names):
-        return int(camera)
-    return names.index(checks.choice(camera, names, "camera"))
+    if not camera.isdecimal():
+        return names.index(checks.choice(camera, names, "camera"))
+    if int(camera) >= len(names):
+        numbers = ", ".join(f"{number} ({name})" for number, name in enumerate(names))
+        raise ValueError(f"camera {camera} does not exist; choose from {numbers}")
+    return int(camera)
 
 
-def check_size(physics: mjcf.Physics, width: int, height: int) -> None:
+def check_size(physics: "mjcf.Physics", width: int, height: int) -> None:
     """Checks that the model's offscreen buffer holds an image of `width` x `height` pixels.
 
     Raises:

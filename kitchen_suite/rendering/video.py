@@ -2,13 +2,18 @@
 
 import contextlib
 import importlib.util
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.files import atomic_write
+
+# Bytes that a disk cannot take where it was too full for ffmpeg.
+_PROBE = 2**20
 
 
 def check_ffmpeg() -> None:
@@ -29,23 +34,40 @@ def check_ffmpeg() -> None:
 
 @contextlib.contextmanager
 def open_video(
-    path: Path, *, width: int, height: int, frames_per_second: float
+    path: Path,
+    *,
+    width: int,
+    height: int,
+    frames_per_second: float,
+    on_partial: Callable[[int], None] = lambda frames: None,
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
     """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video.
+
+    An exception, such as an interrupt, ends the video early: the frames until then are kept.
 
     Args:
       path: an mp4 file; an existing one is replaced.
       width: an even number of pixels.
       height: an even number of pixels.
       frames_per_second: playback rate.
+      on_partial: called with the number of frames when an exception has ended the video early.
 
     Raises:
-      OSError: ffmpeg failed.
+      OSError: ffmpeg failed, or the disk is full.
     """
+    early_end = None
     with atomic_write(path) as partial:
         with contextlib.closing(_VideoWriter(partial, (width, height), frames_per_second)) as writer:
-            yield writer.append
+            try:
+                yield writer.append
+            except BaseException as error:
+                if not writer.frame_count:
+                    raise
+                early_end = error
         _check_frame_count(partial, writer.frame_count)
+    if early_end is not None:
+        on_partial(writer.frame_count)
+        raise early_end
 
 
 class _VideoWriter:
@@ -55,19 +77,26 @@ class _VideoWriter:
         import imageio_ffmpeg  # Only installed with the extra.
 
         self.frame_count = 0
+        # Absolute: ffmpeg takes a relative name with a colon for a protocol.
         self._ffmpeg = imageio_ffmpeg.write_frames(
-            str(path), size, fps=frames_per_second, quality=7, macro_block_size=2, ffmpeg_log_level="fatal"
+            str(path.absolute()), size, fps=frames_per_second, quality=7, macro_block_size=2, ffmpeg_log_level="quiet"
         )
+        # A thread of its own: an interrupt while a frame is written would end ffmpeg before the file is complete.
+        self._thread = ThreadPoolExecutor(1)
         self._ffmpeg.send(None)
 
     def append(self, frame: NDArray[np.uint8]) -> None:
         """Appends a frame."""
-        self._ffmpeg.send(np.ascontiguousarray(frame))
-        self.frame_count += 1
+        self._thread.submit(self._send, np.ascontiguousarray(frame)).result()
 
     def close(self) -> None:
         """Ends the ffmpeg process, which completes the file."""
+        self._thread.shutdown()
         self._ffmpeg.close()
+
+    def _send(self, frame: NDArray[np.uint8]) -> None:
+        self._ffmpeg.send(frame)
+        self.frame_count += 1
 
 
 def _check_frame_count(path: Path, expected: int) -> None:
@@ -75,8 +104,16 @@ def _check_frame_count(path: Path, expected: int) -> None:
     import imageio_ffmpeg
 
     try:
-        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
-    except RuntimeError as error:
-        raise OSError(f"ffmpeg failed: {error}") from error
+        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path.absolute()))
+    except RuntimeError:
+        found = 0
     if found != expected:
+        _check_disk(path)
         raise OSError(f"ffmpeg wrote {found} of {expected} frames")
+
+
+def _check_disk(path: Path) -> None:
+    """Raises the OSError of a disk that takes no more bytes, which ffmpeg does not report."""
+    with path.open("ab") as file:
+        file.write(bytes(_PROBE))
+        os.fsync(file.fileno())

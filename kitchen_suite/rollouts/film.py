@@ -2,54 +2,86 @@
 
 import contextlib
 import math
+import time
 from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, video
 from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.settings import FilmSettings
 
 
-def check(settings: FilmSettings, environment: Environment) -> int:
-    """Returns the number of the camera, if a film can be made of an environment that has been reset.
+class Film:
+    """Films the first episodes of a command in real time; does nothing where no video is asked for."""
 
-    Raises:
-      ImportError: a film is asked for, but there is no ffmpeg.
-      ValueError: there is no such camera, or the pictures are too large.
-    """
-    camera = cameras.find_camera(environment.physics, settings.camera)
-    if settings.video:
-        video.check_ffmpeg()
-        cameras.check_size(environment.physics, settings.width, settings.height)
-    return camera
+    def __init__(
+        self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
+    ) -> None:
+        """Checks that the film can be made.
 
+        Args:
+          settings: of the film.
+          environment: that is filmed.
+          num_episodes: number of episodes that will be played.
+          max_steps: maximum number of control steps in an episode; None where there is none.
 
-@contextlib.contextmanager
-def open_film(
-    settings: FilmSettings, environment: Environment, max_episodes: int | None = None
-) -> Iterator[Callable[[EpisodeBuffer], None]]:
-    """Yields a function that films the present step, and does nothing where no video is asked for.
+        Raises:
+          ImportError: a film is asked for, but there is no ffmpeg.
+          ValueError: there is no such camera, or the pictures are too large.
+        """
+        self._settings, self._environment = settings, environment
+        self._camera = cameras.find_camera(environment.physics, settings.camera)
+        if settings.video:
+            video.check_ffmpeg()
+            cameras.check_size(environment.physics, settings.width, settings.height)
+        rate = 1.0 / environment.control_timestep()
+        # Control steps for each frame.
+        self._stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
+        self._frames_per_second = rate / self._stride
+        self._num_episodes = min(settings.video_episodes, num_episodes)
+        self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
 
-    The film plays in real time, with as many control steps for a frame as `video_fps` needs.
+    @contextlib.contextmanager
+    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+        """Yields a function that films the present step; reports how long the film will take."""
+        settings, episodes = self._settings, 0
+        if settings.video is None:
+            yield lambda buffer: None
+            return
+        self._announce()
+        with video.open_video(
+            settings.video,
+            width=settings.width,
+            height=settings.height,
+            frames_per_second=self._frames_per_second,
+            on_partial=lambda frames: print_line(f"video {settings.video} ends early, after {frames} frames"),
+        ) as add_frame:
 
-    Args:
-      settings: of the film.
-      environment: that is filmed.
-      max_episodes: number of episodes in the film, the first ones; all when omitted.
-    """
-    if settings.video is None:
-        yield lambda buffer: None
-        return
-    camera, size = check(settings, environment), {"width": settings.width, "height": settings.height}
-    rate = 1.0 / environment.control_timestep()
-    stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
-    episodes = 0
-    with video.open_video(settings.video, **size, frames_per_second=rate / stride) as add_frame:
+            def film(buffer: EpisodeBuffer) -> None:
+                nonlocal episodes
+                episodes += buffer.steps == 0
+                if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
+                    add_frame(self._render())
 
-        def film(buffer: EpisodeBuffer) -> None:
-            nonlocal episodes
-            episodes += buffer.steps == 0
-            if buffer.steps % stride == 0 and episodes <= (max_episodes or episodes):
-                add_frame(environment.physics.render(**size, camera_id=camera))
+            yield film
 
-        yield film
+    def _announce(self) -> None:
+        """Prints how much there is to film, and how long it takes by the time of one frame."""
+        self._render()  # The first frame takes longer: it makes the GL context.
+        started = time.perf_counter()
+        self._render()
+        seconds = time.perf_counter() - started
+        episodes = f"{self._num_episodes} episode" + ("s" if self._num_episodes > 1 else "")
+        if self._max_frames is None:
+            print_line(f"filming {episodes}, about {seconds:.2f} s a frame\n")
+        else:
+            total = self._max_frames * seconds
+            print_line(f"filming {episodes}: at most {self._max_frames} frames, about {total:.0f} s\n")
+
+    def _render(self) -> NDArray[np.uint8]:
+        settings = self._settings
+        return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)

@@ -3,12 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+from kitchen_suite import files
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.rendering import gl, video
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.settings import PlaySettings, RolloutSettings
 
-_DEFAULT_POLICY = "top_drawer"
+_DEFAULT_POLICY = "top_drawer_grasp"
+_DEFAULT_VIDEO = Path("kitchen-play.mp4")
 
 
 def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
@@ -43,7 +46,9 @@ class PlayJob(RolloutJob):
         """
         if settings.shipped and settings.policy_file:
             raise ValueError("--shipped and --policy_file both name a policy: give one of them")
-        self._video = None if settings.novideo else settings.video
+        self._reason_against_video = "" if settings.video or settings.novideo else _reason_against_video()
+        wanted = not settings.novideo and not self._reason_against_video
+        self._video = (settings.video or _DEFAULT_VIDEO) if wanted else None
         rollout = policy_rollout(
             settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY),
             num_episodes=settings.num_episodes,
@@ -55,6 +60,7 @@ class PlayJob(RolloutJob):
             camera=settings.camera,
             width=settings.width,
             height=settings.height,
+            render_quality=settings.render_quality,
         )
         super().__init__(rollout)
 
@@ -62,5 +68,20 @@ class PlayJob(RolloutJob):
         super().run()
         if self._video:
             print_line(f"video {self._video}")
+        if self._reason_against_video:
+            print_line(f"no video: {self._reason_against_video}")
         print_line(f"success {self.successes}/{self.finished}")
         return True
+
+
+def _reason_against_video() -> str:
+    """Returns why the default video cannot be made here; empty if it can."""
+    try:
+        gl.find_library()
+        video.check_ffmpeg()
+        files.check_writable(_DEFAULT_VIDEO.parent)
+        if _DEFAULT_VIDEO.is_dir():
+            raise IsADirectoryError(f"{_DEFAULT_VIDEO} is a folder")
+    except (ImportError, OSError) as error:
+        return str(error)
+    return ""

@@ -13,8 +13,8 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.rollouts import film
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
+from kitchen_suite.rollouts.film import Film
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.runners import SingleRunner
@@ -23,6 +23,9 @@ from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
+
+# Shows a policy that succeeds, to those who have seen the random one.
+_NEXT_COMMAND = "kitchen-rollout --domain_name=open_cabinet --policy=trained"
 
 
 class RolloutJob:
@@ -45,11 +48,12 @@ class RolloutJob:
             raise ValueError("workers make no video: leave out --workers")
         self._settings = settings
         self._spec = RecordingSpec.of(settings, seeding="dm_control")
-        # Without a video, the scene is built without the geoms that are only seen: it steps faster.
-        self._rollout = SingleRollout(self._spec, visuals=settings.video is not None)
+        self._rollout = SingleRollout(self._spec, **settings.rendering)
         self._environment = suite_env(self._rollout.environment).environment
         self._environment.task.visualize_reward = settings.visualize_reward
-        film.check(settings, self._environment)
+        steps = self._spec.max_episode_steps
+        self._film = Film(settings, self._environment, num_episodes=settings.num_episodes, max_steps=steps)
+        self._spec.check_policy(self._rollout.environment)
         self._folder = RecordingFolder.create(settings.output, self._spec) if settings.output else None
         self._report = Report(last_seed=settings.seed + settings.num_episodes - 1)
 
@@ -81,7 +85,10 @@ class RolloutJob:
                 else:
                     self._play()
         finally:
-            print_line(f"\n{self._report.summary()}")
+            if self.finished:
+                print_line(f"\n{self._report.summary()}")
+        if self._settings == RolloutSettings():
+            print_line(f"\nTry next: {_NEXT_COMMAND}")
         return True
 
     def _play(self) -> None:
@@ -114,7 +121,7 @@ class RolloutJob:
         """Yields the function to be called at every step: it moves the progress bar, and films."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (
-            film.open_film(settings, self._environment, settings.video_episodes) as film_step,
+            self._film.open() as film_step,
             tqdm(total=settings.num_episodes * limit, unit="step", disable=None, leave=False) as bar,
         ):
             left = settings.num_episodes
@@ -133,7 +140,8 @@ class RolloutJob:
 class ListJob:
     """Lists all domains with their tasks and cameras."""
 
-    failures = usage_errors = ()
+    failures = (OSError,)
+    usage_errors = ()
 
     def progress(self) -> str:
         return "while listing"

@@ -29,6 +29,13 @@ class FilmSettings:
     camera: str = "overview"
     width: int = 640
     height: int = 480
+    video_episodes: int = 1
+    render_quality: str = "fast"
+
+    @property
+    def rendering(self) -> dict[str, Any]:
+        """Arguments of the filmed environment; without a video it is built without visuals, and steps faster."""
+        return {"visuals": self.video is not None, "render_quality": self.render_quality}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,7 +45,6 @@ class RolloutSettings(EpisodeSettings, FilmSettings):
     list: bool = False
     num_episodes: int = 3
     output: Path | None = None
-    video_episodes: int | None = None
     visualize_reward: bool = False
 
 
@@ -51,8 +57,6 @@ class PlaySettings(FilmSettings):
     num_episodes: int = 10
     seed: int = 0
     max_episode_steps: int | None = None
-    video: Path = Path("kitchen-play.mp4")
     novideo: bool = False
-    video_episodes: int = 2
     # Enough to follow a motion, and few enough to be rendered without a graphics card.
     video_fps: float = 12.5

@@ -7,11 +7,12 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, gymnasium_env, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
-from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -94,8 +95,12 @@ class RecordingSpec:
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
+        env_id = gymnasium_env.IDS[domain_name]
+        # Gymnasium takes some names itself, such as `disable_env_checker`.
+        env_class = cast(type[SuiteEnv], load_env_creator(str(gymnasium.spec(env_id).entry_point)))
+        env_class.check_keywords(task_kwargs, leave_out=_RESERVED)
         policies.find(policy)
-        limit = max_episode_steps or gymnasium.spec(gymnasium_env.IDS[domain_name]).max_episode_steps
+        limit = max_episode_steps or gymnasium.spec(env_id).max_episode_steps
         return cls(
             domain_name=domain_name,
             task_name=task_name,
@@ -131,9 +136,20 @@ class RecordingSpec:
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
-        return gymnasium.make(
-            gymnasium_env.IDS[self.domain_name], max_episode_steps=self.max_episode_steps, **self._arguments(), **extra
-        )
+        arguments = {"max_episode_steps": self.max_episode_steps, **self._arguments(), **extra}
+        try:
+            return gymnasium.make(gymnasium_env.IDS[self.domain_name], **arguments)
+        except TypeError as error:
+            # Gymnasium adds all arguments to the message.
+            raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
+
+    def check_policy(self, environment: gymnasium.Env) -> None:
+        """Builds the policy for an environment of the episodes, so that bad options are refused before the first one.
+
+        Raises:
+          PolicyError: the policy cannot be built.
+        """
+        policies.find(self.policy)(suite_env(environment).environment, policy_generator(self.seed))
 
     def make_vector_env(
         self,

@@ -3,5 +3,7 @@
 `gymnasium.make_vec("kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1", num_envs=32)` builds one.
 """
 
-from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv
-from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
+from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
+from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
+
+__all__ = ["FrankaKitchenVectorEnv", "FrankaOpenCabinetVectorEnv"]

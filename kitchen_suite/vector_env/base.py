@@ -19,6 +19,7 @@ from kitchen_suite.environment import PHYSICS_STATE, random_state
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env.forks import leak_in_forks
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
@@ -61,8 +62,9 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        self.num_envs = checks.integer(num_envs, "num_envs", minimum=1)
-        threads = processors() if num_threads is None else checks.integer(num_threads, "num_threads", minimum=1)
+        self.num_envs = checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
+        threads = processors() if num_threads is None else num_threads
+        checks.integer(threads, "num_threads", minimum=1, maximum=checks.MAX_THREADS)
         modes = [mode.value for mode in AutoresetMode]
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self._autoreset = AutoresetMode(checks.choice(name, modes, "autoreset_mode"))
@@ -93,6 +95,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         environment = self._template_env.environment
         self._physics_steps = environment.task.physics_steps_per_control_step
         self._batch = Batch(environment.physics.model.ptr, self.num_envs, threads, persistent=True)
+        leak_in_forks(self._batch)
         self._data_fields: dict[str, NDArray] = {}
         self._model_fields = {name: self._batch.expand(name) for name in self._randomized_fields()}
         self._process = os.getpid()
@@ -104,6 +107,10 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._episode_steps = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
+
+    def __repr__(self) -> str:
+        env_id = f"{self.spec.id}, " if self.spec else ""
+        return f"{type(self).__name__}({env_id}{self._template_env.environment.task!r}, num_envs={self.num_envs})"
 
     @property
     def template_env(self) -> SuiteEnv:

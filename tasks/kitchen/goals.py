@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple, Self
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -178,7 +179,7 @@ class GoalSet:
         Raises:
           TypeError: `tasks` is not a sequence of strings, or a goal does not hold numbers.
           ValueError: `tasks` is empty, repeats a task or names an unknown one; a goal is for a task that is not among
-            them, has the wrong length, or is not finite.
+            them, has the wrong length, is not finite, or is greater than MuJoCo's greatest position.
         """
         names = tuple(
             checks.choice(name, GOALS.keys(), "task") for name in checks.unique_names(tasks, "tasks_to_complete")
@@ -191,6 +192,10 @@ class GoalSet:
             checks.vector(overrides.get(name, GOALS[name].value), size, f"goal of {name!r}")
             for name, size in zip(names, sizes, strict=True)
         ]
+        for name, goal in zip(names, desired, strict=True):
+            if np.abs(goal).max() > mujoco.mjMAXVAL:
+                limit = f"{mujoco.mjMAXVAL:g}, the greatest position that MuJoCo simulates"
+                raise ValueError(f"goal of {name!r} must not exceed {limit}, got {goal}")
         return cls(
             tasks=names,
             elements=np.concatenate([GOALS[name].elements for name in names]),

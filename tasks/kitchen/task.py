@@ -98,6 +98,9 @@ class KitchenTask(SuiteTask):
         self._observables = KitchenObservables(scene, self._mdp.goals)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
+    def __repr__(self) -> str:
+        return f"KitchenTask(tasks_to_complete={list(self._mdp.goals.tasks)})"
+
     @property
     def root_entity(self) -> KitchenArena:
         return self._scene.arena

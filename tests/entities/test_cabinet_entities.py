@@ -146,8 +146,22 @@ def test_sizes_that_do_not_fit_are_refused_by_name(change, error):
         entities.CabinetConfig(**change)
 
 
+LEAST = {"panel", "worktop", "drawer_travel", "drawer_mass", "drawer_friction", "drawer_damping", "door_mass"}
+LEAST |= {"door_friction", "door_damping", "handle_clearance", "handle_radius", "handle_half_length", "handle_friction"}
+
+
+@pytest.mark.parametrize("value", [1e-12, 5e-324, 1e11, 10**400], ids=["tiny", "subnormal", "large", "huge"])
+@pytest.mark.parametrize("name", ["panel", "handle_half_length", "drawer_mass", "handle_clearance"])
+def test_sizes_and_masses_that_mujoco_does_not_compile_are_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=rf"{name} of a cabinet must be"):
+        entities.CabinetConfig(**{name: value})
+
+
 def test_configs_at_the_limits_can_be_built():
     configs = [
+        dict.fromkeys(LEAST, 1e-6),
+        *({name: 1e-6} for name in ("panel", "handle_half_length", "drawer_mass", "door_mass")),
+        {"drawer_mass": 1e10, "door_mass": 1e10, "drawer_damping": 1e10, "handle_clearance": 1e10},
         {"drawer_heights": (0.244, 0.05)},
         {"drawer_heights": (0.273, 0.05)},
         {"handle_half_length": 0.371},

@@ -1,10 +1,13 @@
 """The entities: joints, actuators, geoms and observables by name, and physics without visuals."""
 
+import hashlib
+
 import numpy as np
 import pytest
 from dm_control import composer, mjcf
 
 from kitchen_suite import entities
+from kitchen_suite.entities.assets import asset_dir
 
 PROPS = (entities.Oven, entities.Hood, entities.SlideCabinet, entities.HingeCabinet, entities.Microwave)
 
@@ -97,3 +100,10 @@ def test_the_kitchen_lists_its_props_in_the_order_of_the_observation():
         "microwave",
         "kettle",
     ]
+
+
+def test_the_installed_meshes_and_textures_are_those_that_the_models_were_made_for():
+    paths = sorted(path for path in asset_dir().rglob("*") if path.suffix in (".stl", ".png"))
+    # The same in gymnasium-robotics 1.4.0, 1.4.1 and 1.4.2.
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
+    assert digest == "d4e77d460c1fd565cd4381055faccc41df77f07ff5e47f7f98714762956942d4"

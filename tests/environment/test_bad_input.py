@@ -34,6 +34,8 @@ def load(domain="kitchen", task="all", environment_kwargs=None, **task_kwargs):
         ({"tasks_to_complete": [7]}, TypeError, ["task", "7"]),
         ({"goals": {"microwave": [1.0, 2.0]}}, ValueError, ["goal of 'microwave'", "(1,)", "(2,)"]),
         ({"goals": {"microwave": [NAN]}}, ValueError, ["goal of 'microwave'", "finite", "nan"]),
+        ({"goals": {"microwave": [-1e200]}}, ValueError, ["goal of 'microwave'", "1e+10", "-1.e+200"]),
+        ({"threshold": 10**400}, ValueError, ["threshold", "finite"]),
         ({"goals": {"microwave": ["far"]}}, TypeError, ["goal of 'microwave'", "numbers"]),
         ({"goals": {"micro": [1.0]}}, ValueError, ["'micro'", "did you mean 'microwave'"]),
         ({"goals": [1.0]}, TypeError, ["goals", "[1.0]"]),
@@ -108,6 +110,15 @@ def test_actions_change_nothing(action, error, words):
         one, other = tried.step(np.ones(9)), spared.step(np.ones(9))
         for key, value in one.observation.items():
             np.testing.assert_array_equal(value, other.observation[key])
+
+
+@pytest.mark.parametrize(("domain", "task", "size"), [("kitchen", "all", 9), ("open_cabinet", "top_drawer", 8)])
+@pytest.mark.filterwarnings("error")
+def test_a_longdouble_action_beyond_float64_is_refused_without_numpys_warning(domain, task, size):
+    environment = load(domain, task)
+    environment.reset()
+    with pytest.raises(ValueError, match="action must be finite"):
+        environment.step(np.full(size, np.longdouble("1e400")))
 
 
 @pytest.mark.parametrize("action", [[0] * 9, (0.5,) * 9, np.ones(9, np.float32), np.ones(9, np.int8)])

@@ -5,13 +5,13 @@ import inspect
 
 import pytest
 
-from kitchen_suite.environment import environment, observation_updater
+from kitchen_suite.environment import environment, observation_updater, physics
 from kitchen_suite.environment.composer_internals import PRIVATE_NAMES, check_private_names, names_of
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():
     of_composer = set().union(*map(names_of, PRIVATE_NAMES))
-    nodes = [node for module in (environment, observation_updater) for node in ast.walk(parsed(module))]
+    nodes = [node for module in (environment, observation_updater, physics) for node in ast.walk(parsed(module))]
     accessed = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     overridden = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
     private = {name for name in accessed | overridden if name.startswith("_") and not name.startswith("__")}

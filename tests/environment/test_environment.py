@@ -153,6 +153,16 @@ def test_a_fixed_initial_state_repeats_itself():
     np.testing.assert_array_equal(trajectory(environment, 3), trajectory(environment, 3))
 
 
+@pytest.mark.parametrize("random", [5, np.random.RandomState(np.random.PCG64(5))])
+def test_a_random_state_given_to_an_environment_with_a_fixed_initial_state_is_the_fixed_one(random):
+    environment = suite.load("kitchen", "all", {"random": 0, "visuals": False}, {"fixed_initial_state": True})
+    before = trajectory(environment, 3)
+    environment.random_state = random
+    after = trajectory(environment, 3)
+    assert not np.array_equal(after, before)
+    np.testing.assert_array_equal(trajectory(environment, 3), after)
+
+
 @pytest.mark.parametrize("legacy_step", [True, False])
 def test_a_state_brings_back_physics_task_and_random_stream(legacy_step):
     environment = Environment(make_task(), random_state=1, legacy_step=legacy_step, time_limit=1.0)

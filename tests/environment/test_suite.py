@@ -49,9 +49,6 @@ class EnvironmentContract(test_utils.EnvironmentTestMixin):
     def make_object_under_test(self):
         return load(*self.pair)
 
-    def make_action(self):
-        return np.zeros(self.environment.action_spec().shape)  # The spec's own choice is its lower bound: infinite.
-
     def make_action_sequence(self):
         rng = np.random.default_rng(0)
         for _ in range(20):

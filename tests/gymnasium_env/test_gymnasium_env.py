@@ -336,6 +336,25 @@ def test_a_state_brings_everything_back():
     assert_same([other.step(action) for action in actions(10, seed=1)], expected)
 
 
+def test_a_moment_of_a_headless_run_can_be_set_where_it_can_be_rendered_and_back():
+    headless, visual = FrankaKitchenEnv(**EASY), FrankaKitchenEnv(**EASY, visuals=True)
+    assert visual.environment.physics.model.nbody > headless.environment.physics.model.nbody
+    headless.reset(seed=1)
+    for action in actions(10):
+        headless.step(action)
+    for source, target in ((headless, visual), (visual, headless)):
+        source.environment.physics.data.qfrc_applied[:9] = 0.1
+        state = source.get_state()
+        observation, _ = target.reset(options={"state": pickle.loads(pickle.dumps(state))})
+        assert observation in target.observation_space
+        assert_same(target.get_state(), state)
+        for name in ("time", "qpos", "qvel", "act", "ctrl", "qacc_warmstart", "qfrc_applied", "eq_active"):
+            assert_same(*(np.array(getattr(env.environment.physics.data, name)) for env in (source, target)))
+        for action in actions(5, seed=2):
+            assert_same(source.step(action), target.step(action))
+        assert_same(source.get_state(), target.get_state())
+
+
 def test_a_state_serves_a_planner_after_the_end_of_an_episode():
     env = FrankaKitchenEnv(["microwave"], goals={"microwave": [0.1]})
     env.reset(seed=1)

@@ -297,3 +297,11 @@ def test_random_orders_that_end_with_the_hinge_cabinet(load):
         order = (*generator.permutation(others).tolist(), "hinge cabinet")
         completed, _ = episode(env, experts.KitchenExpert(order, in_order=True), seed)
         assert len(completed) == 7, order
+
+
+def test_importing_the_experts_leaves_numpys_global_random_state_alone():
+    code = (
+        "import numpy as np; np.random.seed(0); import kitchen_suite.experts\n"
+        "assert np.random.random_sample() == np.random.RandomState(0).random_sample()"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)

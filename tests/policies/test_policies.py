@@ -85,6 +85,40 @@ def test_malformed_options_are_rejected(name):
         policies.find(name)
 
 
+NESTED = {
+    "signs": "expert(speed=" + "-" * 50_000 + "1)",
+    "sums": "expert(speed=" + "1+" * 2_000 + "1)",
+    "brackets": "expert(speed=" + "(" * 2_000 + "1" + ")" * 2_000 + ")",
+    "lists": "expert(speed=" + "[" * 2_000 + "]" * 2_000 + ")",
+}
+
+
+@pytest.mark.parametrize("name", NESTED)
+def test_nested_options_end_in_no_error_of_pythons_parser(name):
+    with pytest.raises(ValueError, match="is not well-formed"):
+        policies.find(NESTED[name])
+
+
+def test_an_open_bracket_is_not_taken_for_another_policy():
+    with pytest.raises(ValueError, match=r"'expert\(speed=' is not well-formed"):
+        policies.find("expert(speed=")
+
+
+def test_an_unknown_option_gets_the_nearest_and_a_list(kettle):
+    with pytest.raises(policies.PolicyError, match=r"option 'sped' does not exist \(did you mean 'speed'\?\); choose"):
+        policies.find("expert(sped=1)")(kettle, np.random.default_rng(0))
+
+
+def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
+    def act(timestep):
+        raise SystemExit(0)
+
+    monkeypatch.setitem(sys.modules, "module_of_a_user", types.SimpleNamespace(act=act))
+    policy = policies.find("module_of_a_user:act")(kettle, np.random.default_rng(0))
+    with pytest.raises(policies.PolicyError, match="raised SystemExit: 0"):
+        policy(START)
+
+
 @pytest.mark.parametrize("name", ["expert(speed=2)", "expert(haste=1)", "expert(jitter='much')"])
 def test_options_that_the_expert_rejects_are_policy_errors(name, kettle):
     with pytest.raises(policies.PolicyError, match="cannot be built"):

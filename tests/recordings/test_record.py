@@ -431,7 +431,7 @@ def test_a_full_disk_gets_one_line(run, monkeypatch):
 
 
 BAD = {
-    "--colour=red": "Unknown command line flag 'colour'",
+    "--colour=red": "there is no flag --colour",
     "--num_episodes=0": "must be at least 1",
     "--num_envs=0": "must be at least 1",
     "--num_threads=0": "must be at least 1",
@@ -447,7 +447,9 @@ BAD = {
     "--output=": "is empty",
     "--task_kwargs=[1]": "JSON object",
     "--task_kwargs={": "not JSON",
-    '--task_kwargs={"colour": 1}': "unexpected keyword argument 'colour'",
+    '--task_kwargs={"colour": 1}': "argument 'colour' does not exist",
+    '--task_kwargs={"disable_env_checker": true}': "argument 'disable_env_checker' does not exist",
+    "--num_threads=99999999999": "must be at most 1024",
     '--task_kwargs={"threshold": -1}': "threshold must be",
     '--task_kwargs={"info_format": "lists"}': "info_format cannot be among the task_kwargs",
     '--task_kwargs={"random": 1}': "random cannot be among the task_kwargs",

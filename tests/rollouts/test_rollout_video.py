@@ -1,7 +1,10 @@
 """Videos of `kitchen-rollout`, and the choice of the GL library that renders them."""
 
 import contextlib
+import errno
 import os
+import re
+from pathlib import Path
 
 import imageio.v2 as imageio
 import imageio_ffmpeg
@@ -31,7 +34,7 @@ def film(*arguments):
 
 @pytest.mark.rendering
 def test_a_video_shows_every_time_step_at_its_true_speed(folder):
-    assert film("--num_episodes=2") == 0
+    assert film("--num_episodes=3", "--video_episodes=2") == 0
     about, frames = read("film.mp4")
     assert about["fps"] == 12.5
     # Two episodes of three control steps, each with its start.
@@ -42,7 +45,7 @@ def test_a_video_shows_every_time_step_at_its_true_speed(folder):
 
 @pytest.mark.rendering
 def test_more_frames_than_control_steps_make_one_frame_for_each_step(folder):
-    assert film("--num_episodes=1", "--video_fps=1e9") == 0
+    assert film("--num_episodes=1", "--video_fps=1e4") == 0
     about, frames = read("film.mp4")
     assert about["fps"] == 12.5
     assert len(frames) == 4
@@ -59,14 +62,49 @@ def test_the_camera_may_be_a_name_or_a_number(folder):
     assert np.abs(views[0].astype(float) - views[2]).mean() > 10
 
 
+STOPPING = """
+steps = 0
+def act(timestep):
+    global steps
+    steps += 1
+    if steps == 2:
+        raise {error}
+    return 9 * [0.0]
+"""
+
+
 @pytest.mark.rendering
-def test_a_video_that_is_not_finished_leaves_the_one_before(folder, capsys):
-    folder.joinpath("film.mp4").write_bytes(b"before")
-    folder.joinpath("stopping.py").write_text("def act(timestep):\n    raise KeyboardInterrupt\n")
-    assert film("--policy=stopping:act") == 130
-    assert capsys.readouterr().err == "kitchen-rollout: interrupted after 0 of 3 episodes\n"
-    assert folder.joinpath("film.mp4").read_bytes() == b"before"
+@pytest.mark.parametrize(("error", "status"), [("KeyboardInterrupt", 130), ("ValueError('bad')", 2)])
+def test_an_interrupt_or_error_keeps_the_film_until_then(folder, capsys, error, status):
+    # A module of its own for each case: a process imports a module once.
+    folder.joinpath(f"stopping_{status}.py").write_text(STOPPING.format(error=error))
+    assert film(f"--policy=stopping_{status}:act") == status
+    out, err = capsys.readouterr()
+    assert len(read("film.mp4")[1]) == 2
+    assert out.splitlines()[-1] == "video film.mp4 ends early, after 2 frames"
+    assert err.count("\n") == 1
     assert not [name for name in os.listdir(folder) if name.startswith(".")]
+
+
+def test_an_error_before_the_first_frame_leaves_the_film_of_before(folder):
+    folder.joinpath("film.mp4").write_bytes(b"before")
+    with pytest.raises(KeyboardInterrupt), video.open_video(Path("film.mp4"), **TINY):
+        raise KeyboardInterrupt
+    assert folder.joinpath("film.mp4").read_bytes() == b"before"
+    assert os.listdir(folder) == ["film.mp4"]
+
+
+@pytest.mark.rendering
+def test_by_default_one_episode_is_filmed_and_its_length_is_told_before(folder, capsys):
+    assert film("--num_episodes=2", "--camera=3") == 0
+    assert len(read("film.mp4")[1]) == 3 + 1
+    _, _, announcement, *_ = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"filming 1 episode: at most 4 frames, about \d+ s", announcement)
+
+
+def test_the_error_of_a_camera_number_lists_the_numbers(folder, capsys):
+    assert film("--camera=99") == 2
+    assert "camera 99 does not exist; choose from 0 (left_cap), 1 (right_cap), 2 (overview)" in capsys.readouterr().err
 
 
 @pytest.mark.rendering
@@ -79,12 +117,11 @@ def test_filming_changes_nothing(folder, capsys):
     assert one == other
 
 
-@pytest.mark.rendering
-def test_a_size_beyond_the_model_is_refused(folder, capsys):
+def test_a_size_beyond_the_model_is_refused_at_once(folder, capsys):
     assert rollout.main(["--video=film.mp4", "--width=4000"]) == 2
     assert capsys.readouterr() == (
         "",
-        "kitchen-rollout: a video of 4000 x 480 pixels is too large: the model's offscreen buffer has 1920 x 1440\n",
+        "kitchen-rollout: flag --width=4000: must be at most 1920\n",
     )
 
 
@@ -96,8 +133,27 @@ def test_an_incomplete_video_is_an_error_and_leaves_no_file(folder, monkeypatch,
     assert os.listdir(folder) == []
 
 
+def test_a_relative_name_with_a_colon_is_a_file(folder):
+    write_two_frames(Path("a:b.mp4"))
+    assert len(read("a:b.mp4")[1]) == 2
+
+
+def test_a_full_disk_is_named_in_one_short_line(folder, monkeypatch):
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda path: (1, 0.0))
+    with pytest.raises(OSError, match=r"^.Errno 28. No space left on device: '.*film.mp4'$"):
+        write_two_frames(folder / "film.mp4")
+    assert os.listdir(folder) == []
+
+
+TINY = {"width": 32, "height": 32, "frames_per_second": 10.0}
+
+
 def write_two_frames(path):
-    with video.open_video(path, width=32, height=32, frames_per_second=10.0) as add:
+    with video.open_video(path, **TINY) as add:
         for _ in range(2):
             add(np.zeros((32, 32, 3), np.uint8))
 

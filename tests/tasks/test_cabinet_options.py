@@ -1,5 +1,7 @@
 """The open_cabinet domain's builder, its options, and its errors."""
 
+import pickle
+
 import dm_env
 import numpy as np
 import pytest
@@ -36,6 +38,16 @@ def test_the_action_has_no_bounds():
     assert np.isneginf(spec.minimum).all()
     assert np.isposinf(spec.maximum).all()
     assert len(spec.name.split("\t")) == 8
+
+
+def test_the_action_specs_generated_value_is_one_that_step_takes():
+    env = load()
+    env.reset()
+    spec = env.action_spec()
+    np.testing.assert_array_equal(spec.generate_value(), np.zeros(8))
+    assert env.step(spec.generate_value()).mid()
+    for twin in (pickle.loads(pickle.dumps(spec)), spec.replace(name="action")):
+        np.testing.assert_array_equal(twin.generate_value(), np.zeros(8))
 
 
 def test_dm_controls_action_wrappers_refuse_an_action_without_bounds():

@@ -301,6 +301,29 @@ def test_a_forked_process_is_told_so_and_does_not_hang():
     env.step(actions_of(env))
 
 
+FORKS = """
+import os, signal, sys
+from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
+
+ends = {"close": lambda envs: envs.pop().close(), "del": list.clear, "exit": lambda envs: None}
+for vector in (FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv):
+    envs = [vector(2, num_threads=2)]
+    envs[0].reset(seed=0)
+    for name, end in ends.items():
+        if os.fork() == 0:
+            signal.alarm(10)
+            end(envs)
+            sys.exit(7)
+        print(vector.__name__, name, os.waitstatus_to_exitcode(os.wait()[1]))
+    envs[0].step(envs[0].action_space.sample())
+"""
+
+
+def test_a_forked_process_that_closes_or_drops_it_or_exits_does_not_hang():
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKS], capture_output=True, text=True, check=True)
+    assert [line.split()[-1] for line in done.stdout.splitlines()] == ["7"] * 6, done.stdout
+
+
 @both
 def test_a_closed_environment_raises(vector):
     env = started(vector)

@@ -26,12 +26,8 @@ def make(task: composer.Task, **options: Any) -> Expert:
       TypeError: an argument is unknown or of the wrong type.
       ValueError: there is no expert for this kind of task, or an option has a value that the expert rejects.
     """
-    if isinstance(task, OpenCabinetTask):
+    if expert_class(task) is DrawerExpert:
         return DrawerExpert(**{"drawer": task.drawer, **options})
-    if not isinstance(task, KitchenTask):
-        raise ValueError(
-            f"there is no expert for {type(task).__name__}; the tasks that have one are KitchenTask and OpenCabinetTask"
-        )
     settings = {
         "tasks": task.mdp.goals.tasks,
         "goals": task.goals,
@@ -40,6 +36,20 @@ def make(task: composer.Task, **options: Any) -> Expert:
         "feedback": task.mdp.feedback,
     }
     return KitchenExpert(**{**settings, **options})
+
+
+def expert_class(task: composer.Task) -> type[Expert]:
+    """Returns the class of the expert for a task.
+
+    Raises:
+      ValueError: there is no expert for this kind of task.
+    """
+    for kind, expert in ((OpenCabinetTask, DrawerExpert), (KitchenTask, KitchenExpert)):
+        if isinstance(task, kind):
+            return expert
+    raise ValueError(
+        f"there is no expert for {type(task).__name__}; the tasks that have one are KitchenTask and OpenCabinetTask"
+    )
 
 
 def make_policy(

@@ -1,0 +1,134 @@
+"""Pictures of a Gymnasium environment, by Gymnasium's own MuJoCo renderer."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from gymnasium.envs.mujoco import mujoco_rendering
+
+from kitchen_suite import checks
+from kitchen_suite.environment import Environment
+from kitchen_suite.rendering import gl
+
+RENDER_MODES = ("human", "rgb_array", "depth_array")
+
+_VISUAL_FLAGS = range(int(mujoco.mjtVisFlag.mjNVISFLAG))
+
+
+class Renderer:
+    """Renders an environment; its GL context is made for the first picture."""
+
+    def __init__(
+        self,
+        *,
+        width: int,
+        height: int,
+        camera_id: int | None,
+        camera_name: str | None,
+        default_camera_config: Mapping[str, Any],
+        max_geom: int,
+        visual_options: Mapping[int, bool] | None,
+    ) -> None:
+        """Checks the arguments, which are those of `SuiteEnv`.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown name, or a number out of range.
+        """
+        if camera_name is not None and camera_id is not None:
+            raise ValueError(f"pass camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
+        self._camera_id, self._camera_name = camera_id, camera_name
+        self._settings: dict[str, Any] = {
+            "default_cam_config": _checked_camera_config(default_camera_config),
+            "width": checks.integer(width, "width", minimum=1),
+            "height": checks.integer(height, "height", minimum=1),
+            "camera_id": camera_id,
+            "camera_name": camera_name,
+            "max_geom": checks.integer(max_geom, "max_geom", minimum=1),
+            "visual_options": _checked_visual_options(visual_options),
+        }
+        self._renderer: _MujocoRenderer | None = None
+
+    def check_camera(self, environment: Environment) -> None:
+        """Checks that an environment has the camera.
+
+        Raises:
+          TypeError: the camera's name is no string, or its number no integer.
+          ValueError: there is no such camera.
+        """
+        model = environment.physics.model
+        names = [model.camera(i).name for i in range(model.ncam)]
+        if self._camera_name is not None:
+            checks.choice(self._camera_name, names, "camera_name")
+        number = self._camera_id
+        if number is not None and checks.integer(number, "camera_id", minimum=-1) >= len(names):
+            raise ValueError(f"camera_id must be below {len(names)}, got {number}; the cameras are {names}")
+
+    def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
+        """Returns an image, or shows it in a window, by `render_mode`.
+
+        Raises:
+          RuntimeError: no GL library works here.
+        """
+        if self._renderer is None:
+            self._renderer = self._make_renderer(environment)
+        return self._renderer.render(render_mode)
+
+    def close(self) -> None:
+        """Frees the GL context; the next picture makes another."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _make_renderer(self, environment: Environment) -> "_MujocoRenderer":
+        model, data = environment.physics.model.ptr, environment.physics.data.ptr
+        framebuffer = model.vis.global_
+        framebuffer.offwidth = max(framebuffer.offwidth, self._settings["width"])
+        framebuffer.offheight = max(framebuffer.offheight, self._settings["height"])
+        return _MujocoRenderer(model, data, **self._settings)
+
+
+class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
+    """Gymnasium's renderer, with a clear error where no GL library works."""
+
+    def free_context(self) -> None:
+        self.close()
+
+    def _get_viewer(self, render_mode: str | None) -> mujoco_rendering.BaseRender:
+        if render_mode in self._viewers:
+            return super()._get_viewer(render_mode)
+        if render_mode == "human":
+            gl.check_window()
+        with gl.making_context(self):
+            return super()._get_viewer(render_mode)
+
+
+def checked_render_mode(render_mode: str) -> str:
+    """Returns a render mode of the environments.
+
+    Raises:
+      RuntimeError: the mode shows a window, but there is no display.
+      TypeError: it is no string.
+      ValueError: it is unknown, or needs `gymnasium.make`.
+    """
+    if render_mode == "rgb_array_list":
+        raise ValueError("render_mode 'rgb_array_list' needs gymnasium.make; use 'rgb_array' here")
+    if checks.choice(render_mode, RENDER_MODES, "render_mode") == "human":
+        gl.check_window()
+    return render_mode
+
+
+def _checked_camera_config(config: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(config, Mapping):
+        raise TypeError(f"default_camera_config must be a dict, got {config!r}")
+    names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
+    return {checks.choice(name, names, "camera attribute"): value for name, value in config.items()}
+
+
+def _checked_visual_options(options: Mapping[int, bool] | None) -> dict[int, bool]:
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(f"visual_options must be a dict, got {options!r}")
+    if odd := [flag for flag in options or {} if flag not in _VISUAL_FLAGS]:
+        raise ValueError(f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {odd}")
+    return {int(flag): checks.boolean(value, "visual option") for flag, value in (options or {}).items()}

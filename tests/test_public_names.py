@@ -1,0 +1,63 @@
+"""What tab completion and `import *` offer, and how objects present themselves."""
+
+import importlib
+import subprocess
+import sys
+
+import gymnasium
+import pytest
+
+import kitchen_suite
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
+from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
+
+PUBLIC = ("", ".suite", ".gymnasium_env", ".vector_env", ".environment", ".entities", ".tasks", ".policies", ".experts")
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_names_exist(name):
+    module = importlib.import_module(f"kitchen_suite{name}")
+    assert set(module.__all__) <= set(dir(module))
+    assert all(getattr(module, public) is not None for public in module.__all__)
+
+
+@pytest.mark.parametrize("name", [".environment", ".entities", ".tasks", ".policies", ".experts", ".vector_env"])
+def test_names_that_a_package_imports_are_public(name):
+    module = importlib.import_module(f"kitchen_suite{name}")
+    imported = {key for key, value in vars(module).items() if key[0] != "_" and type(value) is not type(sys)}
+    assert imported == set(module.__all__)
+
+
+def test_tab_completion_offers_the_api_alone():
+    assert set(dir(kitchen_suite)) == {*kitchen_suite.__all__, "__version__", "experts"}
+    assert dir(suite) == sorted(suite.__all__)
+    assert kitchen_suite.load is suite.load
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'kitchen_suite' has no attribute 'kitchens'"):
+        _ = kitchen_suite.kitchens
+
+
+def test_submodules_are_imported_when_they_are_used():
+    code = (
+        "import sys, kitchen_suite\n"
+        "assert kitchen_suite.suite.ALL_TASKS\n"
+        "assert not {'dm_control', 'mujoco'} & sys.modules.keys()\n"
+        "assert kitchen_suite.entities.PANDA"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_environments_tasks_and_entities_say_what_they_are():
+    kitchen = suite.load("kitchen", "mixed", {"visuals": False})
+    task = "KitchenTask(tasks_to_complete=['microwave', 'kettle', 'bottom burner', 'light switch'])"
+    assert repr(kitchen) == f"Environment({task}, control_timestep=0.08, step_limit=280)"
+    assert repr(kitchen.task.scene.props["microwave"]) == "Microwave('microwave', joints=['microwave/microwave'])"
+    cabinet = "OpenCabinetTask(drawer='bottom', reward='grasp')"
+    env = FrankaOpenCabinetEnv("bottom", reward="grasp", max_episode_steps=9)
+    assert repr(env) == f"FrankaOpenCabinetEnv({cabinet}, render_mode=None, max_episode_steps=9)"
+    assert str(env) == gymnasium.Env.__str__(env)
+    env = FrankaOpenCabinetVectorEnv(2, drawer="bottom", reward="grasp", num_threads=1)
+    assert repr(env) == f"FrankaOpenCabinetVectorEnv({cabinet}, num_envs=2)"
