@@ -1,7 +1,6 @@
 """Measures memory: of each further environment, and in the course of a long run."""
 
 import concurrent.futures
-import functools
 import itertools
 import multiprocessing
 import resource
@@ -12,9 +11,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from kitchen_suite.benchmarks import child
 from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, DrawActions, VectorEnvFactory
 from kitchen_suite.benchmarks.speed import throughput
-from kitchen_suite.rendering import gl
 
 _MEBIBYTE = 2**20
 _SOAK_SAMPLES = 20
@@ -51,7 +50,7 @@ def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs
     executor = concurrent.futures.ProcessPoolExecutor(
         1,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=functools.partial(gl.prepare, rendering=False),
+        initializer=child.prepare,
     )
     with executor:
         return executor.submit(memory_in_use, build, draw_actions, num_envs).result()

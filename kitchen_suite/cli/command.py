@@ -1,11 +1,10 @@
 """The one `main` of all commands: it parses, prepares a job, runs it, and reports every problem in one line."""
 
+import contextlib
 import dataclasses
 import functools
 import importlib.util
-import os
 import pkgutil
-import signal
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
@@ -14,12 +13,17 @@ from typing import Any, Protocol
 from absl import flags
 
 import kitchen_suite
-from kitchen_suite.cli.options import OPTIONS, define_flags
+from kitchen_suite.cli import process
+from kitchen_suite.cli.options import OPTIONS, RENAMED, define_flags
 from kitchen_suite.rendering import gl
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
 _WIDTH = 100  # Characters in a line of the help.
+_MAX_MESSAGE = 1000  # Characters of an error, which may quote any argument.
+
+# Flags of absl's own commands that show the help, and a habit of other systems.
+_HELP_FLAGS = ("?", "helpfull", "helpshort")
 
 
 class Job(Protocol):
@@ -74,7 +78,8 @@ class Command:
         """
         try:
             settings = self._parse(sys.argv[1:] if arguments is None else arguments)
-            job = None if isinstance(settings, str) else self._prepare(settings)
+            with process.interrupts_prevail():
+                job = None if isinstance(settings, str) else self._prepare(settings)
         except KeyboardInterrupt:
             return self._fail("interrupted", INTERRUPTED)
         except (flags.Error, ImportError, OSError, TypeError, ValueError) as error:
@@ -86,15 +91,21 @@ class Command:
 
     def console_main(self) -> int:
         """Runs the command as a process of its own; returns the exit status."""
-        # Batch systems stop a job with SIGTERM: it should tidy up as after Ctrl-C.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        process.open_closed_streams()
+        process.raise_interrupts()
+        status = SUCCESS
         try:
             status = self.main()
             sys.stdout.flush()
+        except KeyboardInterrupt:
+            return self._fail("interrupted", INTERRUPTED)
         except BrokenPipeError:
-            # The reader of the output has left. What Python still wants to flush at exit goes nowhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            # The reader of the output has left.
+            process.discard_stdout()
             return BROKEN_PIPE
+        except OSError as error:
+            process.discard_stdout()
+            return status or self._fail(f"stdout cannot be written to: {error}", FAILURE)
         return status
 
     @functools.cached_property
@@ -109,11 +120,14 @@ class Command:
         """
         values = self._flags
         values.unparse_flags()
-        _, *rest = values([self.name, *arguments])
-        if values.help:
+        _, *rest = values([self.name, *arguments], known_only=True)
+        unknown = [text.lstrip("-").partition("=")[0] for text in rest if text.startswith("-")]
+        if values.help or (unknown and unknown[0] in _HELP_FLAGS):
             return self._help()
         if values.version:
             return f"{self.name} {kitchen_suite.__version__}"
+        if unknown:
+            raise flags.Error(self._describe_unknown(unknown[0]))
         chosen = {field.name: values[field.name].value for field in self._fields if field.name != self.positional}
         if self.positional and rest:
             chosen[self.positional], *rest = rest
@@ -134,7 +148,8 @@ class Command:
 
     def _run(self, job: Job) -> int:
         try:
-            return SUCCESS if job.run() else FAILURE
+            with process.interrupts_prevail():
+                return SUCCESS if job.run() else FAILURE
         except KeyboardInterrupt:
             return self._fail(f"interrupted {job.progress()}", INTERRUPTED)
         except BrokenPipeError:
@@ -145,9 +160,20 @@ class Command:
             return self._fail(error, FAILURE)
 
     def _fail(self, problem: object, status: int) -> int:
-        """Reports a problem in one line on stderr; returns the exit status."""
-        print(f"{self.name}:", " ".join(str(problem).split()), file=sys.stderr)
+        """Reports a problem in one line on stderr, if that can be written to; returns the exit status."""
+        with contextlib.suppress(OSError):
+            print(f"{self.name}:", _one_line(str(problem)), file=sys.stderr)
         return status
+
+    def _describe_unknown(self, flag: str) -> str:
+        """Returns the error for a flag that does not exist, with the one that may be meant."""
+        from kitchen_suite import checks  # Imports NumPy, which the help does without.
+
+        names = [name for name in OPTIONS if name in self._flags]
+        meant = RENAMED.get(flag)
+        near = meant if meant in names else checks.nearest(flag, names)
+        hint = f" (did you mean --{near}?)" if near else ""
+        return f"there is no flag --{flag}{hint}; --help lists all"
 
     @property
     def _fields(self) -> tuple[dataclasses.Field, ...]:
@@ -165,6 +191,13 @@ class Command:
         text = f"{OPTIONS[name].help} {'Required.' if name in required else _default_text(name, default)}".rstrip()
         first = f"  {name.upper():<21} " if name == self.positional else f"  --{name:<19} "
         return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=" " * 24, break_on_hyphens=False)
+
+
+def _one_line(text: str) -> str:
+    """Returns a text in one line, without the middle of a very long one."""
+    line = " ".join(text.split())
+    half = _MAX_MESSAGE // 2
+    return line if len(line) <= _MAX_MESSAGE else f"{line[:half]} (shortened) {line[-half:]}"
 
 
 def _is_required(field: dataclasses.Field) -> bool:

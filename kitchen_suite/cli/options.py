@@ -10,12 +10,19 @@ import math
 import os
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from absl import flags
+
+# Those of `checks`, which is not imported, since it imports NumPy: the help is quick without.
+_MAX_ENVS, _MAX_THREADS = 2**16, 2**10
+_MAX_STEPS = 10**12
+
+# Size of the models' offscreen buffers [pixels].
+_MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,13 +32,15 @@ class Option:
     Attributes:
       help: one or two sentences, without the default.
       minimum: least value of a number.
+      maximum: greatest value of a number.
       choices: values of a string; any when empty.
       unset: what applies without the flag, where it has no default.
       check: raises a ValueError for a value that is refused.
     """
 
     help: str
-    minimum: float | None = None
+    minimum: float = -math.inf
+    maximum: float = math.inf
     choices: tuple[str, ...] = ()
     unset: str = ""
     check: Callable[[Any], None] = lambda value: None
@@ -75,42 +84,82 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "shipped": Option("Name of a trained policy that comes with the package."),
         "policy_file": Option("File of a trained policy, written by kitchen-train."),
         "episodes": Option("Which episodes: all, or numbers and ranges such as 0,5,7-9."),
-        "num_episodes": Option("Number of episodes; kitchen-replay spreads them evenly.", minimum=1),
+        "num_episodes": Option("Number of episodes; kitchen-replay spreads them evenly.", minimum=1, maximum=1_000_000),
         "seed": Option("First seed; further episodes, or restarts of a training, have the next ones.", minimum=0),
-        "max_episode_steps": Option("Control steps after which an episode ends.", minimum=1, unset="the domain's"),
-        "num_steps": Option("Control steps in total, over all environments.", minimum=0, unset="of the measure"),
-        "num_envs": Option("Number of environments stepped together.", minimum=1, unset="of the measure"),
-        "num_threads": Option("Threads that step the environments.", minimum=1, unset="one per processor"),
-        "workers": Option("Processes on Ray that play the episodes; needs the extra ray.", minimum=1),
+        "max_episode_steps": Option(
+            "Control steps after which an episode ends.", minimum=1, maximum=1_000_000, unset="the domain's"
+        ),
+        "num_steps": Option(
+            "Control steps in total, over all environments; training may end earlier: see --target_success.",
+            minimum=0,
+            maximum=_MAX_STEPS,
+            unset="of the measure",
+        ),
+        "num_envs": Option(
+            "Number of environments stepped together.", minimum=1, maximum=_MAX_ENVS, unset="of the measure"
+        ),
+        "num_threads": Option(
+            "Threads that step the environments.", minimum=1, maximum=_MAX_THREADS, unset="one per processor"
+        ),
+        "workers": Option("Processes on Ray that play the episodes; needs the extra ray.", minimum=1, maximum=10_000),
         "ray_address": Option(
             "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", unset="started for the command"
         ),
-        "rounds": Option("Rounds that count.", minimum=1),
+        "rounds": Option("Rounds that count.", minimum=1, maximum=1_000_000),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
         "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
-        "eval_interval": Option("Control steps between evaluations, each followed by a checkpoint.", minimum=1),
-        "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1),
+        "eval_interval": Option(
+            "Control steps between evaluations, each followed by a checkpoint.", minimum=1, maximum=_MAX_STEPS
+        ),
+        "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=_MAX_ENVS),
         "target_success": Option("Success rate of two evaluations in a row that ends training; above 1: never.", 0.0),
-        "patience": Option("Control steps without --min_progress after which a seed is given up; 0: never.", minimum=0),
+        "patience": Option(
+            "Control steps without --min_progress after which a seed is given up; 0: never.",
+            minimum=0,
+            maximum=_MAX_STEPS,
+        ),
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
-        "restarts": Option("Number of further seeds to try where one is given up.", minimum=0),
+        "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),
         "resume": Option("Continue the run in the folder from its newest checkpoint."),
         "output": Option("Folder to write to.", check=_check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
         "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
         "json": Option("Print JSON in place of tables."),
         "video": Option(
-            "Video to write, an .mp4 in an existing folder; one that is there is replaced.", check=_check_video
+            "Video to write, an .mp4 in an existing folder; one that is there is replaced.",
+            unset="none; kitchen-play writes kitchen-play.mp4 where it can",
+            check=_check_video,
         ),
         "novideo": Option("Write no video."),
-        "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, unset="all"),
-        "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1),
+        "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000),
+        "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000),
+        "render_quality": Option(
+            "high; or fast: a video without shadows, reflections, sky and multisampling.", choices=("high", "fast")
+        ),
         "camera": Option("Camera of the video, by name or number."),
-        "width": Option("Width of the video [pixels], even.", minimum=2, check=_check_even),
-        "height": Option("Height of the video [pixels], even.", minimum=2, check=_check_even),
+        "width": Option("Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=_check_even),
+        "height": Option("Height of the video [pixels], even.", minimum=2, maximum=_MAX_HEIGHT, check=_check_even),
         "visualize_reward": Option("Colour objects in the video while they count as a success."),
         "help": Option("Show this help, and exit."),
         "version": Option("Show the version of the suite, and exit."),
+    }
+)
+
+
+# Flags that once had other names, here or in programs alike.
+RENAMED: Mapping[str, str] = MappingProxyType(
+    {
+        "env": "domain_name",
+        "domain": "domain_name",
+        "task": "task_name",
+        "time_limit": "max_episode_steps",
+        "steps": "max_episode_steps",
+        "control_steps": "num_steps",
+        "environments": "num_envs",
+        "sizes": "num_envs",
+        "episodes": "num_episodes",
+        "least_progress": "min_progress",
+        "video_file": "video",
     }
 )
 
@@ -129,12 +178,30 @@ class _Parser(flags.ArgumentParser):
             return argument
         option, value = self._option, self._convert(argument)
         for number in value if isinstance(value, tuple) else (value,):
-            if option.minimum is not None and not number >= option.minimum:
-                raise ValueError(f"must be at least {option.minimum}")
+            if isinstance(number, int | float) and not option.minimum <= number <= option.maximum:
+                bound = f"least {option.minimum}" if number < option.minimum else f"most {option.maximum}"
+                raise ValueError(f"must be at {bound}")
         if option.choices and value not in option.choices:
             raise ValueError(f"must be one of {', '.join(option.choices)}")
         option.check(value)
         return value
+
+
+class _BooleanParser(flags.BooleanParser):
+    """Parses a boolean flag, with an error in words."""
+
+    def parse(self, argument: Any) -> bool:
+        try:
+            return super().parse(argument)
+        except ValueError:
+            raise ValueError("must be true or false, or the flag alone") from None
+
+
+class _Flags(flags.FlagValues):
+    """Flags without absl's --flagfile, which would read any file or device."""
+
+    def read_flags_from_files(self, argv: Sequence[str], force_gnu: bool = True) -> list[str]:
+        return list(argv)
 
 
 def _integer(text: str) -> int:
@@ -195,13 +262,13 @@ def define_flags(settings: type, *, leave_out: str | None = None) -> flags.FlagV
       settings: a dataclass whose field names are keys of `OPTIONS`.
       leave_out: field that is not a flag.
     """
-    values = flags.FlagValues()
+    values = _Flags()
     hints = typing.get_type_hints(settings)
     for field in dataclasses.fields(settings):
         if field.name != leave_out:
             _define(values, field, _without_none(hints[field.name]))
     for name, short in (("help", "h"), ("version", None)):
-        flags.DEFINE_boolean(name, False, OPTIONS[name].help, short_name=short, flag_values=values)
+        _define_boolean(values, name, default=False, short_name=short)
     return values
 
 
@@ -210,11 +277,17 @@ def _define(values: flags.FlagValues, field: dataclasses.Field, kind: Any) -> No
     if field.default_factory is not dataclasses.MISSING:
         default = field.default_factory()
     if kind is bool:
-        flags.DEFINE_boolean(field.name, default, option.help, flag_values=values)
+        _define_boolean(values, field.name, default)
         return
     convert, what = _PARSERS[kind]
     serializer: flags.ArgumentSerializer = flags.ArgumentSerializer()
     flags.DEFINE(_Parser(convert, option, what), field.name, default, option.help, values, serializer)
+
+
+def _define_boolean(values: flags.FlagValues, name: str, default: Any, short_name: str | None = None) -> None:
+    flag = flags.BooleanFlag(name, default, OPTIONS[name].help, short_name)
+    flag.parser = _BooleanParser()
+    flags.DEFINE_flag(flag, values)
 
 
 def _without_none(hint: Any) -> Any:

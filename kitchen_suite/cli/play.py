@@ -1,7 +1,7 @@
 """Plays a trained policy, and films it.
 
   kitchen-play                                               opens the drawer; the video is kitchen-play.mp4
-  kitchen-play --shipped=top_drawer_grasp                    with the policy trained on the grasp reward
+  kitchen-play --shipped=top_drawer                          with the policy trained on the original reward
   kitchen-play --policy_file=runs/drawer/policy.npz          with a policy written by kitchen-train
   kitchen-play --num_episodes=100 --novideo                  counts successes alone; needs no GL library
 
@@ -9,17 +9,30 @@ The last line says how many episodes succeeded. Exit status: 0; 1 if writing or 
 argument or policy file, with one line on stderr; 130 if interrupted.
 """
 
+import contextlib
 import sys
 
 from kitchen_suite.cli.command import Command
+from kitchen_suite.rendering import gl
 from kitchen_suite.rollouts.settings import PlaySettings
+
+
+def _renders(settings: PlaySettings) -> bool:
+    """Returns whether a video is made: one that is asked for, or the default one where it can be rendered."""
+    if settings.novideo or settings.video is not None:
+        return not settings.novideo
+    with contextlib.suppress(OSError):
+        gl.find_library()
+        return True
+    return False
+
 
 COMMAND = Command(
     name="kitchen-play",
     description=__doc__,
     settings=PlaySettings,
     job="kitchen_suite.rollouts.play_job:PlayJob",
-    renders=lambda settings: not settings.novideo,
+    renders=_renders,
 )
 main, console_main = COMMAND.main, COMMAND.console_main
 

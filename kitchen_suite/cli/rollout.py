@@ -3,14 +3,14 @@
   kitchen-rollout                                          three episodes of random actions in the kitchen
   kitchen-rollout --list                                   domains, tasks and cameras
   kitchen-rollout --task_name=kettle --output=episodes     also writes each episode to a file
-  kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films them
+  kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films it
   kitchen-rollout --policy=expert                          completes the task
   kitchen-rollout --policy=my_module:act                   acts as your own function does
   kitchen-rollout --workers=4 --num_episodes=100           plays on Ray, in four processes
 
 Your own policy is a callable that takes a dm_env.TimeStep and returns the action. Files are written atomically. Ctrl-C
-keeps the finished episodes, but no video. Exit status: 0; 1 if writing, the physics or the workers failed; 2 for a bad
-argument or policy, with one line on stderr; 130 if interrupted.
+keeps the finished episodes and the video until then. Exit status: 0; 1 if writing, the physics or the workers failed; 2
+for a bad argument or policy, with one line on stderr; 130 if interrupted.
 """
 
 import sys

@@ -19,6 +19,9 @@ from kitchen_suite.workers.worker import ClusterError, RunnerFactory, Worker
 # Deaths in a row in one slot, without a finished episode, after which the pool fails.
 _MAX_DEATHS = 3
 
+# Time after which a pool without a single worker says that it waits [s].
+_PATIENCE = 10.0
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -52,7 +55,7 @@ class Pool:
           num_threads: processors that a worker uses.
         """
         self._start_arguments = pickle.dumps(build), installed_versions()
-        self._capacity = capacity
+        self._capacity, self._num_threads = capacity, num_threads
         self._actor_class = ray.remote(Worker).options(num_cpus=num_threads)
         self._queue: collections.deque[tuple[int, int]] = collections.deque()
         self._pending_calls: dict[Any, _WorkerSlot] = {}
@@ -74,12 +77,21 @@ class Pool:
         """
         self._queue.extend(episodes)
         self._assign_episodes()
+        self._wait_for_room()
         while self._queue or any(slot.in_flight for slot in self._slots):
             (call,), _ = ray.wait([*self._pending_calls])
             ended = self._receive(call)
             self._assign_episodes()
             if ended:
                 yield ended
+
+    def _wait_for_room(self) -> None:
+        """Waits until a worker has its processors; warns if that takes long, since others may use the cluster."""
+        placed = [slot.actor.__ray_ready__.remote() for slot in self._slots]
+        ready, _ = ray.wait(placed, timeout=_PATIENCE)
+        if not ready:
+            free = ray.available_resources().get("CPU", 0)
+            _LOG.warning("waiting for free processors: the cluster has %g, a worker needs %d", free, self._num_threads)
 
     def _receive(self, call: Any) -> tuple[int, Any] | None:
         """Receives the result of a call: index and result of the episode that ended, if any."""

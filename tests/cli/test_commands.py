@@ -4,6 +4,7 @@ import dataclasses
 import importlib.metadata
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from typing import Any, ClassVar
 import pytest
 
 import kitchen_suite
+from kitchen_suite import checks
 from kitchen_suite.cli import benchmark, play, record, replay, rollout, train
 from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
@@ -123,9 +125,12 @@ BAD = {
     "runs --output=folder --seed=-1": "must be at least 0",
     "runs --output=folder --task_kwargs=[1]": "must be a JSON object",
     "runs --output=folder --task_kwargs={": "not JSON",
-    "runs --output=folder --resume=perhaps": "perhaps",
-    "runs --output=folder --colour=red": "Unknown command line flag 'colour'",
-    "runs --output=folder --sed=1": "Unknown command line flag 'sed'. Did you mean: seed ?",
+    "runs --output=folder --resume=perhaps": "flag --resume=perhaps: must be true or false, or the flag alone",
+    "runs --output=folder --episodes=3": "there is no flag --episodes (did you mean --num_episodes?)",
+    "runs --output=folder --num_episodes=9999999": "must be at most 1000000",
+    "runs --output=folder --environments=3": "there is no flag --environments (did you mean --num_envs?)",
+    "runs --output=folder --colour=red": "there is no flag --colour; --help lists all",
+    "runs --output=folder --sed=1": "there is no flag --sed (did you mean --seed?); --help lists all",
 }
 
 
@@ -216,7 +221,7 @@ from kitchen_suite.cli import command
 from kitchen_suite.rollouts.settings import PlaySettings
 
 class Job:
-    failures = usage_errors = ()
+    failures, usage_errors = (OSError,), ()
 
     def __init__(self, settings):
         self.count = settings.num_episodes
@@ -228,13 +233,14 @@ class Job:
         return f"after 2 of {{self.count}} episodes"
 
 command.gl.prepare = lambda rendering: None
+{setup}
 command = command.Command(name="kitchen-test", description=None, settings=PlaySettings, job="__main__:Job")
 sys.exit(command.console_main())
 """
 
 
-def run_process(run, **streams):
-    script = SCRIPT.format(run=run)
+def run_process(run, setup="", **streams):
+    script = SCRIPT.format(run=run, setup=setup)
     return subprocess.Popen([sys.executable, "-c", script, "--num_episodes=9"], stderr=subprocess.PIPE, **streams)
 
 
@@ -262,6 +268,81 @@ def test_a_closed_pipe_gets_its_own_status_and_no_traceback(run):
     assert (process.returncode, err) == (141, b"")
 
 
+# An extension module that is interrupted while it is imported raises an ImportError.
+def test_an_interrupt_amid_imports_is_an_interrupt():
+    with run_process(
+        "return True",
+        setup="def prepare(rendering):\n"
+        "    try:\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    except KeyboardInterrupt:\n"
+        "        raise ImportError('initialization failed')\n"
+        "command.gl.prepare = prepare",
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, b"kitchen-test: interrupted\n")
+
+
+# Python prints what a destructor raises, and goes on.
+def test_an_interrupt_in_a_destructor_is_not_lost():
+    with run_process(
+        "Unlucky(); [signal.pause() for _ in range(2)]",
+        setup="class Unlucky:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM)",
+    ) as process:
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, b"kitchen-test: interrupted after 2 of 9 episodes\n")
+
+
+WORK = "print('line'); open('done', 'w'); return True"
+
+
+def run_shell(tmp_path, streams, arguments="", run=WORK):
+    """Runs the test's command in a shell with redirected streams; returns its status, stdout and stderr."""
+    script = SCRIPT.format(run=run, setup="")
+    line = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(script)} {arguments} {streams}"
+    process = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    return process.returncode, process.stdout, process.stderr
+
+
+@pytest.mark.parametrize("streams", [">&-", "2>&-", "<&-", "<&- >&- 2>&-", "2>/dev/full"])
+@pytest.mark.parametrize("arguments", ["", "--help"])
+def test_a_closed_stream_ends_in_no_traceback(tmp_path, streams, arguments):
+    status, out, err = run_shell(tmp_path, streams, arguments)
+    assert (status, err) == (0, "")
+    assert bool(out) == (">&-" not in streams.replace("2>&-", ""))
+    # The file has not taken the number of a closed stream, to which libraries write.
+    assert tmp_path.joinpath("done").exists() == (not arguments)
+
+
+@pytest.mark.parametrize("arguments", ["", "--help", "--version"])
+def test_a_full_stdout_gets_one_line(tmp_path, arguments):
+    status, _, err = run_shell(tmp_path, ">/dev/full", arguments)
+    assert status == 1
+    # Python notices when it flushes: during the job, or after it.
+    assert re.fullmatch(r"kitchen-test: (stdout cannot be written to: )?\[Errno 28\] No space left on device\n", err)
+
+
+@pytest.mark.parametrize("streams", ["2>&-", "2>/dev/full"])
+def test_a_bad_argument_keeps_its_status_where_stderr_is_lost(tmp_path, streams):
+    assert run_shell(tmp_path, streams, "--num_episodes=x") == (2, "", "")
+
+
+def test_a_very_long_argument_is_shortened_in_the_message(capsys):
+    assert command().main([*REQUIRED, "--seed=" + "9" * 50_000]) == 2
+    assert len(capsys.readouterr().err) < 1100
+
+
+def test_a_very_long_flag_is_only_unknown(capsys):
+    assert command().main([*REQUIRED, "--" + "num_envs" * 5_000]) == 2
+    assert capsys.readouterr().err.startswith("kitchen-test: there is no flag --num_envs")
+
+
+def test_bounds_are_those_of_the_environments():
+    assert OPTIONS["num_envs"].maximum == OPTIONS["eval_episodes"].maximum == checks.MAX_ENVS
+    assert OPTIONS["num_threads"].maximum == checks.MAX_THREADS
+
+
 def test_all_commands_are_tested_here():
     scripts = importlib.metadata.entry_points(group="console_scripts")
     installed = {script.name: script.load() for script in scripts if script.value.startswith("kitchen_suite.")}
@@ -283,7 +364,7 @@ def flag_lines(text):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("flag", ["--help", "-h"])
+@pytest.mark.parametrize("flag", ["--help", "-h", "-?", "--helpshort", "--helpfull"])
 def test_help_lists_every_flag_in_the_order_and_words_of_the_options(name, flag, capsys):
     tested = COMMANDS[name]
     assert tested.main([flag]) == 0
@@ -324,7 +405,7 @@ def test_an_unknown_flag_gets_one_line_with_the_nearest_and_status_2(name, capsy
     assert COMMANDS[name].main([f"--{flag[:-1]}=1"]) == 2
     assert capsys.readouterr() == (
         "",
-        f"{name}: Unknown command line flag '{flag[:-1]}'. Did you mean: {flag} ?\n",
+        f"{name}: there is no flag --{flag[:-1]} (did you mean --{flag}?); --help lists all\n",
     )
 
 

@@ -8,6 +8,8 @@ import socket
 import pytest
 
 from kitchen_suite.cli import record, rollout
+from kitchen_suite.workers.cluster import check_room
+from kitchen_suite.workers.worker import ClusterError
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}
 BAD = {
@@ -75,3 +77,13 @@ def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
 def test_workers_make_no_video(capsys, ray_found):
     assert rollout.main(["--workers=2", "--video=film.mp4"]) == 2
     assert "workers make no video" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("processors", [[], [1], [2, 3, 3]])
+def test_a_worker_that_fits_onto_no_machine_is_refused_in_place_of_waiting_for_ever(processors):
+    with pytest.raises(ClusterError, match=rf"needs 4 processors, .* has {max(processors, default=0)}: give a smaller"):
+        check_room(4, processors)
+
+
+def test_a_worker_that_fits_onto_one_machine_is_not_refused():
+    check_room(4, [1, 4.0, 2])
