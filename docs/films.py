@@ -24,7 +24,6 @@ FRAMES = 6  # In a strip.
 COLUMNS = 3  # Tiles in a row of the video.
 HEIGHT, WIDTH = 210, 280
 FRAMES_PER_SECOND = 12.5
-STEPS_PER_FRAME = {"kitchen": 1, "open_cabinet": 8}  # Control steps, by domain.
 SINGLE_TASKS = [
     (domain, task) for domain, task in suite.ALL_TASKS if task not in ("complete", "partial", "mixed", "all")
 ]
@@ -39,9 +38,10 @@ class Film:
         policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
         timestep, step = self._environment.reset(), 0
         self._states = [self._environment.physics.get_state()]
+        steps_per_frame = round(1 / (FRAMES_PER_SECOND * self._environment.control_timestep()))
         while not timestep.last() and not self._environment.task.episode_metrics["success"]:
             timestep, step = self._environment.step(policy(timestep)), step + 1
-            if step % STEPS_PER_FRAME[domain] == 0:
+            if step % steps_per_frame == 0:
                 self._states.append(self._environment.physics.get_state())
 
     def __len__(self) -> int:

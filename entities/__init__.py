@@ -17,8 +17,9 @@ from kitchen_suite.entities.props.kitchen import (
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.panda import PANDA
-from kitchen_suite.entities.scenes.kitchen import KitchenArena, KitchenScene, build_kitchen_scene
+from kitchen_suite.entities.scenes.kitchen import KitchenArena, build_kitchen_scene
 from kitchen_suite.entities.scenes.open_cabinet import OpenCabinetArena, OpenCabinetScene, build_open_cabinet_scene
+from kitchen_suite.entities.scenes.scene import Scene
 
 __all__ = [
     "KITCHEN_FRANKA",
@@ -32,11 +33,11 @@ __all__ = [
     "Kettle",
     "KitchenArena",
     "KitchenProp",
-    "KitchenScene",
     "Microwave",
     "OpenCabinetArena",
     "OpenCabinetScene",
     "Oven",
+    "Scene",
     "SlideCabinet",
     "Walls",
     "build_kitchen_scene",

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from dm_control import composer, mjcf
 
+from kitchen_suite.entities.parameters import Parameter
+
 _PACKAGE = "gymnasium_robotics"
 _REQUIREMENT = "gymnasium-robotics>=1.4,<1.5"
 _ASSETS = Path("envs", "assets", "kitchen_franka")
@@ -27,6 +29,11 @@ class NamedEntity(composer.Entity):
     def __repr__(self) -> str:
         joints = [joint.full_identifier for joint in self.mjcf_model.find_all("joint", exclude_attachments=True)]
         return f"{type(self).__name__}({self.mjcf_model.model!r}, joints={joints})"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What may differ from episode to episode in a scene that the entity is attached to."""
+        return ()
 
 
 def asset_dir() -> Path:

@@ -7,11 +7,16 @@ from dm_control import mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-# Widths in qpos and in qvel of a free, ball, slide and hinge joint, in the order of MuJoCo's mjtJoint.
+# Types of joints in the order of MuJoCo's mjtJoint, and their widths in qpos and in qvel.
+_TYPES = ("free", "ball", "slide", "hinge")
 _QPOS_WIDTHS = np.array([7, 4, 1, 1])
 _QVEL_WIDTHS = np.array([6, 3, 1, 1])
 
-_ALL = slice(None)
+
+def position_sizes(joints: Sequence[mjcf.Element]) -> list[int]:
+    """Returns the number of each joint's elements in qpos; a joint's type must be its own, not that of a class."""
+    types = ["free" if joint.tag == "freejoint" else joint.type or "hinge" for joint in joints]
+    return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in types]
 
 
 def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -23,26 +28,19 @@ def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[ND
     )
 
 
-def owners(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> NDArray[np.int64]:
-    """Returns, for each of the joints' elements in qpos, the index of its joint among `joints`."""
-    return np.repeat(np.arange(len(joints)), _QPOS_WIDTHS[physics.bind(joints).type])
-
-
 class _JointState(observable.Observable):
     """Elements of one of MuJoCo's state arrays that belong to some joints; copies, at the cost of one array index."""
 
     _field: str
 
-    def __init__(self, joints: Callable[[], Sequence[mjcf.Element]], elements: Sequence[int] | slice = _ALL) -> None:
+    def __init__(self, joints: Callable[[], Sequence[mjcf.Element]]) -> None:
         """Stores what to read.
 
         Args:
           joints: returns the joints; called after a model was compiled, since attaching may give an entity joints.
-          elements: indices among the joints' elements, joint by joint; all of them when omitted.
         """
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
         self._joints = joints
-        self._elements = elements if isinstance(elements, slice) else np.array(elements)
         # Indices into the state array, and the compiled model that they are valid for.
         self._model, self._indices = None, np.empty(0, np.int64)
 
@@ -50,19 +48,19 @@ class _JointState(observable.Observable):
         if self._model is not physics.model.ptr:
             self._model = physics.model.ptr
             in_qpos, in_qvel = addresses(physics, self._joints())
-            self._indices = (in_qpos if self._field == "qpos" else in_qvel)[self._elements]
+            self._indices = in_qpos if self._field == "qpos" else in_qvel
         indices, values = self._indices, getattr(physics.data, self._field)
         return lambda: values[indices]
 
 
 class JointPositions(_JointState):
-    """Positions of some joints, joint by joint, or some elements of these; read from qpos."""
+    """Positions of some joints, joint by joint; read from qpos."""
 
     _field = "qpos"
 
 
 class JointVelocities(_JointState):
-    """Velocities of some joints, joint by joint, or some elements of these; read from qvel."""
+    """Velocities of some joints, joint by joint; read from qvel."""
 
     _field = "qvel"
 

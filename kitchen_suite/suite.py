@@ -1,22 +1,21 @@
 """The domains and tasks of the suite, and `load`, with the interface of `dm_control.suite`.
 
-Importing this module does not import dm_control: the builders do, when they are called.
+Importing this module registers the Gymnasium ids and does not import dm_control.
 """
 
-import dataclasses
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import gymnasium
 
 from kitchen_suite import checks
+from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.kitchen import KITCHEN, kitchen
+from kitchen_suite.domains.open_cabinet import OPEN_CABINET, open_cabinet
 
 if TYPE_CHECKING:
-    from kitchen_suite.entities import CabinetConfig
     from kitchen_suite.environment import Environment
-    from kitchen_suite.tasks.base import SuiteTask
 
 __all__ = [
     "ALL_TASKS",
@@ -28,193 +27,80 @@ __all__ = [
     "kitchen",
     "load",
     "open_cabinet",
+    "register",
     "task_arguments",
 ]
 
-# Arguments of tasks that the builders set.
-_SET_BY_BUILDERS = ("scene",)
+_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET)}
 
-# Arguments of `Environment` that the builders set.
-_SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
+# The domains by name: the suite's own and those of `register`.
+DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
+
+# Task names by domain; all pairs of domain and task name; those that papers report.
+TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
+ALL_TASKS: tuple[tuple[str, str], ...]
+BENCHMARKING: tuple[tuple[str, str], ...]
 
 
-def kitchen(
-    *,
-    tasks_to_complete: Sequence[str],
-    time_limit: float | None = 22.4,
-    random: int | np.random.RandomState | None = None,
-    visuals: bool = True,
-    render_quality: str = "high",
-    sleep: bool = False,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    **task_options: Any,
-) -> "Environment":
-    """Builds a kitchen environment.
+def __getattr__(name: str) -> Any:
+    """Returns a table of tasks, made from `DOMAINS` as it is at present."""
+    if name == "TASKS_BY_DOMAIN":
+        return MappingProxyType({domain.name: tuple(domain.tasks) for domain in DOMAINS.values()})
+    if name == "ALL_TASKS":
+        return tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.tasks)
+    if name == "BENCHMARKING":
+        return tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.benchmark_tasks)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
-    Args:
-      tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`.
-      time_limit: length of an episode [s]; `None` for no limit.
-      random: seed, or random state to draw from.
-      visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
-      sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
-        `build_kitchen_scene`.
-      environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `KitchenTask`.
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def register(domain: Domain) -> None:
+    """Adds a domain to the suite: for `load`, for the commands in this process, and as ids of Gymnasium.
 
     Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: see `KitchenTask`; or the time limit is not positive and finite.
+      TypeError: it is no `Domain`.
+      ValueError: a domain of its name exists, or Gymnasium has one of its ids; nothing has changed then.
     """
-    from kitchen_suite.entities import build_kitchen_scene
-    from kitchen_suite.rendering.quality import set_render_quality
-    from kitchen_suite.tasks import KitchenTask
+    if not isinstance(domain, Domain):
+        raise TypeError(f"domain must be a Domain, got {domain!r}")
+    if domain.name in DOMAINS:
+        raise ValueError(f"a domain {domain.name!r} exists already; choose another name")
+    ids = {domain.env_id, *domain.task_ids.values()}
+    if taken := sorted(ids & gymnasium.registry.keys()):
+        raise ValueError(f"Gymnasium has environments of the ids {taken} already; choose another env_id or task_id")
+    _register_ids(domain)
+    _domains[domain.name] = domain
 
-    checks.keywords(task_options, kitchen, KitchenTask, what="argument", leave_out=_SET_BY_BUILDERS)
-    limit = _limit(time_limit)
-    scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
-    task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
-    set_render_quality(task.root_entity.mjcf_model, render_quality)
-    return _environment(task, limit, random, environment_kwargs)
+
+def _register_ids(domain: Domain) -> None:
+    """Registers the ids of a domain with Gymnasium, those that it does not have yet."""
+    tasks = {domain.task_ids[task]: arguments for task, arguments in domain.tasks.items()}
+    for env_id, arguments in {domain.env_id: {}, **tasks}.items():
+        if env_id not in gymnasium.registry:
+            gymnasium.register(
+                env_id,
+                entry_point=domain.env,
+                vector_entry_point=domain.vector_env,
+                max_episode_steps=domain.episode_steps,
+                kwargs=dict(arguments),
+            )
 
 
-def open_cabinet(
-    *,
-    drawer: str,
-    time_limit: float | None = 7.0,
-    random: int | np.random.RandomState | None = None,
-    visuals: bool = True,
-    render_quality: str = "high",
-    cabinet_config: "CabinetConfig | None" = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    **task_options: Any,
-) -> "Environment":
-    """Builds an environment of a cabinet whose drawer is to be opened.
+for _domain in DOMAINS.values():
+    _register_ids(_domain)
 
-    Args:
-      drawer: `top` or `bottom`.
-      time_limit: length of an episode [s]; `None` for no limit.
-      random: seed, or random state to draw from.
-      visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
-      cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
-      environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `OpenCabinetTask`.
+
+def find_domain(name: str) -> Domain:
+    """Returns a domain.
 
     Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: see `OpenCabinetTask`; or the time limit is not positive and finite.
+      TypeError: the name is no string.
+      ValueError: there is no domain of that name.
     """
-    from kitchen_suite.entities import CabinetConfig, build_open_cabinet_scene
-    from kitchen_suite.rendering.quality import set_render_quality
-    from kitchen_suite.tasks import OpenCabinetTask
-
-    checks.keywords(task_options, open_cabinet, OpenCabinetTask, what="argument", leave_out=_SET_BY_BUILDERS)
-    limit = _limit(time_limit)
-    if not isinstance(cabinet_config, CabinetConfig | None):
-        raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
-    scene = build_open_cabinet_scene(cabinet_config, visuals=checks.boolean(visuals, "visuals"))
-    task = OpenCabinetTask(scene, drawer=drawer, **task_options)
-    set_render_quality(task.root_entity.mjcf_model, render_quality)
-    return _environment(task, limit, random, environment_kwargs)
-
-
-def _limit(time_limit: float | None) -> float:
-    return math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
-
-
-def _environment(
-    task: "SuiteTask",
-    limit: float,
-    random: int | np.random.RandomState | None,
-    environment_kwargs: Mapping[str, Any] | None,
-) -> "Environment":
-    from kitchen_suite.environment import Environment
-
-    takers = Environment, *Environment.__bases__
-    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", leave_out=_SET_OF_ENVIRONMENT)
-    settings = {
-        "strip_singleton_obs_buffer_dim": True,
-        "recompile_mjcf_every_episode": False,
-        **(environment_kwargs or {}),
-    }
-    return Environment(task, time_limit=limit, random_state=random, **settings)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Domain:
-    """A domain of the suite. Its Gymnasium environments are named by strings, which `gymnasium.register` takes.
-
-    Attributes:
-      build: builds an environment for `load`.
-      tasks: by task name, the arguments that define the task: of `build` and of the Gymnasium environments.
-      env_id: id of the Gymnasium environment.
-      env: its class.
-      vector_env: class of the vectorised environment.
-      episode_steps: control steps in an episode.
-    """
-
-    build: "Callable[..., Environment]"
-    tasks: Mapping[str, Mapping[str, Any]]
-    env_id: str
-    env: str
-    vector_env: str
-    episode_steps: int
-
-
-# Spelt and ordered as in `tasks.GOALS`.
-_KITCHEN_GOALS = (
-    "bottom burner",
-    "top burner",
-    "light switch",
-    "slide cabinet",
-    "hinge cabinet",
-    "microwave",
-    "kettle",
-)
-
-# `complete` and `partial` are two data sets of D4RL, of demonstrations for the same four goals.
-_KITCHEN_TASKS = {
-    **{name.replace(" ", "_"): (name,) for name in _KITCHEN_GOALS},
-    "complete": ("microwave", "kettle", "light switch", "slide cabinet"),
-    "partial": ("microwave", "kettle", "light switch", "slide cabinet"),
-    "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
-    "all": _KITCHEN_GOALS,
-}
-
-DOMAINS: Mapping[str, Domain] = MappingProxyType(
-    {
-        "kitchen": Domain(
-            build=kitchen,
-            tasks=MappingProxyType({name: {"tasks_to_complete": goals} for name, goals in _KITCHEN_TASKS.items()}),
-            env_id="KitchenSuite/FrankaKitchen-v1",
-            env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
-            vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
-            episode_steps=280,
-        ),
-        "open_cabinet": Domain(
-            build=open_cabinet,
-            tasks=MappingProxyType({f"{drawer}_drawer": {"drawer": drawer} for drawer in ("top", "bottom")}),
-            env_id="KitchenSuite/FrankaOpenCabinet-v1",
-            env="kitchen_suite.gymnasium_env.open_cabinet:FrankaOpenCabinetEnv",
-            vector_env="kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
-            episode_steps=700,
-        ),
-    }
-)
-
-# Task names by domain.
-TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {name: tuple(domain.tasks) for name, domain in DOMAINS.items()}
-)
-
-# All pairs of domain and task name.
-ALL_TASKS: tuple[tuple[str, str], ...] = tuple(
-    (domain, task) for domain, tasks in TASKS_BY_DOMAIN.items() for task in tasks
-)
-
-# The tasks that papers report: the three task sets of D4RL's Franka kitchen.
-BENCHMARKING: tuple[tuple[str, str], ...] = (("kitchen", "complete"), ("kitchen", "partial"), ("kitchen", "mixed"))
+    return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
@@ -224,20 +110,20 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
       TypeError: a name is no string.
       ValueError: an unknown domain or task.
     """
-    tasks = DOMAINS[checks.choice(domain_name, DOMAINS.keys(), "domain")].tasks
-    for other, names in TASKS_BY_DOMAIN.items():
-        if task_name in names and task_name not in tasks:
-            raise ValueError(f"task {task_name!r} is not one of {domain_name!r}, but of --domain_name={other}")
+    tasks = find_domain(domain_name).tasks
+    others = [other.name for other in DOMAINS.values() if task_name in tuple(other.tasks)]
+    if others and domain_name not in others:
+        raise ValueError(f"task {task_name!r} is not one of {domain_name!r}, but of --domain_name={others[0]}")
     return dict(tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")])
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
-    """Checks that arguments leave the definition of a named task unchanged, except for `tasks_to_complete`.
+    """Checks that arguments leave the definition of a named task unchanged, except for what is `replaceable`.
 
     Raises:
       ValueError: an argument is fixed by the task.
     """
-    fixed = task_arguments(domain_name, task_name).keys() - {"tasks_to_complete"}
+    fixed = task_arguments(domain_name, task_name).keys() - DOMAINS[domain_name].replaceable
     if clash := sorted(fixed & task_kwargs.keys()):
         raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
 
@@ -252,9 +138,9 @@ def load(
     """Builds an environment of the suite; the arguments are those of `dm_control.suite.load`.
 
     Args:
-      domain_name: a key of `TASKS_BY_DOMAIN`.
+      domain_name: a key of `DOMAINS`.
       task_name: one of that domain's tasks.
-      task_kwargs: arguments of the domain's builder (`kitchen` or `open_cabinet`), among them `random`, `time_limit`.
+      task_kwargs: arguments of the domain's builder, such as `kitchen`, among them `random` and `time_limit`.
       environment_kwargs: further arguments of `Environment`.
       visualize_reward: whether objects change their colour while the task rewards their position.
 
@@ -280,9 +166,4 @@ def default_task(domain_name: str) -> str:
       TypeError: the name is no string.
       ValueError: an unknown domain.
     """
-    checks.choice(domain_name, TASKS_BY_DOMAIN.keys(), "domain")
-    return next(task for domain, task in (*BENCHMARKING, *ALL_TASKS) if domain == domain_name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+    return find_domain(domain_name).default_task

@@ -1,14 +1,20 @@
-"""The interface of the suite's tasks, beyond that of `composer.Task`."""
+"""The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import tree
 from dm_control import composer, mjcf
-from numpy.typing import NDArray
+from dm_env import specs
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.randomizer import Randomizer
+from kitchen_suite.tasks.simulation import PhysicsSimulation
 
 # Colour of objects that the task counts as a success.
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
@@ -17,10 +23,19 @@ SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 Metrics = dict[str, bool | float | dict[str, int]]
 
 
-class SuiteTask(composer.Task):
-    """A task with saved states, metrics of its episodes, and optional highlighting of success."""
+_NO_RANDOMIZER = Randomizer({}, {})
 
+
+class SuiteTask(composer.Task):
+    """A task with saved states, metrics of its episodes, and optional highlighting of success.
+
+    Attributes:
+      domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
+    """
+
+    domain_name: str | None = None
     _random: np.random.RandomState
+    _state: Any = None
     _visualize_reward = False
 
     @property
@@ -39,18 +54,33 @@ class SuiteTask(composer.Task):
 
     @property
     @abc.abstractmethod
-    def mdp(self) -> Any:
-        """The task's settings, and the mathematics of an episode under them."""
+    def robot(self) -> Franka:
+        """The robot that acts."""
 
     @property
     @abc.abstractmethod
+    def mdp(self) -> MDP:
+        """The task's settings, and the mathematics of an episode under them."""
+
+    @property
+    def randomizer(self) -> Randomizer:
+        """Draws parameters of the scene at resets; by default none."""
+        return _NO_RANDOMIZER
+
+    @property
     def state(self) -> Any:
         """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
+        return self._state
 
     @property
     @abc.abstractmethod
     def observation_size(self) -> int:
         """Number of elements of the flat observation, goals included."""
+
+    @property
+    def policy_key(self) -> str:
+        """Name of trained policies for the task; equal for tasks that differ neither in goals nor in rewards."""
+        return type(self).__name__
 
     @property
     def episode_metrics(self) -> Metrics:
@@ -65,8 +95,14 @@ class SuiteTask(composer.Task):
           infos: its last infos, of the Gymnasium environment or from a recording; arrays without leading axis.
         """
 
+    @abc.abstractmethod
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray:
+        """Returns how far episodes have come, `(...)`, from their infos: a number that grows towards success."""
+
     def begin_run(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
+        zeros = {name: np.zeros_like(getattr(self._state, name)) for name in self.mdp.carried}
+        self._state = self._state._replace(**zeros)
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         """Moves robot and objects to the positions and velocities of a recorded observation.
@@ -101,11 +137,10 @@ class SuiteTask(composer.Task):
         """
         return None
 
-    @abc.abstractmethod
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
+        return tree.map_structure(np.array, self._state._asdict())
 
-    @abc.abstractmethod
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
 
@@ -114,6 +149,87 @@ class SuiteTask(composer.Task):
           ValueError: an element is missing, is of another task, has the wrong shape or is out of range; the task is
             unchanged then.
         """
+        self._set_state(type(self._state)(**checks.matching(state, self.get_state(), "task state")))
+
+    @abc.abstractmethod
+    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        """Moves robot and objects to the start of an episode."""
+
+    def _bind(self, physics: mjcf.Physics) -> None:
+        """Looks up what the task needs beside the MDP in a compiled scene."""
+
+    @abc.abstractmethod
+    def _show(self, physics: mjcf.Physics | None) -> None:
+        """Updates observables and, given a physics, colours after a change of state."""
+
+    def action_spec(self, physics: mjcf.Physics) -> specs.Array:
+        del physics
+        return self.mdp.action_mode.spec(self.robot)
+
+    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random = random_state
+        mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
+        mdp.sensors.bind(physics)
+        mdp.action_mode.bind(physics, self.robot)
+        (self._action_size,) = self.action_spec(physics).shape
+        self._bind(physics)
+        self._start(physics, np.zeros(mdp.noise_draws))
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random = random_state
+        self._reset_physics(physics, random_state)
+        self._start(physics, self.mdp.draw_noise(random_state))
+
+    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
+        """Sets the actuators' targets for the whole control step.
+
+        Raises:
+          TypeError: the action does not hold real numbers.
+          ValueError: the action has another shape than its spec, or holds NaN or inf.
+        """
+        del physics
+        self._random, mdp = random_state, self.mdp
+        self._action = checks.vector(action, self._action_size, "action").copy()
+        draw = mdp.draw_action(random_state)
+        self._target = mdp.action_mode.control(self._simulation, self._state, self._action, draw)
+        self._simulation.write("ctrl", mdp.sensors.ctrl, self._target)
+
+    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._random, mdp = random_state, self.mdp
+        if not physics.legacy_step:
+            # MuJoCo's own step leaves kinematics and sensors as they were before it.
+            mdp.sensors.refresh(physics)
+        state = mdp.step(
+            self._state,
+            action=self._action,
+            target=self._target,
+            reading=mdp.sensors.read(self._simulation),
+            draws=mdp.draw_noise(random_state),
+        )
+        self._set_state(state, physics)
+
+    def get_reward(self, physics: mjcf.Physics) -> float:
+        del physics
+        return float(self.mdp.reward(self._state))
+
+    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
+        del physics
+        return self._terminates
 
     def get_discount(self, physics: mjcf.Physics) -> float:
         return 0.0 if self.should_terminate_episode(physics) else 1.0
+
+    def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
+        """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
+        mdp, before = self.mdp, self._state
+        mdp.sensors.refresh(physics)
+        start = mdp.initial_state(mdp.sensors.read(self._simulation), draws)
+        carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
+        self._set_state(start._replace(**carried), physics)
+
+    def _set_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
+        """Stores a state, and shows it."""
+        self._state = state
+        # composer asks twice.
+        self._terminates = bool(self.mdp.terminates(state))
+        self._show(physics)

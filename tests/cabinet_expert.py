@@ -4,7 +4,7 @@ import mink
 import numpy as np
 
 from kitchen_suite import experts
-from kitchen_suite.entities import PANDA
+from kitchen_suite.entities import PANDA, OpenCabinetArena
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
@@ -44,7 +44,7 @@ def _script(env, positions, gripper):
     )
     joints = env.physics.bind(env.task.scene.robot.joints[:7])
     gains = [link.actuator.gain for link in PANDA.links]
-    kinematics = ArmKinematics("open_cabinet")
+    kinematics = ArmKinematics(OpenCabinetArena, PANDA)
     limits = JointSpeedLimits(joint_speed=np.full(7, 0.01), timestep=CONTROL_TIMESTEP)
     skill = Skill(
         moves=tuple(Move(position=position, orientation=_FORWARD, speed=0.1) for position in positions),

@@ -22,7 +22,7 @@ def test_public_names_exist(name):
     assert all(getattr(module, public) is not None for public in module.__all__)
 
 
-@pytest.mark.parametrize("name", [".environment", ".entities", ".tasks", ".policies", ".experts", ".vector_env"])
+@pytest.mark.parametrize("name", [".environment", ".entities", ".tasks", ".policies", ".experts"])
 def test_names_that_a_package_imports_are_public(name):
     module = importlib.import_module(f"kitchen_suite{name}")
     imported = {key for key, value in vars(module).items() if key[0] != "_" and type(value) is not type(sys)}

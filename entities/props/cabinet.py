@@ -1,5 +1,6 @@
 """A cabinet with two drawers above two doors, each with a bar handle; every size and force is a parameter."""
 
+import itertools
 import math
 
 from dm_control import composer, mjcf
@@ -7,7 +8,9 @@ from dm_control import composer, mjcf
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.parameters import Parameter, joint_parameters, pose_parameters
 from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetConfig
+from kitchen_suite.entities.props.prop import Prop
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
@@ -17,7 +20,7 @@ DOORS = ("left", "right")
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
-class Cabinet(assets.NamedEntity):
+class Cabinet(Prop):
     """The cabinet; the origin of its frame is its centre, x points out of its front."""
 
     def _build(self, config: CabinetConfig | None = None, *, visuals: bool = True, name: str = "cabinet") -> None:
@@ -59,6 +62,13 @@ class Cabinet(assets.NamedEntity):
         drawers = (self.drawer_joint(drawer) for drawer in DRAWERS)
         doors = (self._mjcf_root.find("joint", f"door_{door}_joint") for door in DOORS)
         return (*drawers, *doors)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw of the attached cabinet; friction and damping of drawers and doors."""
+        names = (joint.full_identifier.removesuffix("_joint") for joint in self.joints)
+        resistances = itertools.starmap(joint_parameters, zip(names, self.joints, strict=True))
+        return (*pose_parameters(self), *itertools.chain.from_iterable(resistances))
 
     def drawer_joint(self, drawer: str) -> mjcf.Element:
         """The slide of the `top` or `bottom` drawer."""

@@ -9,9 +9,10 @@ from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.props.prop import Prop
 
 
-class KitchenProp(assets.NamedEntity):
+class KitchenProp(Prop):
     """An object with a fixed list of joints, described by one MJCF file."""
 
     xml_name: str
@@ -36,7 +37,6 @@ class KitchenProp(assets.NamedEntity):
 
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
-        """The prop's joints, in the order in which the kitchen observes them."""
         return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
 
 
@@ -111,9 +111,10 @@ class Microwave(KitchenProp):
 
 
 class Kettle(KitchenProp):
-    """The kettle; `composer.Arena.add_free_entity` or `KitchenArena.attach_at_site` adds its free joint."""
+    """The kettle; `composer.Arena.add_free_entity` or `SiteArena.attach_at_site` adds its free joint."""
 
     xml_name = "kettle"
+    free = True
     joint_names = ("kettle",)
 
     @property

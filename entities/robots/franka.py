@@ -10,6 +10,7 @@ from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.parameters import SLIDING_FRICTION, Parameter
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
 
@@ -67,6 +68,13 @@ class Franka(assets.NamedEntity):
     def end_effector(self) -> mjcf.Element:
         """The site between the fingers."""
         return self._mjcf_root.find("site", self._specification.end_effector["name"])
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Coefficient of sliding friction of the finger pads, the first colliding geom of each finger."""
+        pads = tuple(self.finger_geoms(side)[0] for side in ("left", "right"))
+        name = f"{self._mjcf_root.model}/pad_friction"
+        return (Parameter(name=name, unit="1", quantity=SLIDING_FRICTION, elements=pads),)
 
     def finger_geoms(self, side: str) -> tuple[mjcf.Element, ...]:
         """The colliding geoms of the `left` or the `right` finger."""

@@ -87,9 +87,9 @@ class Finger:
     geoms: tuple[Attributes, ...]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class FrankaSpec:
-    """All parameters in which models of the Panda differ.
+    """All parameters in which models of the Panda differ; equal only to itself, so that it can be a key.
 
     Attributes:
       base_inertia: inertia of link 0.

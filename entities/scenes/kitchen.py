@@ -1,20 +1,17 @@
 """The kitchen's arena, and the scene of the kitchen domain: arena, robot and props."""
 
-import dataclasses
-from collections.abc import Mapping
-from types import MappingProxyType
-
-from dm_control import mjcf
+from collections.abc import Mapping, Sequence
 
 from kitchen_suite.entities.props import kitchen as kitchen_props
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
+from kitchen_suite.entities.scenes.scene import Scene
 
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
 
-# Props without a free joint, in the order in which their joints are observed.
-_FIXED_PROPS = (
+# In the order in which their joints are observed.
+_PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
     kitchen_props.Counter,
     kitchen_props.Oven,
     kitchen_props.Hood,
@@ -22,7 +19,11 @@ _FIXED_PROPS = (
     kitchen_props.SlideCabinet,
     kitchen_props.HingeCabinet,
     kitchen_props.Microwave,
+    kitchen_props.Kettle,
 )
+
+# Names of the props with joints, in the order in which these are observed.
+OBSERVED_PROPS = tuple(prop.xml_name for prop in _PROPS if prop.joint_names)
 
 
 class KitchenArena(SiteArena):
@@ -41,47 +42,25 @@ class KitchenArena(SiteArena):
         self._mjcf_root.option.sleep_tolerance = _SLEEP_TOLERANCE
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class KitchenScene:
-    """A furnished kitchen.
-
-    Attributes:
-      arena: the arena, with everything else attached to it.
-      robot: the Franka on its pedestal.
-      props: the objects by name, in the order in which their joints are observed.
-    """
-
-    arena: KitchenArena
-    robot: Franka
-    props: Mapping[str, kitchen_props.KitchenProp]
-
-    @property
-    def object_joints(self) -> tuple[mjcf.Element, ...]:
-        """The props' joints in the order of the observation: 21 positions, 20 velocities."""
-        return tuple(joint for prop in self.props.values() for joint in prop.joints)
-
-
-def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> KitchenScene:
-    """Builds the kitchen of FrankaKitchen-v1.
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
+    """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
 
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
         trajectories are then nearly the same (see `KitchenArena.enable_sleep`).
     """
-    arena = KitchenArena(visuals=visuals)
+    arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
     if sleep:
         arena.enable_sleep()
-    robot = Franka(visuals=visuals)
-    arena.attach_at_site(robot)
-    fixed = [prop(visuals=visuals) for prop in _FIXED_PROPS]
-    for prop in fixed:
-        arena.attach_at_site(prop)
-    kettle = kitchen_props.Kettle(visuals=visuals)
-    arena.attach_at_site(kettle, free=True)
+    scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
     _exclude_base_contacts(arena, robot)
-    by_name = {prop.mjcf_model.model: prop for prop in (*fixed, kettle)}
-    return KitchenScene(arena=arena, robot=robot, props=MappingProxyType(by_name))
+    return scene
+
+
+def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
+    """Returns numbers by prop as one list, in the order in which the kitchen's joints are observed."""
+    return [number for name in OBSERVED_PROPS for number in by_prop[name]]
 
 
 def _exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:

@@ -4,20 +4,15 @@ import concurrent.futures
 import dataclasses
 import importlib.metadata
 import json
+import pkgutil
 import platform
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
-from kitchen_suite import checks
+from kitchen_suite import checks, suite
 from kitchen_suite.benchmarks import baselines, memory, report, speed
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
-from kitchen_suite.benchmarks.kitchen import KITCHEN
-from kitchen_suite.benchmarks.open_cabinet import OPEN_CABINET
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.versions import installed_versions
-
-DOMAINS: Mapping[str, BenchmarkDomain] = MappingProxyType({"kitchen": KITCHEN, "open_cabinet": OPEN_CABINET})
 
 _DEFAULT_NUM_ENVS = {"speed": (32,), "scaling": (1, 8, 32, 128, 512), "soak": (32,)}
 _DEFAULT_NUM_STEPS = {"speed": 0, "scaling": 10_000, "soak": 1_000_000}
@@ -38,7 +33,7 @@ class BenchmarkJob:
         """
         measure = checks.choice(settings.measure, _DEFAULT_NUM_ENVS, "measure")
         self._settings = settings
-        self._domain = DOMAINS[checks.choice(settings.domain_name, DOMAINS, "domain_name")]
+        self._domain = find_cases(settings.domain_name)
         self._num_envs = settings.num_envs or _DEFAULT_NUM_ENVS[measure]
         self._num_steps = _DEFAULT_NUM_STEPS[measure] if settings.num_steps is None else settings.num_steps
         if measure != "scaling" and len(self._num_envs) != 1:
@@ -83,6 +78,20 @@ class BenchmarkJob:
     def _soak(self) -> dict[str, Any]:
         (num_envs,) = self._num_envs
         return {"results": memory.soak(self._domain, num_envs=num_envs, num_steps=self._num_steps)}
+
+
+def find_cases(domain_name: str) -> BenchmarkDomain:
+    """Returns the benchmark cases of a domain.
+
+    Raises:
+      ValueError: there is no such domain, or none with benchmarks.
+    """
+    benchmark = suite.DOMAINS[checks.choice(domain_name, suite.DOMAINS, "domain_name")].benchmark
+    if benchmark is None:
+        names = [domain.name for domain in suite.DOMAINS.values() if domain.benchmark]
+        raise ValueError(f"domain {domain_name!r} has no benchmark; choose from {names}")
+    cases: BenchmarkDomain = pkgutil.resolve_name(benchmark)
+    return cases
 
 
 def command_line(settings: BenchmarkSettings) -> str:

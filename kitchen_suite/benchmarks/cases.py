@@ -2,14 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import IDS
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 
 # Names of cases that every domain has.
@@ -60,11 +59,6 @@ class BenchmarkDomain:
     ratios: Callable[[int], dict[str, tuple[str, str]]]
     environments: Callable[[], tuple[Environment, SuiteEnv]]
     vector_envs: Mapping[str, VectorEnvFactory]
-
-
-def registered_episode_steps(domain_name: str) -> int:
-    """Returns the control steps of an episode that the domain's Gymnasium id is registered with."""
-    return cast(int, gymnasium.spec(IDS[domain_name]).max_episode_steps)
 
 
 def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 1) -> Case:

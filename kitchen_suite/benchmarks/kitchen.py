@@ -18,7 +18,6 @@ from kitchen_suite.benchmarks.cases import (
     Case,
     VectorEnvFactory,
     environment_case,
-    registered_episode_steps,
     vector_case_name,
     vector_cases,
 )
@@ -34,7 +33,7 @@ from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"
 
 _ACTION_SIZE = 9
-_MAX_EPISODE_STEPS = registered_episode_steps("kitchen")
+_MAX_EPISODE_STEPS = suite.DOMAINS["kitchen"].episode_steps
 
 
 def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -17,24 +17,24 @@ from kitchen_suite.benchmarks.cases import (
     Case,
     VectorEnvFactory,
     environment_case,
-    registered_episode_steps,
     vector_case_name,
     vector_cases,
 )
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
+from kitchen_suite.tasks.control_modes import ACTION_SIZE
 from kitchen_suite.tasks.open_cabinet import mdp
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
-_MAX_EPISODE_STEPS = registered_episode_steps("open_cabinet")
+_MAX_EPISODE_STEPS = suite.DOMAINS["open_cabinet"].episode_steps
 _ARM = slice(7)
 
 
 def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Draws actions `(*shape, 8)` with joint offsets so small that the episode does not terminate."""
-    return rng.normal(0.0, 0.01, (*shape, mdp.ACTION_SIZE))
+    return rng.normal(0.0, 0.01, (*shape, ACTION_SIZE))
 
 
 def load(*, visuals: bool) -> Environment:

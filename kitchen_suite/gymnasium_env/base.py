@@ -8,7 +8,7 @@ from typing import Any, Self
 import dm_env
 import gymnasium
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
@@ -125,6 +125,20 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     @abc.abstractmethod
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays."""
+
+    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns actions `(..., k)` as they are applied."""
+        return actions
+
+    def layout(self, flat: NDArray, state: Any) -> Any:
+        """Lays the MDP's flat observation out as in the observation space.
+
+        Args:
+          flat: `(..., m)`, from `MDP.observation`; a fresh array.
+          state: the MDP's state, from which goals are read.
+        """
+        del state
+        return flat
 
     @abc.abstractmethod
     def suite_observation(self, observation: Any) -> dict[str, np.ndarray]:

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.tasks.kitchen.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.rewards import total
 
 TO_COMPLETE = "tasks_to_complete"
 STEP_COMPLETIONS = "step_task_completions"
@@ -42,16 +44,21 @@ def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
 
 
 def reward(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
+    achieved: NDArray[np.float64],
+    desired: NDArray[np.float64],
+    info: Infos,
+    goals: GoalSet,
+    threshold: float,
+    reward_terms: SparseReward,
 ) -> NDArray[np.float64]:
-    """Returns the number `(...)` of rewarded tasks within the threshold.
+    """Returns the reward `(...)` of the tasks within the threshold.
 
     A task is rewarded if the info lists it as still to complete or as completed in the step. An info without these
     lists and masks rewards every task.
     """
     within = _within(achieved, desired, goals, threshold)
     listed, has_lists = _listed_tasks(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return (within & np.where(has_lists, listed, True)).sum(axis=-1).astype(np.float64)
+    return total(reward_terms(within & np.where(has_lists, listed, True)))
 
 
 def terminated(

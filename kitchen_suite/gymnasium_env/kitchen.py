@@ -17,8 +17,9 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD
-from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.state import KitchenState
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -138,14 +139,19 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return view
 
     def _get_obs(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
+        return self.layout(np.concatenate([observation[key] for key in _STATE_KEYS]), self._task.state)
+
+    def layout(self, flat: NDArray, state: KitchenState) -> dict[str, Any]:
+        desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
         return {
-            "observation": np.concatenate([observation[key] for key in _STATE_KEYS]),
-            "achieved_goal": self.format_goal(self._task.state.achieved.copy()),
-            "desired_goal": self.format_goal(self._goals.desired.copy()),
+            "observation": flat,
+            "achieved_goal": self.format_goal(state.achieved.copy()),
+            "desired_goal": self.format_goal(desired.copy()),
         }
 
     def _get_info(self) -> dict[str, Any]:
         task = self._task
+        info = task.mdp.info(task.state)
         names = {
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
@@ -153,8 +159,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         return {
             **(names if self._info_format == "lists" else {}),
-            **task.mdp.info(task.state),
-            "is_success": self._number(bool(task.progress.all_completed)),
+            **info,
+            "is_success": self._number(bool(info["is_success"])),
             "episode_step": self._number(self._episode_step),
         }
 
@@ -174,7 +180,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           ValueError: a task is missing, or shapes do not fit.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
-        return _item(goal_rewards.reward(achieved, desired, info, self._goals, self._task.threshold))
+        mdp = self._task.mdp
+        return _item(goal_rewards.reward(achieved, desired, info, self._goals, mdp.threshold, mdp.reward_terms))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.

@@ -1,23 +1,22 @@
 """The cabinet as a Gymnasium environment: a drawer to be opened, with a dense reward."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import checks, suite
+from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.gymnasium_env.flat import FlatEnv
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
-from kitchen_suite.tasks.open_cabinet.mdp import ACTION_SIZE, CONTROL_TIMESTEP
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 
 
-class FrankaOpenCabinetEnv(SuiteEnv):
+class FrankaOpenCabinetEnv(FlatEnv):
     """A Franka in front of a cabinet, over `OpenCabinetTask`: it grasps the handle of a drawer and pulls.
 
     Observation: 25 numbers in [-5, 5], float32; table in docs/open_cabinet.md.
@@ -36,7 +35,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
         gripper: str = "sampled",
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
-        randomization: Randomization | None = None,
+        randomization: Randomization | Mapping[str, Any] | str | None = None,
         cabinet_config: CabinetConfig | None = None,
         action_limit: float | None = None,
         **settings: Any,
@@ -50,7 +49,8 @@ class FrankaOpenCabinetEnv(SuiteEnv):
           reward: `original`, or `grasp`, which rewards opening only while both finger pads hold the handle.
           observation_noise: half width of the uniform noise on parts of the observation, by the names of the parts;
             none when omitted.
-          randomization: physical properties that a reset draws; none when omitted.
+          randomization: parameters of the scene that a reset draws: a `Randomization`, variations by parameter, also
+            as JSON describes them, or the name of a preset, `moderate`; none when omitted.
           cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
           action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
             space is unbounded when omitted.
@@ -61,7 +61,6 @@ class FrankaOpenCabinetEnv(SuiteEnv):
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         task_options = {
             "drawer": drawer,
             "gripper": gripper,
@@ -70,10 +69,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
             "randomization": randomization,
             "cabinet_config": cabinet_config,
         }
-        super().__init__(task_options=task_options, **settings)
-        self._task = self._environment.task
-        self._action_limit = limit
-        self.action_space = spaces.Box(-limit, limit, (ACTION_SIZE,), np.float32)
+        super().__init__(action_limit=action_limit, task_options=task_options, **settings)
         bound = drawer_observation.LIMIT
         self.observation_space = spaces.Box(-bound, bound, (drawer_observation.SIZE,), np.float32)
 
@@ -82,25 +78,3 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 
     def _default_camera_config(self) -> dict[str, Any]:
         return {"distance": 2.2, "azimuth": 125.0, "elevation": -25.0, "lookat": np.array([0.4, 0.0, 0.5])}
-
-    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Makes one control step; see `SuiteEnv.step`."""
-        if self._action_limit < math.inf:
-            # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
-            action = self.clip_actions(checks.vector(action, ACTION_SIZE, "action"))
-        return super().step(action)
-
-    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns actions `(..., 8)` clipped to the `action_limit`, if there is one."""
-        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
-
-    def suite_observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
-        spec = self._environment.observation_spec()
-        ends = np.cumsum([part.shape[0] for part in spec.values()])
-        return dict(zip(spec, np.split(observation.copy(), ends[:-1]), strict=True))
-
-    def _get_obs(self, observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-        return np.concatenate([*observation.values()])
-
-    def _get_info(self) -> dict[str, Any]:
-        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

@@ -15,16 +15,14 @@ import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dm_env
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-
-if TYPE_CHECKING:
-    from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.trained import TrainedPolicy, flat_timestep, shipped
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
@@ -90,9 +88,6 @@ def trained(environment: dm_env.Environment, generator: np.random.Generator, *, 
       ValueError: the file holds no policy for such a task, or none comes with the package.
     """
     del generator
-    # Imports dm_control, which must not be imported before the commands have chosen a GL library.
-    from kitchen_suite.policies.trained import flat_timestep, shipped
-
     path = Path(file) if file else shipped(environment.task)
     policy = _load_trained(path, path.stat().st_mtime_ns)
     policy.check_fits(environment.task.observation_size, *environment.action_spec().shape)
@@ -100,10 +95,8 @@ def trained(environment: dm_env.Environment, generator: np.random.Generator, *, 
 
 
 @functools.lru_cache(maxsize=8)
-def _load_trained(path: Path, modified: int) -> "TrainedPolicy":
+def _load_trained(path: Path, modified: int) -> TrainedPolicy:
     """Reads a trained policy once for all episodes, and again when the file's time of modification [ns] changes."""
-    from kitchen_suite.policies.trained import TrainedPolicy
-
     del modified
     return TrainedPolicy.load(path)
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 import kitchen_suite
 from kitchen_suite import checks, files
-from kitchen_suite.tasks import OpenCabinetTask
 
 if TYPE_CHECKING:
-    from dm_control import composer
+    from kitchen_suite.tasks.base import SuiteTask
 
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
@@ -202,19 +201,15 @@ def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
     return np.concatenate([np.ravel(array) for array in timestep.observation.values()])
 
 
-def shipped(task: "composer.Task") -> Path:
+def shipped(task: "SuiteTask") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward.
 
     Raises:
       ValueError: there is none.
     """
-    if isinstance(task, OpenCabinetTask):
-        name = f"{task.drawer}_drawer" + ("" if task.reward_name == "original" else f"_{task.reward_name}")
-        title = f"open_cabinet {name}"
-    else:
-        name, title = "_".join(task.goals).replace(" ", "_"), f"the kitchen tasks {', '.join(task.goals)}"
-    path = SHIPPED / f"{name}.npz"
+    path = SHIPPED / f"{task.policy_key}.npz"
     if not path.exists():
+        title = f"{task.domain_name or 'task'} {task.policy_key}"
         present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
         raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
     return path

@@ -22,7 +22,6 @@ _DATASET_ID = re.compile(r"-v\d+$")
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
-_KNOWN_IDS = {_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()}
 
 
 class Source(abc.ABC):
@@ -84,9 +83,9 @@ class MinariSource(Source):
             spec = dataset.storage.metadata.get(SPEC_KEY)
             self._spec = None if spec is None else RecordingSpec.from_json(spec)
             self._env_spec = dataset.env_spec
-        if self._env_spec is None or self._env_spec.id not in _KNOWN_IDS:
-            found = self._env_spec and self._env_spec.id
-            raise ValueError(f"dataset {dataset.id} is not of a kitchen or cabinet, but of {found}")
+        found = self._env_spec and self._env_spec.id
+        if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
+            raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
 
     @property
     def spec(self) -> RecordingSpec | None:

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite import checks, files, gymnasium_env, policies, suite
+from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.rollouts.settings import EpisodeSettings
@@ -35,7 +35,7 @@ class RecordingSpec:
     """The specification of recorded episodes; episode `i` has the seed `seed + i`.
 
     Attributes:
-      domain_name: a key of `suite.TASKS_BY_DOMAIN`.
+      domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
       task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
       policy: name of the policy, as `policies.find` takes it.
@@ -95,12 +95,11 @@ class RecordingSpec:
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
-        env_id = gymnasium_env.IDS[domain_name]
+        domain = suite.DOMAINS[domain_name]
         # Gymnasium takes some names itself, such as `disable_env_checker`.
-        env_class = cast(type[SuiteEnv], load_env_creator(str(gymnasium.spec(env_id).entry_point)))
+        env_class = cast(type[SuiteEnv], load_env_creator(domain.env))
         env_class.check_keywords(task_kwargs, leave_out=_RESERVED)
         policies.find(policy)
-        limit = max_episode_steps or gymnasium.spec(env_id).max_episode_steps
         return cls(
             domain_name=domain_name,
             task_name=task_name,
@@ -108,7 +107,7 @@ class RecordingSpec:
             policy=policy,
             seed=seed,
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
-            max_episode_steps=cast(int, limit),
+            max_episode_steps=max_episode_steps or domain.episode_steps,
             versions=installed_versions(),
             policy_sha256=_policy_digest(policy),
         )
@@ -138,7 +137,7 @@ class RecordingSpec:
         """Makes the environment of the episodes; `extra` are further arguments."""
         arguments = {"max_episode_steps": self.max_episode_steps, **self._arguments(), **extra}
         try:
-            return gymnasium.make(gymnasium_env.IDS[self.domain_name], **arguments)
+            return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
         except TypeError as error:
             # Gymnasium adds all arguments to the message.
             raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
@@ -160,7 +159,7 @@ class RecordingSpec:
     ) -> SuiteVectorEnv:
         """Makes vectorised environments of the same kind; `extra` are further arguments."""
         environments = gymnasium.make_vec(
-            gymnasium_env.IDS[self.domain_name],
+            suite.DOMAINS[self.domain_name].env_id,
             num_envs,
             vectorization_mode="vector_entry_point",
             num_threads=num_threads,
@@ -173,7 +172,7 @@ class RecordingSpec:
     def _arguments(self) -> dict[str, Any]:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
-        return {**arguments, **({"info_format": "arrays"} if self.domain_name == "kitchen" else {})}
+        return {**arguments, **suite.DOMAINS[self.domain_name].array_options}
 
 
 def _policy_digest(policy: str) -> str | None:

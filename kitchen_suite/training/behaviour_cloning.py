@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import pkgutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from skrl.agents.torch.ppo import PPO
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
 
@@ -22,13 +22,6 @@ _ACTION_LIMIT = 5.0
 
 # Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
 _SCALER_COUNT = 1e15
-
-# By domain: the environment, and its arguments that decide what observed numbers and actions mean. Those for noise,
-# rewards, thresholds and the end of episodes may differ between demonstrations and training.
-_MEANINGS: Mapping[str, tuple[type, tuple[str, ...]]] = {
-    "kitchen": (FrankaKitchenEnv, ("tasks_to_complete", "goals", "velocity_scale", "feedback")),
-    "open_cabinet": (FrankaOpenCabinetEnv, ("gripper",)),
-}
 
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
@@ -64,13 +57,12 @@ def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: Recording
     """Checks that observations and actions of a recording mean the same in the environments to be trained in.
 
     Raises:
-      ValueError: the tasks differ, or an argument of `_MEANINGS`.
+      ValueError: the tasks differ, or one of the domain's `cloning_options`.
     """
     found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
-    _, names = _MEANINGS[wanted.domain_name]
-    for name in names:
+    for name in suite.DOMAINS[wanted.domain_name].cloning_options:
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
             raise ValueError(
@@ -81,7 +73,7 @@ def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: Recording
 
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
-    environment, _ = _MEANINGS[spec.domain_name]
+    environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
     default = {name: inspect.signature(environment).parameters[name].default}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))

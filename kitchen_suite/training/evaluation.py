@@ -26,10 +26,11 @@ def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequenc
       in which the physics has diverged.
     """
     rollout = VectorRollout(environments, NetworkController(lambda observations: policy(flat(observations))))
+    task = environments.template_env.environment.task
     metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
     for index, episode in rollout.play(collections.deque(enumerate(seeds))):
         if episode:
-            for name, value in episode_metrics(episode.last_info).items():
+            for name, value in episode_metrics(task, episode.last_info).items():
                 metrics[name][index] = value
             metrics["episode/return"][index] = episode.total_reward
     return metrics

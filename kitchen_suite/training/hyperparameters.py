@@ -3,10 +3,9 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, get_args, get_type_hints
 
-from kitchen_suite import checks
+from kitchen_suite import checks, suite
 
 # Hyperparameters that are divided by, or whose logarithm is taken.
 _POSITIVE = ("exploration", "standardisation_epsilon")
@@ -83,6 +82,11 @@ class Hyperparameters:
         return self.num_envs * self.rollouts
 
     @classmethod
+    def defaults(cls, domain_name: str) -> "Hyperparameters":
+        """Returns the defaults of a domain."""
+        return cls(**suite.DOMAINS[domain_name].hyperparameters)
+
+    @classmethod
     def for_domain(cls, domain_name: str, changes: Mapping[str, Any]) -> "Hyperparameters":
         """Returns the defaults of a domain, with some values changed.
 
@@ -97,7 +101,7 @@ class Hyperparameters:
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
         }
-        config = dataclasses.replace(DEFAULTS[domain_name], **values)
+        config = dataclasses.replace(cls.defaults(domain_name), **values)
         if config.batch_size % config.mini_batches:
             raise ValueError(
                 f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "
@@ -131,24 +135,3 @@ def _check(name: str, value: object, kind: Any) -> None:
             number = checks.number(part, name, positive=bool(elements) or name in _POSITIVE)
         if number > _MAXIMA.get(name, math.inf):
             raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {part!r}")
-
-
-DEFAULTS: Mapping[str, Hyperparameters] = MappingProxyType(
-    {
-        "open_cabinet": Hyperparameters(),
-        "kitchen": Hyperparameters(
-            num_envs=32,
-            rollouts=140,
-            hidden=(512, 512),
-            mini_batches=10,
-            learning_rate=1e-4,
-            kl_target=0.0,
-            discount=0.995,
-            entropy_scale=0.0,
-            reward_scale=1.0,
-            exploration=0.1,
-            noise_correlation=0.0,
-            action_scale=(0.5,) * 9,
-        ),
-    }
-)

@@ -18,7 +18,6 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.metrics import episode_metrics, step_metrics
 from kitchen_suite.training.state_dicts import check_modules
 from kitchen_suite.vector_env.base import SuiteVectorEnv
-from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv
 
 
 class DivergedError(Exception):
@@ -73,9 +72,8 @@ class Learner:
           seed: of the first environment; each further environment has the next seed.
         """
         environments, count = self._environments, self._environments.num_envs
-        if isinstance(environments, FrankaOpenCabinetVectorEnv):
-            # The weights of its penalties depend on the steps made before an interruption.
-            environments.total_steps = np.full(count, self.steps // count)
+        # Rewards may depend on the steps made before an interruption.
+        environments.begin_run(total_steps=self.steps // count)
         observations, _ = environments.reset(seed=seed)
         self._observations = _tensor(observations)
         length = _episode_length(environments)
@@ -188,7 +186,9 @@ class Learner:
         self._observations = next_observations
         metrics = {"step/reward": rewards, **step_metrics(infos)}
         if ended.any():
-            metrics |= {name: values[ended] for name, values in episode_metrics(infos["final_info"]).items()}
+            task = self._environments.template_env.environment.task
+            of_episodes = episode_metrics(task, infos["final_info"])
+            metrics |= {name: values[ended] for name, values in of_episodes.items()}
         return metrics
 
     def _act(self) -> NDArray[np.float32]:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-EPISODE_METRICS = ("episode/success", "episode/progress", "episode/length")
+from kitchen_suite.tasks.base import SuiteTask
 
-_COMPLETIONS = "episode_task_completions_mask"
+EPISODE_METRICS = ("episode/success", "episode/progress", "episode/length")
 
 
 def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
@@ -22,11 +22,7 @@ def step_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
     return {f"step/{name}": np.where(ended, final_info[name], infos[name]) for name in terms}
 
 
-def episode_metrics(infos: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Returns the `EPISODE_METRICS` `(n,)` of episodes from their last infos.
-
-    Progress is the drawer's opening [m], or the number of completed kitchen tasks.
-    """
-    progress = infos[_COMPLETIONS].sum(axis=-1) if _COMPLETIONS in infos else infos["drawer_opening"]
-    values = (infos["is_success"], progress, infos["episode_step"])
+def episode_metrics(task: SuiteTask, infos: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Returns the `EPISODE_METRICS` `(n,)` of episodes of a task from their last infos."""
+    values = (infos["is_success"], task.progress_in(infos), infos["episode_step"])
     return {name: np.asarray(value, np.float64) for name, value in zip(EPISODE_METRICS, values, strict=True)}

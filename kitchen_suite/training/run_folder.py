@@ -17,7 +17,7 @@ class RunDescription:
     """What a run trains; a run is only resumed with the same.
 
     Attributes:
-      domain_name: a key of `suite.TASKS_BY_DOMAIN`.
+      domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
       task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
       hyperparameters: all of them, by name.

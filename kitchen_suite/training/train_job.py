@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import files
+from kitchen_suite import files, suite
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
@@ -32,9 +32,6 @@ from kitchen_suite.training.learner import DivergedError, Learner
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
 from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
-
-# Arguments with which goals are arrays, as a network needs them.
-_FLAT_GOALS = {"kitchen": {"goal_format": "flat"}, "open_cabinet": {}}
 
 _VIDEO_FPS = PlaySettings.video_fps
 
@@ -158,7 +155,7 @@ class TrainJob:
         return spec
 
     def _make_environments(self, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
-        options = _FLAT_GOALS[self._spec.domain_name]
+        options = suite.DOMAINS[self._spec.domain_name].flat_options
         return self._spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
 
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:

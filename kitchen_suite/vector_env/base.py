@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import PHYSICS_STATE, random_state
 from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.tasks.simulation import BatchSimulation
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.forks import leak_in_forks
@@ -35,9 +36,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     # Class of the single environment.
     env_class: type[SuiteEnv]
-
-    # Stage of MuJoCo's pipeline up to which the state after a control step is evaluated.
-    stage = mujoco.mjtStage.mjSTAGE_NONE
 
     def __init__(
         self,
@@ -96,14 +94,17 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._physics_steps = environment.task.physics_steps_per_control_step
         self._batch = Batch(environment.physics.model.ptr, self.num_envs, threads, persistent=True)
         leak_in_forks(self._batch)
-        self._data_fields: dict[str, NDArray] = {}
-        self._model_fields = {name: self._batch.expand(name) for name in self._randomized_fields()}
+        self._simulation = BatchSimulation(self._batch)
+        self._model_fields = {name: self._batch.expand(name) for name in environment.task.randomizer.model_fields}
         self._process = os.getpid()
 
     def _make_episodes(self) -> None:
         """Builds the state of the episodes; `reset` starts them."""
         self._streams = [random_state.Stream(None) for _ in range(self.num_envs)]
-        self._state: Any = batching.repeat(self._template_env.environment.task.state, self.num_envs)
+        task = self._template_env.environment.task
+        self._mdp = task.mdp
+        self._state: Any = batching.repeat(task.state, self.num_envs)
+        self._draws = np.zeros((self.num_envs, self._mdp.noise_draws))
         self._episode_steps = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
@@ -117,36 +118,23 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         """The single environment that starts the episodes; not to be stepped."""
         return self._template_env
 
-    def begin_run(self, mask: NDArray[np.bool_] | None = None) -> None:
+    def begin_run(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
         """Resets what environments keep from one episode to the next; see `SuiteTask.begin_run`.
 
         Args:
           mask: environments `(n,)` that begin a run; all when omitted.
+          total_steps: control steps that each has made before, where a run continues.
         """
+        for name in self._mdp.carried:
+            getattr(self._state, name)[slice(None) if mask is None else mask] = total_steps
 
-    def _randomized_fields(self) -> Sequence[str]:
-        """Names of the fields of the model that a reset may change."""
-        return ()
-
-    @abc.abstractmethod
-    def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
-        """Sets the simulations' controls for actions `(n, ...)`; draws random numbers only where `stepping`."""
-
-    @abc.abstractmethod
-    def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Updates the episodes' states after the simulations' step; draws random numbers only where `stepping`.
-
-        Returns:
-          Rewards `(n,)` and terminations `(n,)`, meaningful only where `stepping`.
-        """
-
-    @abc.abstractmethod
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
+        return self._template_env.layout(self._mdp.observation(self._simulation, self._state), self._state)
 
-    @abc.abstractmethod
     def _get_info(self) -> dict[str, NDArray]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""
+        return {**self._mdp.info(self._state), "episode_step": self._episode_steps.copy()}
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -253,13 +241,38 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step where `stepping`; returns rewards, terminations, and which simulations diverged."""
-        self._apply_actions(actions, stepping)
-        self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(self.stage))
+        mdp, actions = self._mdp, self._template_env.clip_actions(actions)
+        target = mdp.action_mode.control(self._simulation, self._state, actions, self._draw_actions(stepping))
+        self._simulation.write("ctrl", mdp.sensors.ctrl, target)
+        self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(mdp.sensors.stage))
         diverged = np.logical_or.reduce(self._batch.warning[:, :, 1], axis=1)
         alive = stepping & ~diverged
-        rewards, terminations = self._post_step(alive)
+        self._draw_noise(alive)
+        reading = mdp.sensors.read(self._simulation)
+        state = mdp.step(self._state, action=actions, target=target, reading=reading, draws=self._draws)
+        self._state = self._carry(state, alive)
         self._episode_steps += stepping
-        return np.where(alive, rewards, 0.0), (terminations & alive) | diverged, diverged
+        return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
+
+    def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
+        """Returns what the MDP draws for each action, `(n,)`; draws only where `stepping`, the median elsewhere."""
+        if not self._mdp.action_mode.draws:
+            return 0.5
+        each = zip(self._streams, stepping.tolist(), strict=True)
+        return np.array([self._mdp.draw_action(stream.random_state) if draws else 0.5 for stream, draws in each])
+
+    def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
+        """Draws the numbers of the observation noise where `stepping`."""
+        if self._draws.size:
+            for i in stepping.nonzero()[0].tolist():
+                self._draws[i] = self._mdp.draw_noise(self._streams[i].random_state)
+
+    def _carry(self, state: Any, stepping: NDArray[np.bool_]) -> Any:
+        """Returns a state after a step, with the fields that resets leave unchanged where not `stepping`."""
+        kept = {
+            name: np.where(stepping, getattr(state, name), getattr(self._state, name)) for name in self._mdp.carried
+        }
+        return state._replace(**kept) if kept else state
 
     def _start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask is True."""
@@ -269,6 +282,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         environment = self._template_env.environment
         self._batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
+        carried = {name: getattr(self._state, name)[indices] for name in self._mdp.carried}
         for i in indices.tolist():
             environment.random_state = self._streams[i].random_state
             environment.start_episode()
@@ -276,6 +290,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
             batching.put(self._state, i, environment.task.state)
+        for name, values in carried.items():
+            getattr(self._state, name)[indices] = values
         self._episode_steps[mask] = 0
 
     def _final_infos(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
@@ -320,17 +336,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def close_extras(self, **kwargs: Any) -> None:
         self._template_env.close()
         # The batch's threads end with the last reference to it.
-        del self._batch, self._data_fields, self._model_fields
-
-    def _field(self, name: str) -> NDArray[np.float64]:
-        """A field `(n, ...)` of MuJoCo's data over all simulations; a live view."""
-        if name not in self._data_fields:
-            self._data_fields[name] = self._batch.bind(name)
-        return self._data_fields[name]
-
-    def _read(self, name: str, columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Columns `(n, k)` of a field of MuJoCo's data over all simulations; a copy."""
-        return self._field(name).take(columns, axis=1)
+        del self._batch, self._simulation, self._model_fields
 
     @contextlib.contextmanager
     def _all_or_nothing(self) -> Iterator[None]:

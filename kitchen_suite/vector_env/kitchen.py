@@ -1,14 +1,13 @@
 """The vectorised kitchen: many kitchens stepped together as one Gymnasium vector environment."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
-from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
+from kitchen_suite.tasks.kitchen.state import KitchenState
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -18,47 +17,12 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     env_class = FrankaKitchenEnv
     _template_env: FrankaKitchenEnv
+    _mdp: KitchenMDP
     _state: KitchenState
 
-    def __init__(self, num_envs: int = 1, **settings: Any) -> None:
-        """Builds the environments; see `SuiteVectorEnv` and `FrankaKitchenEnv` for arguments and errors."""
-        super().__init__(num_envs, **settings)
-        task = self._template_env.environment.task
-        self._mdp, self._indices = task.mdp, task.indices
-        self._draws = np.zeros((self.num_envs, self._mdp.noise_scale.size))
-
-    def _apply_actions(self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]) -> None:
-        del stepping
-        self._target = self._mdp.compute_control(self._state, actions)
-        self._batch.ctrl[:, self._indices.ctrl] = self._target
-
-    def _post_step(self, stepping: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        for i in np.flatnonzero(stepping):
-            self._draws[i] = self._streams[i].random_state.uniform(-1.0, 1.0, self._draws.shape[1])
-        self._state = self._mdp.step(
-            self._state,
-            target=self._target,
-            positions=self._read("qpos", self._indices.robot_qpos),
-            achieved=self._read("qpos", self._indices.goal_qpos),
-            draw=self._draws,
-        )
-        return self._state.progress.reward, self._mdp.terminates(self._state)
-
-    def _get_obs(self) -> dict[str, Any]:
-        goals = self._mdp.goals
-        return {
-            "observation": self._indices.observed(self._batch.qpos, self._batch.qvel) + self._state.noise,
-            "achieved_goal": self._template_env.format_goal(self._state.achieved.copy()),
-            "desired_goal": self._template_env.format_goal(np.repeat(goals.desired[np.newaxis], self.num_envs, axis=0)),
-        }
-
     def _get_info(self) -> dict[str, NDArray]:
-        return {
-            **(self._names() if self._template_env.info_format == "lists" else {}),
-            **self._mdp.info(self._state),
-            "is_success": self._state.progress.all_completed,
-            "episode_step": self._episode_steps.copy(),
-        }
+        infos = super()._get_info()
+        return {**self._names(), **infos} if self._template_env.info_format == "lists" else infos
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does.

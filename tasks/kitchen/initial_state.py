@@ -5,10 +5,12 @@ Nine joints start slightly outside their ranges, and the kettle's quaternion is 
 
 import numpy as np
 
+from kitchen_suite.entities.scenes.kitchen import in_observed_order
+
 _ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
 _FINGERS = (0.0479267505, 0.0371350919)
 
-# By prop, in the order of the observation.
+# By prop.
 _OBJECTS = {
     "oven": (
         *(-0.00026627985, -5.18043486e-05),
@@ -23,7 +25,4 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
-# Props with joints, in the order of the observation.
-PROPS = tuple(_OBJECTS)
-
-INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *(value for values in _OBJECTS.values() for value in values)])
+INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *in_observed_order(_OBJECTS)])

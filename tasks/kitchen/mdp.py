@@ -1,108 +1,90 @@
-"""The kitchen's Markov decision process: action to actuator targets, and the state after a control step.
-
-The functions know neither physics nor time. A task keeps the state of one episode; a vectorised environment that of
-many, in arrays with one more axis. Both call the same MDP.
-"""
+"""The kitchen's Markov decision process: the state after a control step, its reward, observation and infos."""
 
 import dataclasses
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.action import position_target
-from kitchen_suite.tasks.kitchen.goals import GoalSet, Progress
-
-PHYSICS_TIMESTEP = 0.002  # [s]
-CONTROL_TIMESTEP = 0.08  # [s]
-FEEDBACKS = ("observed", "true", "target")
-
-
-class KitchenState(NamedTuple):
-    """State of an episode after a control step.
-
-    Attributes:
-      noise: `(..., 59)`, noise of the present observation.
-      positions: `(..., 9)`, positions of the robot's joints, without noise [rad, m].
-      target: `(..., 9)`, last targets of its actuators [rad, m].
-      achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
-      distances: `(..., n)`, distance of each task from its goal [rad, m].
-      progress: completion of the tasks.
-    """
-
-    noise: NDArray[np.float64]
-    positions: NDArray[np.float64]
-    target: NDArray[np.float64]
-    achieved: NDArray[np.float64]
-    distances: NDArray[np.float64]
-    progress: Progress
+from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.action import FEEDBACKS as FEEDBACKS
+from kitchen_suite.tasks.kitchen.action import PHYSICS_TIMESTEP as PHYSICS_TIMESTEP
+from kitchen_suite.tasks.kitchen.action import JointVelocity
+from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
+from kitchen_suite.tasks.kitchen.state import KitchenState
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.rewards import total
+from kitchen_suite.tasks.simulation import Simulation
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class KitchenMDP:
+class KitchenMDP(MDP[KitchenReading, KitchenState]):
     """Settings of a kitchen task, and the mathematics of an episode under them; `KitchenTask` explains the settings.
 
     Attributes:
+      sensors: sensors of robot and objects.
+      action_mode: meaning of the action.
       goals: the tasks, with their goals.
+      reward_terms: reward function of the tasks completed in a step.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       threshold: distance below which a task is complete [rad, m].
-      velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
-      feedback: one of `FEEDBACKS`.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
     """
 
+    sensors: KitchenSensors
+    action_mode: JointVelocity
     goals: GoalSet
+    reward_terms: SparseReward
     noise_scale: NDArray[np.float64]
     threshold: float
-    velocity_scale: float
-    feedback: str
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
 
-    def initial_state(self, positions: NDArray, achieved: NDArray, draw: NDArray | float = 0.0) -> KitchenState:
-        """Returns the state before the first step; arguments as in `step`, no noise without a draw."""
-        distances = self.goals.distances(achieved)
+    @property
+    def noise_draws(self) -> int:
+        return self.noise_scale.size
+
+    def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
+        distances = self.goals.distances(reading.achieved)
         return KitchenState(
-            noise=self.noise_scale * draw,
-            positions=positions,
-            target=positions,
-            achieved=achieved,
+            noise=self.noise_scale * draws,
+            positions=reading.positions,
+            target=reading.positions,
+            achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
         )
 
-    def compute_control(self, state: KitchenState, action: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns targets `(..., 9)` of the robot's actuators [rad, m] for an action `(..., 9)`."""
-        return position_target(
-            self._feedback_positions(state), action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP
-        )
-
     def step(
-        self, state: KitchenState, *, target: NDArray, positions: NDArray, achieved: NDArray, draw: NDArray
+        self,
+        state: KitchenState,
+        *,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        reading: KitchenReading,
+        draws: NDArray[np.float64],
     ) -> KitchenState:
-        """Returns the state after one more control step.
-
-        Args:
-          state: the state before it.
-          target: `(..., 9)`, targets of the actuators during it [rad, m].
-          positions: `(..., 9)`, positions of the robot's joints after it [rad, m].
-          achieved: `(..., k)`, achieved goals after it [rad, m, quaternion].
-          draw: `(..., 59)`, from U(-1, 1), for the noise of the observation.
-        """
+        del action
+        positions, achieved = reading
         distances = self.goals.distances(achieved)
         progress = state.progress.update(
             distances < self.threshold, remove_task_when_completed=self.remove_task_when_completed
         )
-        return KitchenState(self.noise_scale * draw, positions, target, achieved, distances, progress)
+        return KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress)
+
+    def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
+        return self.sensors.observed(simulation) + state.noise
+
+    def reward(self, state: KitchenState) -> NDArray[np.float64]:
+        return total(self.reward_terms(state.progress.completions))
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Whether `(...)` the episode terminates."""
         return state.progress.all_completed & self.terminate_on_tasks_completed
 
     def info(self, state: KitchenState) -> dict[str, NDArray]:
-        """Returns the part of the infos that reports on the tasks: fresh arrays `(..., n)` in configured order."""
+        """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`."""
         progress = state.progress
         return {
             "tasks_to_complete_mask": progress.remaining.copy(),
@@ -110,19 +92,5 @@ class KitchenMDP:
             "episode_task_completions_mask": progress.completed,
             "completion_steps": progress.completion_steps.copy(),
             "task_distances": state.distances.copy(),
+            "is_success": progress.all_completed,
         }
-
-    def _feedback_positions(self, state: KitchenState) -> NDArray[np.float64]:
-        """Positions `(..., 9)` from which the velocities of the next action are integrated [rad, m]."""
-        if self.feedback == "target":
-            return state.target
-        if self.feedback == "true":
-            return state.positions
-        return state.positions + state.noise[..., noise.SLICES[0]]
-
-
-def as_dict(state: KitchenState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays."""
-    progress = {name: array.copy() for name, array in state.progress._asdict().items()}
-    arrays = {name: np.array(array) for name, array in state._asdict().items() if name != "progress"}
-    return {**arrays, "progress": progress}

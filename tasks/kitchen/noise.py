@@ -3,12 +3,33 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.scenes.kitchen import in_observed_order
+
 # Amplitudes [rad, m, rad/s, m/s]. The reference takes them from a table for another scene, hence the lack of a pattern.
 _ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
-_OBJECT_POSITIONS = [0.1, *[0.005] * 2, *[0.0005] * 6, *[0.005] * 3, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
-_OBJECT_VELOCITIES = [*[0.005] * 11, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
+_OBJECT_POSITIONS = {
+    "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
+    "hood": [0.0005, 0.005],
+    "slide_cabinet": [0.005],
+    "hinge_cabinet": [0.005, 0.1],
+    "microwave": [0.1],
+    "kettle": [0.1, *[0.005] * 3, *[0.1] * 3],
+}
+_OBJECT_VELOCITIES = {
+    "oven": [0.005] * 8,
+    "hood": [0.005] * 2,
+    "slide_cabinet": [0.005],
+    "hinge_cabinet": [0.1] * 2,
+    "microwave": [0.1],
+    "kettle": [*[0.005] * 3, *[0.1] * 3],
+}
 
-AMPLITUDES = np.array([*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES, *_OBJECT_POSITIONS, *_OBJECT_VELOCITIES])
+AMPLITUDES = np.array(
+    [
+        *(*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES),
+        *(*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)),
+    ]
+)
 
 # Slices of the observation: robot positions, robot velocities, object positions, object velocities.
 SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))

@@ -8,10 +8,10 @@ from dm_control import mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import KitchenScene
+from kitchen_suite.entities import Scene
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.goals import GOALS, GoalSet
 
 
 class KitchenObservables:
@@ -32,7 +32,7 @@ class KitchenObservables:
       noise: `(59,)`, noise of the present observation.
     """
 
-    def __init__(self, scene: KitchenScene, goals: GoalSet) -> None:
+    def __init__(self, scene: Scene, goals: GoalSet) -> None:
         """Builds the observables."""
         self.noise = np.zeros(noise.AMPLITUDES.size)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
@@ -45,8 +45,8 @@ class KitchenObservables:
         for part, indices in zip(state.values(), noise.SLICES, strict=True):
             part.corruptor = noise.AddNoise(self.noise[indices])
         achieved = {
-            f"achieved_goal/{task}": JointPositions(lambda: scene.object_joints, GOALS[task].elements)
-            for task in goals.tasks
+            f"achieved_goal/{task}": JointPositions(functools.partial(goal.joints_in, scene))
+            for task, goal in zip(goals.tasks, goals.goals, strict=True)
         }
         desired = {
             f"desired_goal/{task}": observable.Generic(functools.partial(_constant, goal))

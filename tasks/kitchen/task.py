@@ -7,26 +7,25 @@ from typing import Any
 import numpy as np
 from dm_control import mjcf
 from dm_control.composer.observation import observable
-from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KitchenArena, KitchenScene
+from kitchen_suite.entities import Scene
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.base import Metrics, SuiteTask
+from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.highlighting import GoalHighlighting
+from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD, GoalSet, Progress
-from kitchen_suite.tasks.kitchen.highlighting import GoalHighlighting
-from kitchen_suite.tasks.kitchen.indices import KitchenIndices
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, FEEDBACKS, PHYSICS_TIMESTEP, JointVelocity
+from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
-from kitchen_suite.tasks.kitchen.mdp import (
-    CONTROL_TIMESTEP,
-    FEEDBACKS,
-    PHYSICS_TIMESTEP,
-    KitchenMDP,
-    KitchenState,
-    as_dict,
-)
+from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
+from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
+from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
 
@@ -46,9 +45,11 @@ class KitchenTask(SuiteTask):
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
     """
 
+    domain_name = "kitchen"
+
     def __init__(
         self,
-        scene: KitchenScene,
+        scene: Scene,
         *,
         tasks_to_complete: Sequence[str] = tuple(GOALS),
         terminate_on_tasks_completed: bool = True,
@@ -85,12 +86,17 @@ class KitchenTask(SuiteTask):
             "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
             "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
         }
+        goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
         self._mdp = KitchenMDP(
-            goals=GoalSet.build(tasks_to_complete, goals),
+            sensors=KitchenSensors(scene, goal_set),
+            action_mode=JointVelocity(
+                velocity_scale=checks.number(velocity_scale, "velocity_scale"),
+                feedback=checks.choice(feedback, FEEDBACKS, "feedback"),
+            ),
+            goals=goal_set,
+            reward_terms=SparseReward(),
             noise_scale=noise.scale(**ratios),
             threshold=checks.number(threshold, "threshold"),
-            velocity_scale=checks.number(velocity_scale, "velocity_scale"),
-            feedback=checks.choice(feedback, FEEDBACKS, "feedback"),
             terminate_on_tasks_completed=checks.boolean(terminate_on_tasks_completed, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
         )
@@ -102,11 +108,11 @@ class KitchenTask(SuiteTask):
         return f"KitchenTask(tasks_to_complete={list(self._mdp.goals.tasks)})"
 
     @property
-    def root_entity(self) -> KitchenArena:
+    def root_entity(self) -> SiteArena:
         return self._scene.arena
 
     @property
-    def scene(self) -> KitchenScene:
+    def scene(self) -> Scene:
         """Arena, robot and props."""
         return self._scene
 
@@ -115,13 +121,17 @@ class KitchenTask(SuiteTask):
         return self._observables.by_name.copy()
 
     @property
+    def robot(self) -> Franka:
+        return self._scene.robot
+
+    @property
     def mdp(self) -> KitchenMDP:
         return self._mdp
 
     @property
-    def indices(self) -> KitchenIndices:
+    def indices(self) -> SceneIndices:
         """Indices of robot, objects and goals in the compiled model."""
-        return self._indices
+        return self._mdp.sensors.indices
 
     @property
     def state(self) -> KitchenState:
@@ -171,18 +181,27 @@ class KitchenTask(SuiteTask):
     def observation_size(self) -> int:
         return self._mdp.noise_scale.size + 2 * self._mdp.goals.desired.size
 
+    @property
+    def policy_key(self) -> str:
+        return "_".join(self._mdp.goals.tasks).replace(" ", "_")
+
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether all tasks were completed, and the control step of each completion."""
         steps = self._mdp.goals.by_completion(infos["completion_steps"])
         return {"success": len(steps) == len(self._mdp.goals.tasks), "tasks_completed": steps}
 
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
+        """Returns the number of completed tasks."""
+        return infos["episode_task_completions_mask"].sum(axis=-1)
+
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
-        present = self._indices.observed(physics.data.qpos, physics.data.qvel)
+        del physics
+        present = self._mdp.sensors.observed(self._simulation)
         return bool((np.abs(observation - present) <= self._mdp.noise_scale + _ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
-        self._indices.write(physics, observation)
-        positions, achieved = self._positions(physics)
+        self.indices.write(physics, observation)
+        positions, achieved = self._mdp.sensors.read(self._simulation)
         distances = self._mdp.goals.distances(achieved)
         self._set_state(
             self._state._replace(positions=positions, target=positions, achieved=achieved, distances=distances)
@@ -201,52 +220,16 @@ class KitchenTask(SuiteTask):
             achieved = np.concatenate([arrays[f"{key}/{task}"] for task in goals.tasks], axis=1)
         return goals.tasks, goals.distances(achieved) < self._mdp.threshold
 
-    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
-        """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
-        del physics
-        names = [actuator.full_identifier for actuator in self._scene.robot.actuators]
-        ones = np.ones(len(names))
-        return specs.BoundedArray(ones.shape, ones.dtype, minimum=-ones, maximum=ones, name="\t".join(names))
+    def _bind(self, physics: mjcf.Physics) -> None:
+        self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
 
-    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random = random_state
-        self._indices = KitchenIndices(self._scene, self._mdp.goals, physics)
-        self._highlighting = GoalHighlighting(physics, self._mdp.goals.tasks, self._scene.object_joints)
-        self._set_state(self._mdp.initial_state(*self._positions(physics)))
-
-    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        indices, data = self._indices, physics.data
+    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        del random_state
+        indices, data = self.indices, physics.data
         data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
-        self._set_state(self._mdp.initial_state(*self._positions(physics), self._draw(random_state)))
-
-    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
-        """Sets the actuators' targets for the whole control step.
-
-        Raises:
-          TypeError: the action does not hold real numbers.
-          ValueError: the action has another shape than (9,), or holds NaN or inf.
-        """
-        velocities = checks.vector(action, self._indices.ctrl.size, "action")
-        self._random = random_state
-        self._target = self._mdp.compute_control(self._state, velocities)
-        physics.data.ctrl[self._indices.ctrl] = self._target
-
-    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        positions, achieved = self._positions(physics)
-        draw = self._draw(random_state)
-        state = self._mdp.step(self._state, target=self._target, positions=positions, achieved=achieved, draw=draw)
-        self._set_state(state)
-
-    def get_reward(self, physics: mjcf.Physics) -> float:
-        del physics
-        return float(self.progress.reward)
-
-    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
-        del physics
-        return self._terminates
 
     def get_state(self) -> dict[str, Any]:
         goals = self._mdp.goals
@@ -259,20 +242,9 @@ class KitchenTask(SuiteTask):
         arrays = {name: state[name] for name in KitchenState._fields}
         self._set_state(KitchenState(**{**arrays, "progress": Progress(**state["progress"])}))
 
-    def _set_state(self, state: KitchenState) -> None:
-        """Stores a state, and updates observation noise and colours."""
-        self._state = state
-        self._terminates = bool(self._mdp.terminates(state))
-        self._observables.noise[:] = state.noise
+    def _show(self, physics: mjcf.Physics | None) -> None:
+        """Updates observation noise and colours."""
+        del physics
+        self._observables.noise[:] = self._state.noise
         if self._visualize_reward:
-            self._highlighting.update(state.progress.within)
-
-    def _draw(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
-        """Returns draws `(59,)` from U(-1, 1) for the noise of one control step."""
-        self._random = random_state
-        return random_state.uniform(-1.0, 1.0, self._mdp.noise_scale.size)
-
-    def _positions(self, physics: mjcf.Physics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns copies of the robot's joint positions `(9,)` and of the achieved goals `(k,)`."""
-        qpos = physics.data.qpos
-        return qpos[self._indices.robot_qpos], qpos[self._indices.goal_qpos]
+            self._highlighting.update(self._state.progress.within)

@@ -1,51 +1,29 @@
-"""Domain randomisation of open_cabinet: cabinet pose, drawer resistance and pad friction, drawn at resets."""
+"""Domain randomization of open_cabinet: cabinet pose, drawer resistance and pad friction, drawn at resets."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
-import mujoco
-import numpy as np
-from dm_control import mjcf
-from dm_control.composer import variation
 from dm_control.composer.variation import distributions
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
+from kitchen_suite.entities import parameters as kinds
+from kitchen_suite.entities.parameters import Parameter, Quantity
+from kitchen_suite.tasks import variations
+from kitchen_suite.tasks.variations import Variation
 
-# A composer variation or a constant.
-Variation = Any
-
-# Fields of MuJoCo's model that a `Randomizer` changes.
-MODEL_FIELDS = ("body_pos", "body_quat", "dof_damping", "dof_frictionloss", "geom_friction")
-
-
-def checked(values: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-    """Returns values of a `Randomization`'s attributes, by name, as arrays.
-
-    Raises:
-      TypeError: one of them is not made of real numbers.
-      ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
-    """
-    return {name: _checked(name, value) for name, value in values.items()}
-
-
-def _checked(name: str, value: Any) -> NDArray[np.float64]:
-    what = f"randomization's {name}"
-    if name == "cabinet_offset":
-        return checks.vector(value, 3, what)
-    array = checks.array_of(value, what)
-    if array.shape:
-        raise ValueError(f"{what} must be one number, got {value!r}")
-    if name == "cabinet_yaw":
-        return checks.vector(array[np.newaxis], 1, what)[0]
-    return np.array(checks.number(array.item(), what))
-
-
-def _is_constant(value: Variation) -> bool:
-    parts = value if isinstance(value, list | tuple) else (value,)
-    return not any(callable(part) for part in parts)
+# Kinds of the parameters by attribute of `Randomization`, in the order in which they are drawn.
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "cabinet_offset": kinds.POSITION_OFFSET,
+        "cabinet_yaw": kinds.YAW,
+        "drawer_friction": kinds.JOINT_FRICTION,
+        "drawer_damping": kinds.JOINT_DAMPING,
+        "pad_friction": kinds.SLIDING_FRICTION,
+    }
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -70,8 +48,36 @@ class Randomization:
     pad_friction: Variation | None = None
 
     def __post_init__(self) -> None:
-        wanted = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        checked({name: value for name, value in wanted.items() if value is not None and _is_constant(value)})
+        variations.check_constants(self.by_name, QUANTITIES, "randomization")
+
+    @classmethod
+    def make(cls, value: object) -> "Randomization":
+        """Returns the randomization that an argument of an environment describes.
+
+        Args:
+          value: a `Randomization`, None for no randomization, a key of `PRESETS`, or variations by attribute, where
+            JSON may describe distributions (see `variations.parse`).
+
+        Raises:
+          TypeError: it is something else, or a number is of the wrong type.
+          ValueError: an unknown preset, attribute or distribution, or a number out of range.
+        """
+        if isinstance(value, cls):
+            return value
+        if isinstance(value, str):
+            return PRESETS[checks.choice(value, PRESETS.keys(), "randomization")]
+        if not isinstance(value, Mapping | None):
+            raise TypeError(f"randomization must be a Randomization, a dict or the name of a preset, got {value!r}")
+        wanted = value or {}
+        for name in wanted:
+            checks.choice(name, QUANTITIES.keys(), "randomization's parameter")
+        parsed = {name: variations.parse(wanted[name], QUANTITIES[name], f"randomization's {name}") for name in wanted}
+        return cls(**parsed)
+
+    @property
+    def by_name(self) -> dict[str, Any]:
+        """The variations by attribute."""
+        return {name: getattr(self, name) for name in QUANTITIES}
 
 
 # A few centimetres and degrees, and resistances within about a third of the default ones.
@@ -83,72 +89,18 @@ MODERATE = Randomization(
     pad_friction=distributions.Uniform(low=1.2, high=1.8),
 )
 
+PRESETS: Mapping[str, Randomization] = MappingProxyType({"moderate": MODERATE})
 
-class Randomizer:
-    """Applies a `Randomization` to a compiled scene; draws nothing for parameters that are `None`.
 
-    Attributes:
-      values: present values of the parameters that are drawn, by name; before the first reset, those of the built
-        scene.
-    """
-
-    def __init__(
-        self, scene: OpenCabinetScene, drawer: str, randomization: Randomization, physics: mjcf.Physics
-    ) -> None:
-        """Stores the values of the built scene; to be called before anything has been drawn."""
-        self._physics = physics
-        self._cabinet = scene.cabinet
-        self._slide = physics.bind(scene.cabinet.drawer_joint(drawer))
-        self._pads = [physics.bind(scene.robot.finger_geoms(side)[0]) for side in ("left", "right")]
-        self._built_position = np.array(physics.bind(mjcf.get_attachment_frame(scene.cabinet.mjcf_model)).pos)
-        built = {
-            "cabinet_offset": np.zeros(3),
-            "cabinet_yaw": np.zeros(()),
-            "drawer_friction": self._slide.frictionloss[0],
-            "drawer_damping": self._slide.damping[0],
-            "pad_friction": self._pads[0].friction[0],
-        }
-        wanted = {name: getattr(randomization, name) for name in built}
-        self._variations = {name: value for name, value in wanted.items() if value is not None}
-        self._setters: dict[str, Callable[[NDArray[np.float64]], None]] = {
-            "cabinet_offset": self._set_cabinet_offset,
-            "cabinet_yaw": self._set_cabinet_yaw,
-            "drawer_friction": self._set_drawer_friction,
-            "drawer_damping": self._set_drawer_damping,
-            "pad_friction": self._set_pad_friction,
-        }
-        self.values = {name: np.array(built[name]) for name in self._variations}
-
-    def draw(self, random_state: np.random.RandomState) -> dict[str, NDArray[np.float64]]:
-        """Returns new values, drawn in the order of `Randomization`'s attributes; sets nothing.
-
-        Raises:
-          TypeError: a variation returned something else than real numbers.
-          ValueError: it returned the wrong shape, or numbers that are out of range.
-        """
-        return checked(
-            {name: variation.evaluate(wanted, random_state=random_state) for name, wanted in self._variations.items()}
-        )
-
-    def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """Sets checked values, and updates the kinematics."""
-        self.values = {name: np.array(value, np.float64) for name, value in values.items()}
-        for name, value in self.values.items():
-            self._setters[name](value)
-        mujoco.mj_kinematics(self._physics.model.ptr, self._physics.data.ptr)
-
-    def _set_cabinet_offset(self, offset: NDArray[np.float64]) -> None:
-        self._cabinet.set_pose(self._physics, position=self._built_position + offset)
-
-    def _set_cabinet_yaw(self, yaw: NDArray[np.float64]) -> None:
-        self._cabinet.set_pose(self._physics, quaternion=(np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))
-
-    def _set_drawer_friction(self, friction: NDArray[np.float64]) -> None:
-        self._slide.frictionloss = friction
-
-    def _set_drawer_damping(self, damping: NDArray[np.float64]) -> None:
-        self._slide.damping = damping
-
-    def _set_pad_friction(self, friction: NDArray[np.float64]) -> None:
-        for pad in self._pads:
-            pad.friction[0] = friction
+def scene_parameters(scene: OpenCabinetScene, drawer: str) -> dict[str, Parameter]:
+    """Returns the parameters of a scene whose `top` or `bottom` drawer is to be opened, as `QUANTITIES` orders them."""
+    offered = {parameter.name: parameter for parameter in (*scene.cabinet.parameters, *scene.robot.parameters)}
+    cabinet, robot = scene.cabinet.mjcf_model.model, scene.robot.mjcf_model.model
+    names = {
+        "cabinet_offset": f"{cabinet}/offset",
+        "cabinet_yaw": f"{cabinet}/yaw",
+        "drawer_friction": f"{cabinet}/drawer_{drawer}_friction",
+        "drawer_damping": f"{cabinet}/drawer_{drawer}_damping",
+        "pad_friction": f"{robot}/pad_friction",
+    }
+    return {name: offered[names[name]] for name in QUANTITIES}

@@ -8,28 +8,25 @@ from typing import Any
 import numpy as np
 from dm_control import mjcf
 from dm_control.composer.observation import observable
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.props.cabinet import DRAWERS
+from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
+from kitchen_suite.tasks.control_modes import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.open_cabinet import observation
-from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN, UnboundedArray
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
-from kitchen_suite.tasks.open_cabinet.mdp import (
-    ACTION_SIZE,
-    CONTROL_TIMESTEP,
-    GRIPPER_MODES,
-    PHYSICS_TIMESTEP,
-    OpenCabinetMDP,
-    OpenCabinetState,
-)
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observables import OpenCabinetObservables
-from kitchen_suite.tasks.open_cabinet.randomization import Randomization, Randomizer, checked
+from kitchen_suite.tasks.open_cabinet.randomization import Randomization, scene_parameters
 from kitchen_suite.tasks.open_cabinet.reward import RewardTerms, reward_terms
-from kitchen_suite.tasks.open_cabinet.sensors import FeatureSensors, refresh
+from kitchen_suite.tasks.open_cabinet.sensors import OpenCabinetSensors
+from kitchen_suite.tasks.open_cabinet.state import OpenCabinetState
+from kitchen_suite.tasks.randomizer import Randomizer
+from kitchen_suite.tasks.simulation import columns
 
 TIME_LIMIT = 7.0  # [s], 700 control steps
 
@@ -58,6 +55,8 @@ class OpenCabinetTask(SuiteTask):
     Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists the differences and their reasons.
     """
 
+    domain_name = "open_cabinet"
+
     def __init__(
         self,
         scene: OpenCabinetScene,
@@ -66,7 +65,7 @@ class OpenCabinetTask(SuiteTask):
         gripper: str = "sampled",
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
-        randomization: Randomization | None = None,
+        randomization: Randomization | Mapping[str, Any] | str | None = None,
     ) -> None:
         """Sets the task up in a scene.
 
@@ -78,27 +77,26 @@ class OpenCabinetTask(SuiteTask):
           reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
           observation_noise: half widths of the uniform noise by part of the observation, in the unit of the part; no
             noise when omitted.
-          randomization: parameters of the scene that a reset draws; none when omitted.
+          randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
+            omitted.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a width that is negative or not finite.
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
-        samples_gripper = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
+        action_mode = JointOffset(gripper)
         self._observables = OpenCabinetObservables(observation_noise)
-        if not isinstance(randomization, Randomization | None):
-            raise TypeError(f"randomization must be a Randomization, got {randomization!r}")
-        self._randomization = randomization
+        wanted = Randomization.make(randomization).by_name
+        self._randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
         self._mdp = OpenCabinetMDP(
-            samples_gripper=samples_gripper,
+            sensors=OpenCabinetSensors(scene, drawer),
+            action_mode=action_mode,
             noise_scale=self._observables.noise_scale,
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
         self._reward_name = reward
         self._scene = scene
-        self._sensors = FeatureSensors(scene, drawer)
-        self._total_steps = 0
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -124,18 +122,17 @@ class OpenCabinetTask(SuiteTask):
         return self._reward_name
 
     @property
+    def robot(self) -> Franka:
+        return self._scene.robot
+
+    @property
     def mdp(self) -> OpenCabinetMDP:
         return self._mdp
 
     @property
-    def sensors(self) -> FeatureSensors:
-        """The sensors from which the task's features are read."""
-        return self._sensors
-
-    @property
-    def is_randomized(self) -> bool:
-        """Whether a reset draws parameters of the scene as well as the robot's pose."""
-        return self._randomization is not None
+    def randomizer(self) -> Randomizer:
+        """Draws parameters of the scene at resets."""
+        return self._randomizer
 
     @property
     def state(self) -> OpenCabinetState:
@@ -163,15 +160,20 @@ class OpenCabinetTask(SuiteTask):
     @property
     def total_steps(self) -> int:
         """Control steps since the task was built or `begin_run` was called; resets do not restart the count."""
-        return self._total_steps
+        return int(self._state.total_steps)
 
     @total_steps.setter
     def total_steps(self, value: int) -> None:
-        self._total_steps = checks.integer(value, "total_steps", minimum=0)
+        count = checks.integer(value, "total_steps", minimum=0)
+        self._state = self._state._replace(total_steps=np.array(count))
 
     @property
     def observation_size(self) -> int:
         return observation.SIZE
+
+    @property
+    def policy_key(self) -> str:
+        return f"{self._drawer}_drawer" + ("" if self._reward_name == "original" else f"_{self._reward_name}")
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""
@@ -181,112 +183,56 @@ class OpenCabinetTask(SuiteTask):
             "drawer_opening": float(infos["drawer_opening"]),
         }
 
-    def begin_run(self) -> None:
-        self._total_steps = 0
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Returns the opening of the drawer [m]."""
+        return infos["drawer_opening"]
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    def action_spec(self, physics: mjcf.Physics) -> UnboundedArray:
-        """Seven joint offsets [rad] and the gripper logit (log odds of closing); unbounded, but finite."""
-        del physics
-        # The last element moves both fingers.
-        names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:ACTION_SIZE])
-        infinite = np.full(ACTION_SIZE, np.inf)
-        return UnboundedArray(infinite.shape, infinite.dtype, minimum=-infinite, maximum=infinite, name=names)
-
-    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random = random_state
-        self._sensors.bind(physics)
-        self._randomizer = self._randomization and Randomizer(self._scene, self._drawer, self._randomization, physics)
+    def _bind(self, physics: mjcf.Physics) -> None:
+        self._randomizer.bind(physics)
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
-        refresh(physics)
-        no_noise = np.zeros(self._mdp.noise_scale.shape)
-        self._set_state(self._mdp.initial_state(self._sensors.read(physics), no_noise), physics)
+        self._joint_qpos = columns(physics.bind(self._scene.robot.joints).qposadr)
 
-    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         low, high = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         pose = np.clip(DEFAULT_POSE + offsets, low, high)
-        drawn = self._randomizer.draw(random_state) if self._randomizer else {}
+        drawn = self._randomizer.draw(random_state)
         physics.data.qpos[:] = 0.0
-        physics.data.qpos[self._sensors.joint_qpos] = pose
+        physics.data.qpos[self._joint_qpos] = pose
         physics.data.qvel[:] = 0.0
-        physics.data.ctrl[self._sensors.ctrl] = pose
-        if self._randomizer:
-            self._randomizer.set(drawn)
-        self._random = random_state
-        refresh(physics)
-        noise = self._mdp.draw_noise(random_state)
-        self._set_state(self._mdp.initial_state(self._sensors.read(physics), noise), physics)
-
-    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
-        """Sets the actuators' targets for the whole control step.
-
-        Raises:
-          TypeError: the action does not hold real numbers.
-          ValueError: the action has another shape than (8,), or holds NaN or inf.
-        """
-        self._action = checks.vector(action, ACTION_SIZE, "action").copy()
-        self._random = random_state
-        positions = physics.data.qpos[self._sensors.joint_qpos]
-        self._target = self._mdp.compute_control(positions, self._action, self._mdp.draw_gripper(random_state))
-        physics.data.ctrl[self._sensors.ctrl] = self._target
-
-    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random = random_state
-        if not physics.legacy_step:
-            # MuJoCo's own step leaves kinematics and sensors as they were before it.
-            refresh(physics)
-        state = self._mdp.step(
-            self._state,
-            action=self._action,
-            target=self._target,
-            total_steps=self._total_steps,
-            features=self._sensors.read(physics),
-            noise=self._mdp.draw_noise(random_state),
-        )
-        self._total_steps += 1
-        self._set_state(state, physics)
-
-    def get_reward(self, physics: mjcf.Physics) -> float:
-        del physics
-        return float(self._state.reward)
-
-    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
-        del physics
-        return bool(self._state.terminates)
+        physics.data.ctrl[self._mdp.sensors.ctrl] = pose
+        self._randomizer.set(drawn)
 
     def get_state(self) -> dict[str, Any]:
         state = self._state
         return {
             "drawer": self._drawer,
-            "total_steps": self._total_steps,
+            "total_steps": self.total_steps,
             "previous_action": state.previous_action.copy(),
             "terminates": bool(state.terminates),
             "succeeded": bool(state.succeeded),
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
             "features": Features(state.features).arrays(),
-            "randomization": dict(self._randomizer.values) if self._randomizer else {},
+            "randomization": dict(self._randomizer.values),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         state = checks.matching(state, self.get_state(), "task state")
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
-        drawn = checked(state["randomization"])
-        self._total_steps = total_steps
-        if self._randomizer:
-            self._randomizer.set(drawn)
-        start = self._mdp.initial_state(Features.of(**state["features"]).values, state["noise"])
-        arrays = {name: state[name] for name in ("previous_action", "terms", "terminates", "succeeded")}
-        self._set_state(start._replace(**arrays))
+        drawn = self._randomizer.checked(state["randomization"])
+        self._randomizer.set(drawn)
+        start = self._mdp.initial_state(Features.of(**state["features"]).values, np.zeros(self._mdp.noise_draws))
+        arrays = {name: state[name] for name in ("noise", "previous_action", "terms", "terminates", "succeeded")}
+        self._set_state(start._replace(**arrays, total_steps=np.array(total_steps)))
 
-    def _set_state(self, state: OpenCabinetState, physics: mjcf.Physics | None = None) -> None:
-        """Stores a state and updates the observation and, given a physics, the handle's colour."""
-        self._state = state
-        self._observables.update(state.observation, state.noise)
+    def _show(self, physics: mjcf.Physics | None) -> None:
+        """Updates the observation and, given a physics, the handle's colour."""
+        self._observables.update(self._state.observation, self._state.noise)
         if self._visualize_reward and physics is not None:
             physics.bind(self._handle).rgba = SUCCESS_RGBA if self.is_success else self._plain_rgba

@@ -9,8 +9,9 @@ import sys
 
 import pytest
 
+from kitchen_suite import suite
 from kitchen_suite.benchmarks import benchmark_job, report, speed
-from kitchen_suite.benchmarks.benchmark_job import DOMAINS, BenchmarkJob, command_line
+from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.cli import benchmark
@@ -18,13 +19,13 @@ from kitchen_suite.cli import benchmark
 SMALL = {"rounds": 1, "max_episode_steps": 2, "num_envs": (2,)}
 
 
-@pytest.fixture(scope="module", params=DOMAINS)
+@pytest.fixture(scope="module", params=[domain.name for domain in suite.DOMAINS.values() if domain.benchmark])
 def measured(request):
     """A domain, whose cases are built once, and the results of its speed."""
-    domain = DOMAINS[request.param]
+    domain = find_cases(request.param)
     domain = dataclasses.replace(domain, cases=functools.cache(domain.cases))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(benchmark_job, "DOMAINS", {request.param: domain})
+        patch.setattr(benchmark_job, "find_cases", {request.param: domain}.get)
         return domain, BenchmarkJob(BenchmarkSettings(domain_name=request.param, **SMALL)).measure()
 
 

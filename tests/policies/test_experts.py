@@ -9,6 +9,7 @@ from suite_episode import play
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.cli import rollout
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.policies import registry
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
@@ -199,7 +200,7 @@ def test_observations_of_other_shapes_are_accepted(environment_kwargs):
 
 def test_all_planned_poses_can_be_reached():
     for task, skill in SKILLS.items():
-        kinematics = ArmKinematics("kitchen")
+        kinematics = ArmKinematics(KitchenArena, KITCHEN_FRANKA)
         joints = np.array(skill.ik_seed)
         for move in skill.moves:
             if isinstance(move, Move):

@@ -1,12 +1,25 @@
-"""Domain randomisation of open_cabinet: values drawn, values refused."""
+"""Domain randomization of open_cabinet: values drawn, values refused."""
 
+import json
+
+import gymnasium
 import numpy as np
 import pytest
 from dm_control.composer.variation import distributions
 
 from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+
+# What `MODERATE` draws, as JSON describes it.
+JSON = """{
+    "pad_friction": {"uniform": [1.2, 1.8]},
+    "cabinet_offset": {"uniform": [[-0.03, -0.05, 0.0], [0.03, 0.05, 0.0]]},
+    "cabinet_yaw": {"uniform": [-0.1, 0.1]},
+    "drawer_friction": {"uniform": [2.5, 4.0]},
+    "drawer_damping": {"uniform": [10.0, 20.0]}
+}"""
 
 
 def load(task="top_drawer", **options):
@@ -113,3 +126,69 @@ def test_the_pose_is_drawn_before_the_scene():
     for env in (plain, randomized):
         env.reset()
     np.testing.assert_array_equal(plain.physics.data.qpos, randomized.physics.data.qpos)
+
+
+@pytest.mark.parametrize("randomization", [MODERATE, "moderate", json.loads(JSON)])
+def test_values_are_drawn_after_the_pose_in_the_order_of_the_attributes(randomization):
+    for seed in range(5):
+        env = load(random=seed, randomization=randomization)
+        random_state = np.random.RandomState(seed)
+        for _ in range(3):
+            env.reset()
+            random_state.uniform(-0.125, 0.125, 9)
+            expected = {
+                "cabinet_offset": random_state.uniform((-0.03, -0.05, 0), (0.03, 0.05, 0)),
+                "cabinet_yaw": random_state.uniform(-0.1, 0.1),
+                "drawer_friction": random_state.uniform(2.5, 4.0),
+                "drawer_damping": random_state.uniform(10.0, 20.0),
+                "pad_friction": random_state.uniform(1.2, 1.8),
+            }
+            drawn = env.task.get_state()["randomization"]
+            assert list(drawn) == list(expected)
+            for name, value in expected.items():
+                np.testing.assert_array_equal(drawn[name], value)
+                assert drawn[name].dtype == np.float64
+
+
+@pytest.mark.parametrize("randomization", ["moderate", json.loads(JSON)])
+def test_json_is_the_same_randomization_in_the_vectorised_environment(randomization):
+    arguments = {"vectorization_mode": "vector_entry_point", "num_threads": 1}
+    environments = [
+        gymnasium.make_vec(OPEN_CABINET_ID, 3, randomization=each, **arguments) for each in (MODERATE, randomization)
+    ]
+    generator = np.random.default_rng(0)
+    first, *others = [env.reset(seed=7)[0] for env in environments]
+    np.testing.assert_array_equal(first, *others)
+    assert len(np.unique(first[:, 16])) == 3
+    for _ in range(5):
+        actions = generator.normal(scale=0.03, size=(3, 8))
+        steps = [env.step(actions) for env in environments]
+        for one, other in zip(*(step[:4] for step in steps), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_only_fields_of_wanted_parameters_are_changed():
+    assert load().task.randomizer.model_fields == ()
+    wanted = {"pad_friction": 1.0, "cabinet_yaw": {"uniform": [0, 0.1]}}
+    assert load(randomization=wanted).task.randomizer.model_fields == ("body_quat", "geom_friction")
+    assert load(randomization={"pad_friction": None}).task.randomizer.model_fields == ()
+
+
+def test_a_mapping_takes_composer_variations_too():
+    state = scene_state(load(randomization={"drawer_friction": distributions.Uniform(2, 2.5), "drawer_damping": 7}))
+    assert 2 <= state[6] <= 2.5
+    assert state[7] == 7.0
+
+
+def test_the_cabinet_offers_parameters_of_all_its_joints():
+    env = load()
+    env.reset()
+    offered = {parameter.name: parameter for parameter in env.task.scene.cabinet.parameters}
+    names = {f"cabinet/{name}" for name in ("drawer_top", "drawer_bottom", "door_left", "door_right")}
+    resistances = {f"{name}_{kind}" for name in names for kind in ("friction", "damping")}
+    assert offered.keys() == {"cabinet/offset", "cabinet/yaw", *resistances}
+    units = {name: offered[f"cabinet/{name}"].unit for name in ("drawer_top_damping", "door_left_friction")}
+    assert units == {"drawer_top_damping": "N s/m", "door_left_friction": "N m"}
+    config = env.task.scene.cabinet.config
+    assert offered["cabinet/door_left_damping"].get(env.physics) == config.door_damping
+    assert offered["cabinet/drawer_top_friction"].get(env.physics) == config.drawer_friction

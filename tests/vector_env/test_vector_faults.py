@@ -134,10 +134,10 @@ def interrupt(*args, **kwargs):
 @pytest.mark.parametrize(
     ("vector", "path"),
     [
-        (FrankaKitchenVectorEnv, "_apply_actions"),
-        (FrankaKitchenVectorEnv, "_post_step"),
-        (FrankaOpenCabinetVectorEnv, "_apply_actions"),
-        (FrankaOpenCabinetVectorEnv, "_post_step"),
+        (FrankaKitchenVectorEnv, "_draw_actions"),
+        (FrankaKitchenVectorEnv, "_carry"),
+        (FrankaOpenCabinetVectorEnv, "_draw_actions"),
+        (FrankaOpenCabinetVectorEnv, "_carry"),
         (FrankaOpenCabinetVectorEnv, "_batch.step"),
         (FrankaOpenCabinetVectorEnv, "_template_env.environment.start_episode"),
     ],

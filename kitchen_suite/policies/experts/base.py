@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +52,20 @@ class Expert(abc.ABC):
             raise TypeError(f"style must be a MotionStyle, got {style!r}")
         self._style = style or MotionStyle()
         self.reset(np.random.default_rng(0))
+
+    @classmethod
+    @abc.abstractmethod
+    def for_task(cls, task: Any, **options: Any) -> Self:
+        """Builds the expert for a task from the task's settings; it never reads the physics.
+
+        Args:
+          task: of the expert's domain.
+          **options: arguments of the class; they replace the settings of the task.
+
+        Raises:
+          TypeError: an argument is unknown or of the wrong type.
+          ValueError: an option has a value that the expert rejects.
+        """
 
     def reset(self, generator: np.random.Generator) -> None:
         """Begins an episode.

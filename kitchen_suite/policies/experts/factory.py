@@ -1,5 +1,6 @@
 """Builds the expert for a task, and wraps it as a policy of dm_env time steps."""
 
+import pkgutil
 from collections.abc import Callable
 from typing import Any
 
@@ -8,11 +9,9 @@ import numpy as np
 from dm_control import composer
 from numpy.typing import NDArray
 
+from kitchen_suite import suite
 from kitchen_suite.policies.experts.base import Expert
-from kitchen_suite.policies.experts.kitchen import KitchenExpert
-from kitchen_suite.policies.experts.open_cabinet import DrawerExpert
 from kitchen_suite.policies.trained import flat_timestep
-from kitchen_suite.tasks import KitchenTask, OpenCabinetTask
 
 
 def make(task: composer.Task, **options: Any) -> Expert:
@@ -20,36 +19,28 @@ def make(task: composer.Task, **options: Any) -> Expert:
 
     Args:
       task: of an environment of the suite.
-      **options: arguments of `KitchenExpert` or `DrawerExpert`, such as `style`; they replace those of the task.
+      **options: arguments of the expert's class, such as `style`; they replace those of the task.
 
     Raises:
       TypeError: an argument is unknown or of the wrong type.
       ValueError: there is no expert for this kind of task, or an option has a value that the expert rejects.
     """
-    if expert_class(task) is DrawerExpert:
-        return DrawerExpert(**{"drawer": task.drawer, **options})
-    settings = {
-        "tasks": task.mdp.goals.tasks,
-        "goals": task.goals,
-        "threshold": task.threshold,
-        "velocity_scale": task.mdp.velocity_scale,
-        "feedback": task.mdp.feedback,
-    }
-    return KitchenExpert(**{**settings, **options})
+    return expert_class(task).for_task(task, **options)
 
 
 def expert_class(task: composer.Task) -> type[Expert]:
-    """Returns the class of the expert for a task.
+    """Returns the class of the expert for a task: that of its domain.
 
     Raises:
       ValueError: there is no expert for this kind of task.
     """
-    for kind, expert in ((OpenCabinetTask, DrawerExpert), (KitchenTask, KitchenExpert)):
-        if isinstance(task, kind):
-            return expert
-    raise ValueError(
-        f"there is no expert for {type(task).__name__}; the tasks that have one are KitchenTask and OpenCabinetTask"
-    )
+    entry_points = {domain.name: domain.expert for domain in suite.DOMAINS.values() if domain.expert}
+    name = getattr(task, "domain_name", None)
+    if name not in entry_points:
+        names = ", ".join(entry_points)
+        raise ValueError(f"there is no expert for {type(task).__name__}; the domains with one are {names}")
+    expert: type[Expert] = pkgutil.resolve_name(entry_points[name])
+    return expert
 
 
 def make_policy(

@@ -1,6 +1,7 @@
 """Kinematics of the experts' arm, on a model built from the same entities as the scene."""
 
 import functools
+from collections.abc import Callable
 
 import mink
 import mujoco
@@ -8,7 +9,9 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import PANDA, Franka, KitchenArena, OpenCabinetArena
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.robots.specification import FrankaSpec
+from kitchen_suite.entities.scenes.arena import SiteArena
 
 # The arm's joints among the robot's; the fingers' joints follow.
 ARM = slice(0, 7)
@@ -25,10 +28,9 @@ _HAND_DAMPING, _DAMPING = 1e-3, 1e-6
 
 
 @functools.cache
-def _robot_model(domain: str) -> tuple[mujoco.MjModel, str]:
-    """Model of the domain's robot alone in its arena, and the name of the hand's site; shared by all instances."""
-    arena = KitchenArena(visuals=False) if domain == "kitchen" else OpenCabinetArena(visuals=False)
-    robot = Franka(visuals=False) if domain == "kitchen" else Franka(PANDA, visuals=False)
+def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tuple[mujoco.MjModel, str]:
+    """Model of a robot alone in an arena, and the name of the hand's site; shared by all instances."""
+    arena, robot = build_arena(visuals=False), Franka(spec, visuals=False)
     arena.attach_at_site(robot)
     return mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr, robot.end_effector.full_identifier
 
@@ -36,9 +38,14 @@ def _robot_model(domain: str) -> tuple[mujoco.MjModel, str]:
 class ArmKinematics:
     """Forward and inverse kinematics of the arm's seven joints, and its gravity torques."""
 
-    def __init__(self, domain: str) -> None:
-        """Builds the kinematics of the robot of a domain, `kitchen` or `open_cabinet`."""
-        self._model, self._site = _robot_model(domain)
+    def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
+        """Builds the kinematics of a robot at its site in an arena.
+
+        Args:
+          build_arena: class of the arena.
+          spec: of the robot.
+        """
+        self._model, self._site = _robot_model(build_arena, spec)
         self._configuration = mink.Configuration(self._model)
         self._hand_task = mink.FrameTask(self._site, "site", 1.0, _ORIENTATION_COST, lm_damping=_HAND_DAMPING)
         self._posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)

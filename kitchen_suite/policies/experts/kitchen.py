@@ -2,22 +2,25 @@
 
 import functools
 from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN_FRANKA
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, build_kitchen_scene
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import position_target
-from kitchen_suite.tasks.kitchen.goals import THRESHOLD, GoalSet
+from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP, FEEDBACKS
+from kitchen_suite.tasks.kitchen.task import KitchenTask
 
 _ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
 _GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
@@ -111,15 +114,27 @@ class KitchenExpert(Expert):
           TypeError: an argument of the wrong type.
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
-        self._goals = GoalSet.build(tasks, goals)
+        self._goals = GoalSet.build(GOALS, tasks, goals)
         self._threshold = checks.number(threshold, "threshold", positive=True)
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
         self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
         self._limits = _speed_limits(self._velocity_scale)
-        self._kinematics = ArmKinematics("kitchen")
+        self._kinematics = ArmKinematics(KitchenArena, KITCHEN_FRANKA)
         super().__init__(style)
+
+    @classmethod
+    def for_task(cls, task: KitchenTask, **options: Any) -> Self:
+        mode = task.mdp.action_mode
+        settings = {
+            "tasks": task.mdp.goals.tasks,
+            "goals": task.goals,
+            "threshold": task.threshold,
+            "velocity_scale": mode.velocity_scale,
+            "feedback": mode.feedback,
+        }
+        return cls(**{**settings, **options})
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
@@ -169,7 +184,8 @@ class KitchenExpert(Expert):
 
     def _relative_distances(self, objects: NDArray[np.float64]) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold."""
-        distances = self._goals.distances(objects[self._goals.elements]) / self._threshold
+        achieved = np.concatenate([_achieved(task, objects) for task in self._goals.tasks])
+        distances = self._goals.distances(achieved) / self._threshold
         return dict(zip(self._goals.tasks, distances.tolist(), strict=True))
 
     def _then_current_task(self, trajectory: JointTrajectory, objects: NDArray[np.float64]) -> JointTrajectory:
@@ -177,13 +193,14 @@ class KitchenExpert(Expert):
         task = self._queue.current
         if task is None:
             return trajectory
-        return trajectory.then(self._plan(SKILLS[task], objects), self._limits)
+        return trajectory.then(self._plan(SKILLS[task], _achieved(task, objects)), self._limits)
 
     def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
 
-    def _plan(self, skill: Skill, objects: NDArray[np.float64]) -> JointTrajectory:
-        position = objects[list(skill.object_joint.elements)] if skill.object_joint else None
+    def _plan(self, skill: Skill, achieved: NDArray[np.float64]) -> JointTrajectory:
+        """Plans a skill for present positions of the joints of its task's goal."""
+        position = achieved[list(skill.object_joint.elements)] if skill.object_joint else None
         if self._style.jitter:
             offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
             return plan(self._kinematics, self._limits, skill, object_position=position, offsets=offsets)
@@ -202,11 +219,25 @@ class KitchenExpert(Expert):
         return observed if self._commanded is None else self._commanded
 
 
+@functools.cache
+def _elements() -> Mapping[str, NDArray[np.int64]]:
+    """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
+    scene = build_kitchen_scene(visuals=False)
+    return {task: goal.elements_in(scene) for task, goal in GOALS.items()}
+
+
+def _achieved(task: str, objects: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of the joints of a task's goal, from object positions `(21,)` [rad, m, quaternion]."""
+    return objects[_elements()[task]]
+
+
 @functools.lru_cache(maxsize=1024)
 def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, velocity_scale: float) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(ArmKinematics("kitchen"), _speed_limits(velocity_scale), skill, object_position=position)
+    return plan(
+        ArmKinematics(KitchenArena, KITCHEN_FRANKA), _speed_limits(velocity_scale), skill, object_position=position
+    )
 
 
 def _speed_limits(velocity_scale: float) -> JointSpeedLimits:

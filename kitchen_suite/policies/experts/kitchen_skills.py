@@ -15,7 +15,6 @@ from kitchen_suite.policies.experts.skills import (
     Skill,
     Vector,
 )
-from kitchen_suite.tasks.kitchen.goals import GOALS
 
 # Directions in the world; the robot faces y.
 _RIGHT: Vector = (1.0, 0.0, 0.0)
@@ -56,7 +55,7 @@ def _turn_knob(task: str, height: float) -> Skill:
             ArcMove(angle=-1.3, speed=1.5),
         ),
         ik_seed=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
-        object_joint=Revolute(elements=GOALS[task].elements[:1], anchor=(x, y, height), axis=_BACK),
+        object_joint=Revolute(elements=(0,), anchor=(x, y, height), axis=_BACK),
         retreat=(0.0, -0.04, 0.0),
     )
 
@@ -88,7 +87,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 speed=0.5,
             ),
             ik_seed=(-0.40, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
-            object_joint=Prismatic(elements=GOALS["kettle"].elements[:3], initial_position=(-0.269, 0.35, 1.62)),
+            object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
             retreat=(0.0, -0.05, 0.05),
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
@@ -99,7 +98,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 ArcMove(angle=-1.0, hand_rotation_ratio=-0.2, speed=1.0),
             ),
             ik_seed=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
-            object_joint=Revolute(elements=GOALS["microwave"].elements, anchor=(-1.1276, 0.455, 1.79), axis=_UP),
+            object_joint=Revolute(elements=(0,), anchor=(-1.1276, 0.455, 1.79), axis=_UP),
             retreat=(0.05, -0.10, 0.0),
             release_steps=3,
         ),
@@ -114,7 +113,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 speed=0.8,
             ),
             ik_seed=(-0.83, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
-            object_joint=Prismatic(elements=GOALS["slide cabinet"].elements, initial_position=(0.0,)),
+            object_joint=Prismatic(elements=(0,), initial_position=(0.0,)),
             retreat=(0.0, -0.05, 0.0),
         ),
         "light switch": Skill(
@@ -136,7 +135,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 ArcMove(angle=1.45, hand_rotation_ratio=-0.15, speed=1.0),
             ),
             ik_seed=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
-            object_joint=Revolute(elements=GOALS["hinge cabinet"].elements[1:], anchor=(-0.224, 0.71, 2.6), axis=_UP),
+            object_joint=Revolute(elements=(1,), anchor=(-0.224, 0.71, 2.6), axis=_UP),
             retreat=(0.10, -0.10, 0.0),
             release_steps=3,
         ),

@@ -3,23 +3,24 @@
 import dataclasses
 import enum
 import math
+from typing import Any, Self
 
 import mink
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import PANDA
+from kitchen_suite.entities import PANDA, OpenCabinetArena
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
-from kitchen_suite.tasks.open_cabinet.action import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.control_modes import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE, OpenCabinetTask
 
 _GAINS = np.array([link.actuator.gain for link in PANDA.links])
 
@@ -95,8 +96,12 @@ class DrawerExpert(Expert):
           ValueError: there is no such drawer.
         """
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
-        self._kinematics = ArmKinematics("open_cabinet")
+        self._kinematics = ArmKinematics(OpenCabinetArena, PANDA)
         super().__init__(style)
+
+    @classmethod
+    def for_task(cls, task: OpenCabinetTask, **options: Any) -> Self:
+        return cls(**{"drawer": task.drawer, **options})
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)

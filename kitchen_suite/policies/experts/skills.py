@@ -89,7 +89,7 @@ class Revolute:
     """A joint about which an object rotates.
 
     Attributes:
-      elements: index of its angle [rad] in the object positions of the observation.
+      elements: index of its angle [rad] among the positions of the joints of the task's goal.
       anchor: a point on the axis, in the world [m].
       axis: direction of the axis, in the world.
     """
@@ -109,7 +109,7 @@ class Prismatic:
     """A joint along which an object translates: along x, or along x, y and z.
 
     Attributes:
-      elements: indices of its one or three coordinates in the object positions of the observation.
+      elements: indices of its one or three coordinates among the positions of the joints of the task's goal.
       initial_position: the coordinates at the start of an episode [m].
     """
 

@@ -1,23 +1,23 @@
 """Highlights the objects of tasks that are within their thresholds."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from dm_control import mjcf
 
+from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.base import SUCCESS_RGBA
-from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.goals import GoalSet
 
 
 class GoalHighlighting:
     """Colours of the objects of some tasks: their own, or green."""
 
-    def __init__(self, physics: mjcf.Physics, tasks: Iterable[str], object_joints: Sequence[mjcf.Element]) -> None:
+    def __init__(self, physics: mjcf.Physics, scene: Scene, goals: GoalSet) -> None:
         """Finds the geoms that move with each task's joints, and stores their own colours."""
         self._physics = physics
-        joints = {joint.full_identifier: joint for joint in object_joints}
         self._geoms = [
-            [geom for name in GOALS[task].joints for geom in joints[name].parent.find_all("geom")] for task in tasks
+            [geom for joint in goal.joints_in(scene) for geom in joint.parent.find_all("geom")] for goal in goals.goals
         ]
         self._own_rgba = [np.array(physics.bind(geoms).rgba) for geoms in self._geoms]
 

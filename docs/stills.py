@@ -1,0 +1,69 @@
+"""The pictures of the scenes on these pages; rendering needs a GL library."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from kitchen_suite import suite
+from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+
+DOCS = Path(__file__).parent
+PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
+# Joint positions of the robot [rad, m] and opening of the top drawer [m]: initial state, grasp, open drawer.
+CABINET_STATES = (
+    (DEFAULT_POSE, 0.0),
+    ((0, 0.064, 0, -1.899, 0, 3.534, -0.785, 0.006, 0.006), 0.0),
+    ((0, -1.187, 0, -2.862, 0, 3.246, -0.785, 0.006, 0.006), 0.358),
+)
+
+
+def write_pictures() -> None:
+    """Renders the pictures of all domains."""
+    write_kitchen_pictures()
+    write_cabinet_picture()
+
+
+def write_cabinet_picture() -> None:
+    """Renders the initial state, the grasp and the open drawer from every camera of open_cabinet."""
+    environment = suite.load("open_cabinet", "top_drawer", {"random": 0})
+    environment.reset()
+    columns = []
+    for pose, opening in CABINET_STATES:
+        with environment.physics.reset_context():
+            environment.physics.bind(environment.task.scene.robot.joints).qpos = pose
+            environment.physics.bind(environment.task.scene.cabinet.drawer_joint("top")).qpos = opening
+        cameras = ("overview", "handle", "franka/wrist")
+        columns.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
+    Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
+
+
+def write_kitchen_pictures() -> None:
+    """Renders the kitchen at the start of an episode."""
+    environment = suite.load("kitchen", "all", {"random": 0})
+    environment.reset()
+    folder = DOCS / "pictures"
+    folder.mkdir(exist_ok=True)
+    model = environment.physics.model
+    for name in (model.camera(i).name for i in range(model.ncam)):
+        picture = environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id=name)
+        Image.fromarray(picture).save(folder / f"kitchen_{name.replace('/', '_')}.png", optimize=True)
+    sheet = [
+        environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview"),
+        depth_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview", depth=True)),
+        class_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, "overview", segmentation=True)),
+    ]
+    Image.fromarray(np.hstack(sheet)).save(folder / "kitchen_rgb_depth_segmentation.png", optimize=True)
+
+
+def depth_picture(depth: np.ndarray) -> np.ndarray:
+    """Returns depth [m] as shades of grey: white at 1 m, black at 4 m."""
+    shade = np.clip((4.0 - depth) / 3.0, 0.0, 1.0) * 255
+    return np.repeat(shade.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def class_picture(segmentation: np.ndarray) -> np.ndarray:
+    """Returns a segmentation with a colour for each geom."""
+    colours = np.random.default_rng(1).integers(40, 256, (segmentation[..., 0].max() + 2, 3), dtype=np.uint8)
+    colours[-1] = 0
+    return colours[segmentation[..., 0]]

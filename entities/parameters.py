@@ -1,0 +1,158 @@
+"""Parameters: numbers of a compiled scene that may differ from episode to episode, offered by the entities."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from dm_control import composer, mjcf
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite import checks
+
+Elements = tuple[mjcf.Element, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A kind of parameter: the values that it takes, and how they are read from and written to a compiled scene.
+
+    Attributes:
+      read: returns the value that some elements have in a physics.
+      write: sets the value of some elements in a physics; derived quantities are not updated.
+      model_fields: fields of MuJoCo's model that `write` changes; none if it changes only the state.
+      shape: `()` or `(n,)`.
+      non_negative: whether negative values are refused.
+      visual: whether only images depend on it.
+      derived: whether MuJoCo derives other fields of the model from these (`mj_setConst`).
+    """
+
+    read: Callable[[mjcf.Physics, Elements], ArrayLike]
+    write: Callable[[mjcf.Physics, Elements, NDArray[np.float64]], None]
+    model_fields: tuple[str, ...]
+    shape: tuple[int, ...] = ()
+    non_negative: bool = False
+    visual: bool = False
+    derived: bool = False
+
+    def checked(self, value: Any, name: str) -> NDArray[np.float64]:
+        """Returns a value as an array of the quantity's shape; `name` is for messages.
+
+        Raises:
+          TypeError: it does not hold real numbers.
+          ValueError: it has the wrong shape, is not finite, or is negative where it must not be.
+        """
+        if not self.shape:
+            return self._checked_number(value, name)
+        array = checks.vector(value, self.shape[0], name)
+        if self.non_negative and (array < 0).any():
+            raise ValueError(f"{name} must be finite and non-negative, got {value!r}")
+        return array
+
+    def _checked_number(self, value: Any, name: str) -> NDArray[np.float64]:
+        array = checks.array_of(value, name)
+        if array.shape:
+            raise ValueError(f"{name} must be one number, got {value!r}")
+        if self.non_negative:
+            return np.array(checks.number(array.item(), name))
+        return checks.vector(array[np.newaxis], 1, name)[0]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A quantity of certain elements of a scene.
+
+    Attributes:
+      name: owner first, such as `cabinet/drawer_top_friction`.
+      unit: of its values.
+      quantity: kind of the parameter.
+      elements: MJCF elements, all of which get the same value.
+    """
+
+    name: str
+    unit: str
+    quantity: Quantity
+    elements: Elements
+
+    def get(self, physics: mjcf.Physics) -> NDArray[np.float64]:
+        """Returns the present value, in the quantity's shape."""
+        return np.array(self.quantity.read(physics, self.elements), np.float64)
+
+    def set(self, physics: mjcf.Physics, value: NDArray[np.float64]) -> None:
+        """Sets a checked value; what MuJoCo derives from it is not updated."""
+        self.quantity.write(physics, self.elements, value)
+
+
+def pose_parameters(entity: composer.Entity) -> tuple[Parameter, ...]:
+    """Returns the offset and the yaw of an entity that stands upright, attached without a free joint."""
+    owner, frame = entity.mjcf_model.model, (mjcf.get_attachment_frame(entity.mjcf_model),)
+    return (
+        Parameter(name=f"{owner}/offset", unit="m", quantity=POSITION_OFFSET, elements=frame),
+        Parameter(name=f"{owner}/yaw", unit="rad", quantity=YAW, elements=frame),
+    )
+
+
+def joint_parameters(name: str, joint: mjcf.Element) -> tuple[Parameter, ...]:
+    """Returns dry friction and damping of a slide or hinge; their names start with `name`, which has the owner."""
+    force, damping = ("N", "N s/m") if joint.type == "slide" else ("N m", "N m s/rad")
+    return (
+        Parameter(name=f"{name}_friction", unit=force, quantity=JOINT_FRICTION, elements=(joint,)),
+        Parameter(name=f"{name}_damping", unit=damping, quantity=JOINT_DAMPING, elements=(joint,)),
+    )
+
+
+def _built_position(frame: mjcf.Element) -> NDArray[np.float64]:
+    return np.zeros(3) if frame.pos is None else frame.pos
+
+
+def _read_offset(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
+    (frame,) = elements
+    return physics.bind(frame).pos - _built_position(frame)
+
+
+def _write_offset(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+    (frame,) = elements
+    physics.bind(frame).pos = _built_position(frame) + value
+
+
+def _read_yaw(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
+    w, _, _, z = physics.bind(elements[0]).quat
+    return 2 * np.arctan2(z, w)
+
+
+def _write_yaw(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+    quaternion = np.array([np.cos(value / 2), 0.0, 0.0, np.sin(value / 2)])
+    physics.bind(elements[0]).quat = quaternion / np.linalg.norm(quaternion)
+
+
+def _joint_quantity(attribute: str, model_field: str) -> Quantity:
+    """Returns the kind of a non-negative attribute of joints that all their degrees of freedom share."""
+    return Quantity(
+        read=lambda physics, joints: getattr(physics.bind(joints), attribute)[0],
+        write=lambda physics, joints, value: setattr(physics.bind(joints), attribute, value),
+        model_fields=(model_field,),
+        non_negative=True,
+    )
+
+
+def _write_sliding_friction(physics: mjcf.Physics, geoms: Elements, value: NDArray[np.float64]) -> None:
+    for geom in geoms:
+        physics.bind(geom).friction[0] = value
+
+
+# Translation from the built position, in the frame of the parent.
+POSITION_OFFSET = Quantity(read=_read_offset, write=_write_offset, model_fields=("body_pos",), shape=(3,))
+
+# Rotation about the z axis of the parent.
+YAW = Quantity(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
+
+JOINT_FRICTION = _joint_quantity("frictionloss", "dof_frictionloss")
+JOINT_DAMPING = _joint_quantity("damping", "dof_damping")
+
+# Coefficient of sliding friction of geoms; a contact has the greater one of its two geoms' coefficients.
+SLIDING_FRICTION = Quantity(
+    read=lambda physics, geoms: physics.bind(geoms[0]).friction[0],
+    write=_write_sliding_friction,
+    model_fields=("geom_friction",),
+    non_negative=True,
+)

@@ -1,0 +1,111 @@
+"""The domain `kitchen`: the tasks of FrankaKitchen-v1, alone and in sets."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kitchen_suite import checks
+from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+
+if TYPE_CHECKING:
+    from kitchen_suite.environment import Environment
+
+
+def kitchen(
+    *,
+    tasks_to_complete: Sequence[str],
+    time_limit: float | None = 22.4,
+    random: int | np.random.RandomState | None = None,
+    visuals: bool = True,
+    render_quality: str = "high",
+    sleep: bool = False,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    **task_options: Any,
+) -> "Environment":
+    """Builds a kitchen environment.
+
+    Args:
+      tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`.
+      time_limit: length of an episode [s]; `None` for no limit.
+      random: seed, or random state to draw from.
+      visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
+      sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
+        `build_kitchen_scene`.
+      environment_kwargs: further arguments of `Environment`.
+      **task_options: further arguments of `KitchenTask`.
+
+    Raises:
+      TypeError: an argument of the wrong type, or an unknown one.
+      ValueError: see `KitchenTask`; or the time limit is not positive and finite.
+    """
+    from kitchen_suite.entities import build_kitchen_scene
+    from kitchen_suite.tasks import KitchenTask
+
+    checks.keywords(task_options, kitchen, KitchenTask, what="argument", leave_out=SET_BY_BUILDERS)
+    scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
+    return build_environment(
+        KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options),
+        time_limit=time_limit,
+        random=random,
+        render_quality=render_quality,
+        environment_kwargs=environment_kwargs,
+    )
+
+
+# Spelt and ordered as in `tasks.GOALS`.
+_GOALS = (
+    "bottom burner",
+    "top burner",
+    "light switch",
+    "slide cabinet",
+    "hinge cabinet",
+    "microwave",
+    "kettle",
+)
+
+# `complete` and `partial` are two data sets of D4RL, of demonstrations for the same four goals.
+_TASKS = {
+    **{name.replace(" ", "_"): (name,) for name in _GOALS},
+    "complete": ("microwave", "kettle", "light switch", "slide cabinet"),
+    "partial": ("microwave", "kettle", "light switch", "slide cabinet"),
+    "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
+    "all": _GOALS,
+}
+
+KITCHEN = Domain(
+    name="kitchen",
+    build=kitchen,
+    tasks=MappingProxyType({name: {"tasks_to_complete": goals} for name, goals in _TASKS.items()}),
+    env_id="KitchenSuite/FrankaKitchen-v1",
+    env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
+    vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
+    episode_steps=280,
+    task_id="KitchenSuite/{}-v1",
+    # The three task sets of D4RL's Franka kitchen.
+    benchmark_tasks=("complete", "partial", "mixed"),
+    replaceable=("tasks_to_complete",),
+    array_options=MappingProxyType({"info_format": "arrays"}),
+    flat_options=MappingProxyType({"goal_format": "flat"}),
+    cloning_options=("tasks_to_complete", "goals", "velocity_scale", "feedback"),
+    hyperparameters=MappingProxyType(
+        {
+            "num_envs": 32,
+            "rollouts": 140,
+            "hidden": (512, 512),
+            "mini_batches": 10,
+            "learning_rate": 1e-4,
+            "kl_target": 0.0,
+            "discount": 0.995,
+            "entropy_scale": 0.0,
+            "reward_scale": 1.0,
+            "exploration": 0.1,
+            "noise_correlation": 0.0,
+            "action_scale": (0.5,) * 9,
+        }
+    ),
+    expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
+    benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
+)

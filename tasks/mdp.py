@@ -1,0 +1,138 @@
+"""The interface of the tasks' Markov decision processes, which single and vectorised environments call alike."""
+
+import abc
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_env import specs
+from numpy.typing import NDArray
+
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks.simulation import Columns, Simulation
+
+Reading = TypeVar("Reading")
+Reading_co = TypeVar("Reading_co", covariant=True)
+State = TypeVar("State", bound=tuple)
+
+
+class Sensors(Protocol[Reading_co]):
+    """What a task reads from the physics, and where it writes the targets of the actuators.
+
+    Attributes:
+      ctrl: columns of the robot's actuators in ctrl.
+      stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `read`.
+    """
+
+    stage: mujoco.mjtStage
+
+    @property
+    def ctrl(self) -> Columns: ...
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks up all addresses in a compiled scene."""
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Evaluates a single physics up to `stage`."""
+
+    def read(self, simulation: Simulation) -> Reading_co:
+        """Returns the present values, in fresh arrays `(..., k)`."""
+
+
+class ActionMode(Protocol):
+    """Meaning of the action.
+
+    Attributes:
+      draws: whether a number is drawn from U(0, 1) for each action.
+    """
+
+    @property
+    def draws(self) -> bool: ...
+
+    def bind(self, physics: mjcf.Physics, robot: Franka) -> None:
+        """Looks up what control reads of a robot in a compiled scene."""
+
+    def spec(self, robot: Franka) -> specs.Array:
+        """Returns the action's spec."""
+
+    def control(
+        self, simulation: Simulation, state: Any, action: NDArray[np.float64], draw: NDArray[np.float64] | float
+    ) -> NDArray[np.float64]:
+        """Returns targets `(..., 9)` of the robot's actuators [rad, m] for actions `(..., k)`."""
+
+
+class MDP(abc.ABC, Generic[Reading, State]):
+    """Settings of a task, and the mathematics of its episodes: control, next state, reward, observation, infos.
+
+    States are named tuples of arrays with any leading axes `(...)`: none for one episode, one for many. No method
+    changes a state.
+
+    Attributes:
+      sensors: sensors of the scene, bound to its compiled model.
+      action_mode: meaning of the action.
+      carried: fields of the state that a reset leaves as they are.
+    """
+
+    sensors: Sensors[Reading]
+    action_mode: ActionMode
+    carried: ClassVar[Sequence[str]] = ()
+
+    @property
+    def noise_draws(self) -> int:
+        """Number of numbers drawn from U(-1, 1) at a reset and after each step; 0 without noise."""
+        return 0
+
+    def draw_action(self, random_state: np.random.RandomState) -> float:
+        """Returns what is drawn for an action: from U(0, 1), or the median 0.5 if the action mode draws nothing."""
+        return random_state.random_sample() if self.action_mode.draws else 0.5
+
+    def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
+        """Returns draws `(noise_draws,)` from U(-1, 1)."""
+        return random_state.uniform(-1.0, 1.0, self.noise_draws)
+
+    @abc.abstractmethod
+    def initial_state(self, reading: Reading, draws: NDArray[np.float64]) -> State:
+        """Returns the state before the first step.
+
+        Args:
+          reading: present values of the sensors.
+          draws: `(..., noise_draws)`, from U(-1, 1).
+        """
+
+    @abc.abstractmethod
+    def step(
+        self,
+        state: State,
+        *,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        reading: Reading,
+        draws: NDArray[np.float64],
+    ) -> State:
+        """Returns the state after one more control step.
+
+        Args:
+          state: the state before it.
+          action: `(..., k)`, its action.
+          target: `(..., 9)`, targets of the actuators during it [rad, m].
+          reading: values of the sensors after it.
+          draws: `(..., noise_draws)`, from U(-1, 1).
+        """
+
+    @abc.abstractmethod
+    def observation(self, simulation: Simulation, state: State) -> NDArray:
+        """Returns the flat observation `(..., m)` without goals, with its noise."""
+
+    @abc.abstractmethod
+    def reward(self, state: State) -> NDArray[np.float64]:
+        """Returns the reward `(...)` of the last step."""
+
+    @abc.abstractmethod
+    def terminates(self, state: State) -> NDArray[np.bool_]:
+        """Returns whether `(...)` the last step terminated the episode."""
+
+    @abc.abstractmethod
+    def info(self, state: State) -> dict[str, NDArray]:
+        """Returns the infos on the task: fresh arrays `(...)` or `(..., n)`."""

@@ -1,0 +1,168 @@
+"""Variations of parameters: distributions as JSON describes them, and checks of values.
+
+A variation is a composer variation, a constant, or a list of these for the elements of a vector.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from dm_control.composer import variation
+from dm_control.composer.variation import distributions
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.parameters import Quantity
+
+Variation = Any
+
+
+class Choice(variation.Variation):
+    """Draws one of several values, numbers or vectors, each with the same probability."""
+
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        """Takes values `(k,)` or `(k, n)`."""
+        self._values = values
+
+    def __call__(
+        self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
+    ) -> NDArray[np.float64]:
+        return self._values[(random_state or np.random).randint(len(self._values))]
+
+    def __repr__(self) -> str:
+        return f"Choice({self._values.tolist()})"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Distribution:
+    """A composer distribution.
+
+    Attributes:
+      make: its class.
+      arguments: meanings of the arguments, for messages.
+      ordered: whether the two arguments are bounds of its values.
+      dtype: of its arguments.
+    """
+
+    make: Callable[..., variation.Variation]
+    arguments: tuple[str, ...]
+    ordered: bool = False
+    dtype: type = float
+
+
+# By name in JSON. A `choice` has any number of values instead of arguments.
+DISTRIBUTIONS: Mapping[str, _Distribution] = MappingProxyType(
+    {
+        "uniform": _Distribution(distributions.Uniform, ("low", "high"), ordered=True),
+        "uniform_integer": _Distribution(distributions.UniformInteger, ("low", "excluded high"), True, int),
+        "normal": _Distribution(distributions.Normal, ("mean", "standard deviation")),
+        "log_normal": _Distribution(distributions.LogNormal, ("mean of the logarithm", "its standard deviation")),
+        "exponential": _Distribution(distributions.Exponential, ("mean",)),
+        "poisson": _Distribution(distributions.Poisson, ("mean",)),
+        "bernoulli": _Distribution(distributions.Bernoulli, ("probability of 1",)),
+    }
+)
+
+
+def parse(value: Any, quantity: Quantity, name: str) -> Variation:
+    """Returns the variation that JSON describes; constants and composer variations are returned as they are.
+
+    Args:
+      value: `{"uniform": [low, high]}` or another one of `DISTRIBUTIONS` with the list of its arguments, or
+        `{"choice": [value, value, ...]}`. Arguments are numbers, or lists with the quantity's shape. A list may hold
+        distributions for some of its elements.
+      quantity: kind of the parameter.
+      name: of the parameter, for messages.
+
+    Raises:
+      TypeError: an argument does not hold real numbers.
+      ValueError: an unknown distribution, the wrong number of arguments, a wrong shape, or numbers out of range.
+    """
+    if isinstance(value, Mapping):
+        return _distribution(value, quantity.shape, quantity, name)
+    if not isinstance(value, list | tuple):
+        return value
+    if is_constant(value):
+        quantity.checked([0.0 if isinstance(part, Mapping) else part for part in value], name)
+    return tuple(_distribution(part, (), quantity, name) if isinstance(part, Mapping) else part for part in value)
+
+
+def is_constant(value: Variation) -> bool:
+    """Whether a variation draws nothing."""
+    parts = value if isinstance(value, list | tuple) else (value,)
+    return not any(callable(part) for part in parts)
+
+
+def checked(
+    values: Mapping[str, Any], quantities: Mapping[str, Quantity], owner: str
+) -> dict[str, NDArray[np.float64]]:
+    """Returns values of parameters by name, as arrays; `owner` is for messages.
+
+    Raises:
+      TypeError: one of them is not made of real numbers.
+      ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
+    """
+    return {name: quantities[name].checked(value, f"{owner}'s {name}") for name, value in values.items()}
+
+
+def check_constants(wanted: Mapping[str, Variation], quantities: Mapping[str, Quantity], owner: str) -> None:
+    """Checks those variations that are constants; None is no variation. Raises as `checked`."""
+    constants = {name: value for name, value in wanted.items() if value is not None and is_constant(value)}
+    checked(constants, quantities, owner)
+
+
+def _distribution(
+    value: Mapping[str, Any], shape: tuple[int, ...], quantity: Quantity, name: str
+) -> variation.Variation:
+    """Returns the distribution with values of a given shape that JSON describes; raises as `parse`."""
+    if len(value) != 1:
+        raise ValueError(f"{name} must be one distribution, such as {{'uniform': [0, 1]}}, got {value!r}")
+    ((kind, arguments),) = value.items()
+    checks.choice(kind, (*DISTRIBUTIONS, "choice"), f"{name}: distribution")
+    what = f"{kind} of {name}"
+    if not isinstance(arguments, list | tuple) or not arguments:
+        raise ValueError(f"{what} must have a list of numbers, got {arguments!r}")
+    arrays = [_argument(argument, shape, what) for argument in arguments]
+    if kind == "choice":
+        _check_range(arrays, quantity, what)
+        return Choice(np.array(arrays))
+    return _of_arguments(DISTRIBUTIONS[kind], arrays, quantity, what)
+
+
+def _of_arguments(
+    distribution: _Distribution, arrays: list[NDArray[np.float64]], quantity: Quantity, what: str
+) -> variation.Variation:
+    """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
+    shown = [array.tolist() for array in arrays]
+    if len(arrays) != len(distribution.arguments):
+        raise ValueError(f"{what} must have {' and '.join(distribution.arguments)}, got {shown}")
+    if distribution.ordered:
+        _check_range(arrays, quantity, what)
+        if (arrays[0] > arrays[1]).any():
+            raise ValueError(f"{what} must have a low that is not above its high, got {shown}")
+    with np.errstate(invalid="ignore"):
+        arguments: list[NDArray] = [array.astype(distribution.dtype) for array in arrays]
+    if any((argument != array).any() for argument, array in zip(arguments, arrays, strict=True)):
+        raise ValueError(f"{what} must have integers, got {shown}")
+    result = distribution.make(*(argument.tolist() for argument in arguments))
+    try:
+        result(random_state=np.random.RandomState(0))
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{what} cannot be drawn from {shown}: {error}") from error
+    return result
+
+
+def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """Returns an argument, or a value to choose, in a given shape."""
+    array = checks.array_of(value, what)
+    if array.shape not in ((), shape):
+        wanted = f"numbers or lists of {shape[0]}" if shape else "numbers"
+        raise ValueError(f"{what} must have {wanted}, got {value!r}")
+    return np.broadcast_to(checks.vector(array.ravel(), array.size, what).reshape(array.shape), shape)
+
+
+def _check_range(arrays: list[NDArray[np.float64]], quantity: Quantity, what: str) -> None:
+    if quantity.non_negative and any((array < 0).any() for array in arrays):
+        raise ValueError(f"{what} must be non-negative, got {[array.tolist() for array in arrays]}")
