@@ -18,6 +18,9 @@ Reading_co = TypeVar("Reading_co", covariant=True)
 State = TypeVar("State", bound=tuple)
 
 
+_NO_DRAWS = np.zeros(0)
+
+
 class Sensors(Protocol[Reading_co]):
     """What a task reads from the physics, and where it writes the targets of the actuators.
 
@@ -90,7 +93,8 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""
-        return random_state.uniform(-1.0, 1.0, self.noise_draws)
+        size = self.noise_draws
+        return random_state.uniform(-1.0, 1.0, size) if size else _NO_DRAWS
 
     @abc.abstractmethod
     def initial_state(self, reading: Reading, draws: NDArray[np.float64]) -> State:

@@ -33,17 +33,17 @@ def columns(indices: NDArray[np.int64]) -> Columns:
 
 
 class PhysicsSimulation:
-    """The physics of a composer environment; no leading axis."""
+    """The physics of a composer environment, while its model stays compiled; no leading axis."""
 
     def __init__(self, physics: mjcf.Physics) -> None:
-        self._physics = physics
+        self._data = physics.data.ptr
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         del order
-        return getattr(self._physics.data, field)[columns]
+        return getattr(self._data, field)[columns]
 
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
-        getattr(self._physics.data, field)[columns] = values
+        getattr(self._data, field)[columns] = values
 
 
 class BatchSimulation:
