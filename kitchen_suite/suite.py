@@ -12,6 +12,7 @@ import gymnasium
 from kitchen_suite import checks
 from kitchen_suite.domains.base import Domain
 from kitchen_suite.domains.kitchen import KITCHEN, kitchen
+from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
 from kitchen_suite.domains.open_cabinet import OPEN_CABINET, open_cabinet
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ __all__ = [
     "task_arguments",
 ]
 
-_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET)}
+_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE)}
 
 # The domains by name: the suite's own and those of `register`.
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)

@@ -1,0 +1,161 @@
+"""The task of the microwave_table domain: reach for the handle of the microwave, and pull its door open."""
+
+import collections
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer.observation import observable
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.scenes.arena import SiteArena
+from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.tasks.base import Metrics, SuiteTask
+from kitchen_suite.tasks.control_modes import GRIPPER_OPEN, JointOffset
+from kitchen_suite.tasks.goals import Goal, GoalSet
+from kitchen_suite.tasks.highlighting import GoalHighlighting
+from kitchen_suite.tasks.indices import SceneIndices
+from kitchen_suite.tasks.microwave_table.mdp import (
+    CONTROL_TIMESTEP,
+    PARTS,
+    PHYSICS_TIMESTEP,
+    SIZE,
+    MicrowaveTableMDP,
+    MicrowaveTableState,
+    OpenReward,
+)
+from kitchen_suite.tasks.sensors import FeatureSensors
+
+GOAL = Goal(description="open the microwave's door", prop="microwave", value=(-0.75,))
+
+# Initial joint positions of the robot [rad; fingers: m], and greatest noise on each arm joint [rad].
+INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+RESET_NOISE = 0.05
+
+
+class MicrowaveTableTask(SuiteTask):
+    """Open the door of a microwave on a table.
+
+    Start: the robot in its initial pose before the microwave, with noise U(-0.05, 0.05) rad on the arm's joints; the
+      door closed.
+    Reward: at each step, the sum of two terms, those of `mdp.OpenReward`, in [0, 6].
+    End: discount 1 at the time limit. Success, the door within 0.3 rad of -0.75 rad, does not end the episode.
+    Observations: 23 numbers in five named parts, in single precision, without noise.
+    """
+
+    domain_name = "microwave_table"
+
+    def __init__(self, scene: Scene, *, gripper: str = "deterministic", threshold: float = 0.3) -> None:
+        """Sets the task up in a scene.
+
+        Args:
+          scene: robot and microwave in their arena; each task needs a scene of its own.
+          gripper: as of `OpenCabinetTask`; `deterministic` draws nothing.
+          threshold: distance from the goal below which the door counts as open [rad].
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown name, or a threshold that is negative or not finite.
+        """
+        self._scene = scene
+        self._goals = GoalSet.build({"microwave": GOAL}, ["microwave"])
+        self._mdp = MicrowaveTableMDP(
+            sensors=_sensors(scene),
+            action_mode=JointOffset(gripper),
+            reward_terms=OpenReward(),
+            goal=GOAL.value[0],
+            threshold=checks.number(threshold, "threshold"),
+        )
+        self._observables = collections.OrderedDict(
+            (name, observable.Generic(functools.partial(self._part, part))) for name, part in PARTS.items()
+        )
+        for part in self._observables.values():
+            part.enabled = True
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+
+    def __repr__(self) -> str:
+        return f"MicrowaveTableTask(threshold={self._mdp.threshold:g})"
+
+    @property
+    def root_entity(self) -> SiteArena:
+        return self._scene.arena
+
+    @property
+    def scene(self) -> Scene:
+        """Arena, robot and microwave."""
+        return self._scene
+
+    @property
+    def robot(self) -> Franka:
+        return self._scene.robot
+
+    @property
+    def mdp(self) -> MicrowaveTableMDP:
+        return self._mdp
+
+    @property
+    def state(self) -> MicrowaveTableState:
+        return self._state
+
+    @property
+    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        return self._observables.copy()
+
+    @property
+    def observation_size(self) -> int:
+        return SIZE
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""
+        return {
+            "success": bool(infos["is_success"]),
+            "success_at_any_time": bool(infos["success_at_any_time"]),
+            "door_opening": float(infos["door_opening"]),
+        }
+
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Returns the opening of the door, as a share of the goal."""
+        return infos["door_opening"]
+
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        key = "info/is_success"
+        return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
+
+    def _bind(self, physics: mjcf.Physics) -> None:
+        self._indices = SceneIndices(self._scene, self._goals, physics)
+        self._highlighting = GoalHighlighting(physics, self._scene, self._goals)
+
+    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        data = physics.data
+        pose = INITIAL_POSE + np.append(random_state.uniform(-RESET_NOISE, RESET_NOISE, 7), (0.0, 0.0))
+        data.qpos[self._indices.robot_qpos] = pose
+        data.qpos[self._indices.object_qpos] = 0.0
+        data.qvel[:] = 0.0
+        data.ctrl[self._indices.ctrl] = pose
+
+    def _show(self, physics: mjcf.Physics | None) -> None:
+        """Updates the observation and, given a physics, the door's colour."""
+        self._observation = self._mdp.observation(self._simulation, self._state)
+        if self._visualize_reward and physics is not None:
+            self._highlighting.update([bool(self._state.is_success)])
+
+    def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
+        del physics
+        return self._observation[part]
+
+
+def _sensors(scene: Scene) -> FeatureSensors:
+    """Adds the sensors of robot, fingertips, handle and door to a scene that is not yet compiled."""
+    door = scene.joints("microwave")
+    sensors = FeatureSensors(scene.arena.mjcf_model, scene.robot)
+    sensors.add_joints("joint_positions", "jointpos", scene.robot.joints)
+    sensors.add_joints("joint_velocities", "jointvel", scene.robot.joints)
+    sensors.add_frame("tcp_position", "framepos", scene.robot.end_effector)
+    sensors.add_frame("handle_position", "framepos", scene.props["microwave"].mjcf_model.find("site", "handle"))
+    sensors.add_joints("door_position", "jointpos", door)
+    sensors.add_joints("door_velocity", "jointvel", door)
+    return sensors

@@ -1,0 +1,83 @@
+"""Goals by prop, and the tables that scenes derive from the order of their props."""
+
+import numpy as np
+import pytest
+from dm_control import mjcf
+
+from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.goals import Goal, GoalSet
+from kitchen_suite.tasks.indices import SceneIndices
+from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+
+
+@pytest.fixture(scope="module")
+def kitchen():
+    return build_kitchen_scene(visuals=False)
+
+
+@pytest.fixture(scope="module")
+def physics(kitchen):
+    return mjcf.Physics.from_mjcf_model(kitchen.arena.mjcf_model)
+
+
+def test_the_goals_elements_in_the_kitchen_are_the_references(kitchen):
+    assert {task: tuple(goal.elements_in(kitchen)) for task, goal in GOALS.items()} == {
+        "bottom burner": (2, 3),
+        "top burner": (6, 7),
+        "light switch": (8, 9),
+        "slide cabinet": (10,),
+        "hinge cabinet": (11, 12),
+        "microwave": (13,),
+        "kettle": (14, 15, 16, 17, 18, 19, 20),
+    }
+
+
+@pytest.mark.parametrize("task", GOALS)
+def test_elements_are_of_the_goals_joints(kitchen, physics, task):
+    in_qpos, _ = addresses(physics, kitchen.object_joints)
+    expected, _ = addresses(physics, GOALS[task].joints_in(kitchen))
+    np.testing.assert_array_equal(in_qpos[GOALS[task].elements_in(kitchen)], expected)
+
+
+def test_noise_and_initial_positions_are_the_references():
+    positions = [0.1, *[0.005] * 2, *[0.0005] * 6, *[0.005] * 3, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
+    velocities = [*[0.005] * 11, *[0.1] * 3, *[0.005] * 3, *[0.1] * 3]
+    np.testing.assert_array_equal(noise.AMPLITUDES, [*[0.1] * 18, *positions, *velocities])
+    # fmt: off
+    expected = [
+        1.48388023e-01, -1.76848573e+00, 1.84390296e+00, -2.47685760e+00, 2.60252026e-01, 7.12533105e-01,
+        1.59515394e+00, 4.79267505e-02, 3.71350919e-02, -2.66279850e-04, -5.18043486e-05, 3.12877220e-05,
+        -4.51199853e-05, -3.90842156e-06, -4.22629655e-05, 6.28065475e-05, 4.04984708e-05, 4.62730939e-04,
+        -2.26906415e-04, -4.65501369e-04, -6.44129196e-03, -1.77048263e-03, 1.08009684e-03, -2.69397440e-01,
+        3.50383255e-01, 1.61944683e+00, 1.00618764e+00, 4.06395120e-03, -6.62095997e-03, -2.68278933e-04,
+    ]
+    # fmt: on
+    np.testing.assert_array_equal(INITIAL_QPOS, expected)
+
+
+def test_the_microwaves_goal_holds_in_another_scene():
+    scene = build_microwave_table_scene(visuals=False)
+    indices = SceneIndices(
+        scene, GoalSet.build(GOALS, ["microwave"]), mjcf.Physics.from_mjcf_model(scene.arena.mjcf_model)
+    )
+    np.testing.assert_array_equal(indices.goal_qpos, indices.object_qpos)
+    np.testing.assert_array_equal(GOALS["microwave"].elements_in(scene), [0])
+    with pytest.raises(ValueError, match="prop 'kettle' does not exist"):
+        GOALS["kettle"].joints_in(scene)
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        (Goal(description="", prop="toaster", value=(0.0,)), "prop 'toaster' does not exist"),
+        (Goal(description="", prop="oven", joints=("knob",), value=(0.0,)), "joint of 'oven'"),
+        (Goal(description="", prop="kettle", value=(0.0,)), "goal of 'mine' must have 7 values"),
+    ],
+)
+def test_goals_must_fit_the_scene(kitchen, physics, goal, message):
+    with pytest.raises(ValueError, match=message):
+        SceneIndices(kitchen, GoalSet.build({"mine": goal}, ["mine"]), physics)
