@@ -6,6 +6,7 @@ import numpy as np
 from PIL import Image
 
 from kitchen_suite import suite
+from kitchen_suite.tasks.microwave_table.task import GOAL
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 DOCS = Path(__file__).parent
@@ -22,6 +23,7 @@ def write_pictures() -> None:
     """Renders the pictures of all domains."""
     write_kitchen_pictures()
     write_cabinet_picture()
+    write_microwave_picture()
 
 
 def write_cabinet_picture() -> None:
@@ -36,6 +38,20 @@ def write_cabinet_picture() -> None:
         cameras = ("overview", "handle", "franka/wrist")
         columns.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
     Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
+
+
+def write_microwave_picture() -> None:
+    """Renders microwave_table at the start of an episode from two cameras, and with the door open."""
+    environment = suite.load("microwave_table", "open", {"random": 0})
+    environment.reset()
+    physics, door = environment.physics, environment.task.scene.joints("microwave")
+    columns = [physics.render(300, 400, camera_id=camera) for camera in ("overview", "franka/wrist")]
+    pose = physics.bind(environment.task.robot.joints).qpos.copy()
+    with physics.reset_context():
+        physics.bind(environment.task.robot.joints).qpos = pose
+        physics.bind(door).qpos = GOAL.value
+    columns.append(physics.render(300, 400, camera_id="overview"))
+    Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "microwave_table.png", optimize=True)
 
 
 def write_kitchen_pictures() -> None:

@@ -39,7 +39,7 @@ def test_links_lead_somewhere(page):
 
 
 def test_the_observation_table_has_the_59_rows_in_order(build):
-    rows = build.observation_table().splitlines()[2:]
+    rows = build.TABLES["observation"]().splitlines()[2:]
     assert [int(row.split("|")[1]) for row in rows] == list(range(59))
 
 
