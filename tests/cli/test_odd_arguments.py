@@ -128,6 +128,7 @@ def run(name, arguments):
 
 def check(folder, line):
     name, arguments = line
+    before = peak_memory()
     folder.joinpath("new").mkdir(exist_ok=True)
     for path in folder.joinpath("new").iterdir():
         path.unlink()
@@ -139,11 +140,16 @@ def check(folder, line):
         assert len(err) < 1_100
     else:
         assert err == ""
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + GIBIBYTE
+    assert peak_memory() - before < GIBIBYTE
 
 
 GIBIBYTE = 2**20  # In the unit of ru_maxrss [KiB]
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def peak_memory():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
 ODD = {
     "deadline": None,
     "derandomize": True,
