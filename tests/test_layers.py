@@ -32,7 +32,14 @@ BESIDE = {"workers": ("rendering",), "rendering": ()}
 ALIASES = {"experts": ("policies",), "": ("suite",)}
 
 # Where a library may be imported.
-HOMES = {"absl": {"cli"}, "torch": {"training"}, "skrl": {"training"}, "ray": {"workers"}, "minari": {"recordings"}, "stable_baselines3": {"bridges"}}
+HOMES = {
+    "absl": {"cli"},
+    "torch": {"training"},
+    "skrl": {"training"},
+    "ray": {"workers"},
+    "minari": {"recordings"},
+    "stable_baselines3": {"bridges"},
+}
 COMMANDS = ("benchmark", "play", "record", "replay", "rollout", "train")
 
 

@@ -490,5 +490,3 @@ def test_a_signal_keeps_the_finished_episodes(tmp_path, number):
     assert len(files) >= 3
     assert files == [f"episode_{i:06d}.npz" for i in range(len(files))]
     assert load_episode(tmp_path / files[-1])[0]["episode"] == len(files) - 1
-
-
