@@ -1,7 +1,6 @@
 """Maps the action of the open_cabinet domain (seven joint offsets, one gripper logit) to position targets."""
 
 import numpy as np
-from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import PANDA
@@ -13,17 +12,6 @@ _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 
 # Targets of both fingers [m].
 GRIPPER_CLOSED, GRIPPER_OPEN = float(JOINT_LOW[7]), float(JOINT_HIGH[7])
-
-
-class UnboundedArray(specs.BoundedArray):
-    """A BoundedArray without bounds. Its generated value is zero, as the lower bound, -inf, is no valid value."""
-
-    def generate_value(self) -> NDArray:
-        return np.zeros(self.shape, self.dtype)
-
-    def __reduce__(self) -> tuple:
-        # The base class names itself here.
-        return type(self), super().__reduce__()[1]
 
 
 def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> NDArray[np.float64]:

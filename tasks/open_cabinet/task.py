@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from dm_control import mjcf
 from dm_control.composer.observation import observable
+from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
@@ -15,7 +16,7 @@ from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetS
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
 from kitchen_suite.tasks.open_cabinet import observation
-from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN, UnboundedArray
+from kitchen_suite.tasks.open_cabinet.action import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
 from kitchen_suite.tasks.open_cabinet.mdp import (
@@ -188,13 +189,12 @@ class OpenCabinetTask(SuiteTask):
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    def action_spec(self, physics: mjcf.Physics) -> UnboundedArray:
+    def action_spec(self, physics: mjcf.Physics) -> specs.Array:
         """Seven joint offsets [rad] and the gripper logit (log odds of closing); unbounded, but finite."""
         del physics
         # The last element moves both fingers.
         names = "\t".join(actuator.full_identifier for actuator in self._scene.robot.actuators[:ACTION_SIZE])
-        infinite = np.full(ACTION_SIZE, np.inf)
-        return UnboundedArray(infinite.shape, infinite.dtype, minimum=-infinite, maximum=infinite, name=names)
+        return specs.Array((ACTION_SIZE,), np.float64, name=names)
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
