@@ -51,8 +51,7 @@ def test_the_action_specs_generated_value_is_one_that_step_takes():
 
 
 def test_dm_controls_action_wrappers_refuse_an_action_without_bounds():
-    # They read the bounds of the spec, which it does not have.
-    with pytest.raises(AttributeError, match="has no attribute 'minimum'"):
+    with pytest.raises(ValueError, match="must return a single `BoundedArray`"):
         action_scale.Wrapper(load(), minimum=-1.0, maximum=1.0)
     with pytest.raises(AttributeError, match="has no attribute 'minimum'"):
         action_noise.Wrapper(load())
