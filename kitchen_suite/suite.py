@@ -70,7 +70,7 @@ def kitchen(
     from kitchen_suite.rendering.quality import set_render_quality
     from kitchen_suite.tasks import KitchenTask
 
-    checks.keywords(task_options, kitchen, KitchenTask, what="argument", leave_out=_SET_BY_BUILDERS)
+    checks.keywords(task_options, kitchen, KitchenTask, what="argument", exclude=_SET_BY_BUILDERS)
     limit = _limit(time_limit)
     scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
     task = KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options)
@@ -109,7 +109,7 @@ def open_cabinet(
     from kitchen_suite.rendering.quality import set_render_quality
     from kitchen_suite.tasks import OpenCabinetTask
 
-    checks.keywords(task_options, open_cabinet, OpenCabinetTask, what="argument", leave_out=_SET_BY_BUILDERS)
+    checks.keywords(task_options, open_cabinet, OpenCabinetTask, what="argument", exclude=_SET_BY_BUILDERS)
     limit = _limit(time_limit)
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
@@ -132,7 +132,7 @@ def _environment(
     from kitchen_suite.environment import Environment
 
     takers = Environment, *Environment.__bases__
-    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", leave_out=_SET_OF_ENVIRONMENT)
+    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
     settings = {
         "strip_singleton_obs_buffer_dim": True,
         "recompile_mjcf_every_episode": False,
@@ -227,7 +227,7 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
     tasks = DOMAINS[checks.choice(domain_name, DOMAINS.keys(), "domain")].tasks
     for other, names in TASKS_BY_DOMAIN.items():
         if task_name in names and task_name not in tasks:
-            raise ValueError(f"task {task_name!r} is not one of {domain_name!r}, but of --domain_name={other}")
+            raise ValueError(f"task {task_name!r} belongs to domain {other!r}, not {domain_name!r}")
     return dict(tasks[checks.choice(task_name, tasks.keys(), f"task of domain {domain_name!r}")])
 
 

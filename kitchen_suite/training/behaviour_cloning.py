@@ -25,7 +25,7 @@ _SCALER_COUNT = 1e15
 
 # By domain: the environment, and its arguments that decide what observed numbers and actions mean. Those for noise,
 # rewards, thresholds and the end of episodes may differ between demonstrations and training.
-_MEANINGS: Mapping[str, tuple[type, tuple[str, ...]]] = {
+_INTERFACE_ARGUMENTS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "kitchen": (FrankaKitchenEnv, ("tasks_to_complete", "goals", "velocity_scale", "feedback")),
     "open_cabinet": (FrankaOpenCabinetEnv, ("gripper",)),
 }
@@ -51,7 +51,7 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     if not (folder / SPEC_FILE).exists():
         raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
     recording = RecordingFolder.open(folder)
-    _check_same_meaning(folder, recording.spec, spec)
+    _check_compatible(folder, recording.spec, spec)
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
     episodes = [recording.load(index).arrays for index in recording.indices]
@@ -60,16 +60,16 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     return observations.astype(np.float32), actions.astype(np.float32)
 
 
-def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
+def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
     """Checks that observations and actions of a recording mean the same in the environments to be trained in.
 
     Raises:
-      ValueError: the tasks differ, or an argument of `_MEANINGS`.
+      ValueError: the tasks differ, or an argument of `_INTERFACE_ARGUMENTS`.
     """
     found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
-    _, names = _MEANINGS[wanted.domain_name]
+    _, names = _INTERFACE_ARGUMENTS[wanted.domain_name]
     for name in names:
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
@@ -81,7 +81,7 @@ def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: Recording
 
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
-    environment, _ = _MEANINGS[spec.domain_name]
+    environment, _ = _INTERFACE_ARGUMENTS[spec.domain_name]
     default = {name: inspect.signature(environment).parameters[name].default}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
