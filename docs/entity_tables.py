@@ -1,28 +1,26 @@
 """The tables of the entities: joints, sites and cameras."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import MappingProxyType
 
 from dm_control import composer, mjcf
 from tabulate import tabulate
 
-from kitchen_suite import entities
+from kitchen_suite import entities, suite
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
 
-# Entities by the expression that builds them.
-ENTITIES: Mapping[str, Callable[[], composer.Entity]] = MappingProxyType(
-    {
-        "Franka(PANDA)": lambda: Franka(PANDA),
-        "Franka(KITCHEN_FRANKA)": lambda: Franka(KITCHEN_FRANKA),
-        **{
-            f"{name}()": getattr(entities, name)
-            for name in entities.__all__
-            if isinstance(getattr(entities, name), type)
-            and issubclass(getattr(entities, name), composer.Entity)
-            and name not in ("Franka", "KitchenProp")
-        },
-    }
-)
+# Classes that are not built by calling them without arguments.
+_NOT_ALONE = (Franka, entities.KitchenProp)
+
+
+def builders() -> dict[str, Callable[[], composer.Entity]]:
+    """Returns what builds each entity, by the expression that does so: the robots, the props, the domains' arenas."""
+    public = (getattr(entities, name) for name in entities.__all__)
+    kinds = [each for each in public if isinstance(each, type) and issubclass(each, composer.Entity)]
+    tasks = (suite.load(domain, suite.default_task(domain), {"visuals": False}).task for domain in suite.DOMAINS)
+    kinds += [type(task.root_entity) for task in tasks]
+    robots = {"Franka(PANDA)": lambda: Franka(PANDA), "Franka(KITCHEN_FRANKA)": lambda: Franka(KITCHEN_FRANKA)}
+    return robots | {f"{kind.__name__}()": kind for kind in kinds if kind not in _NOT_ALONE}
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -33,7 +31,7 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def joint_table() -> str:
     """Returns the table of all joints, with the ranges of a compiled model."""
     rows = []
-    for name, build in ENTITIES.items():
+    for name, build in builders().items():
         entity = build()
         joints = entity.mjcf_model.find_all("joint")
         physics = mjcf.Physics.from_mjcf_model(entity.mjcf_model)
@@ -53,7 +51,7 @@ def joint_cells(physics: mjcf.Physics, joint: mjcf.Element) -> tuple[str, str]:
 def frame_table() -> str:
     """Returns the table of the sites and cameras of all entities."""
     rows = []
-    for name, build in ENTITIES.items():
+    for name, build in builders().items():
         root = build().mjcf_model
         rows.append((f"`{name}`", names(root.find_all("site")), names(root.find_all("camera"))))
     return markdown(("entity", "sites", "cameras"), rows)

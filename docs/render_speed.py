@@ -1,6 +1,7 @@
 """Measures frames per second by `render_quality`, in one interleaved run.
 
-`python docs/render_speed.py` prints a table for README's pages. The best of the rounds counts, since other programs only make a frame slower.
+`python docs/render_speed.py` prints a table for README's pages. The best of the rounds counts, since other programs
+only make a frame slower.
 """
 
 import time

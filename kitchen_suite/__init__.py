@@ -32,7 +32,10 @@ def __getattr__(name: str) -> _Any:
     if name == "load":
         return _importlib.import_module("kitchen_suite.suite").load
     if name in __dir__():
-        return _importlib.import_module(f"kitchen_suite.{name}")
+        try:
+            return _importlib.import_module(f"kitchen_suite.{name}")
+        except ModuleNotFoundError as error:  # An extra is missing; `hasattr` expects an AttributeError.
+            raise AttributeError(f"module 'kitchen_suite' has no {name!r} here: {error}") from error
     raise AttributeError(f"module 'kitchen_suite' has no attribute {name!r}")
 
 

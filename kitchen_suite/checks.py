@@ -25,14 +25,15 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a string, got {value!r}")
     if value not in choices:
-        raise ValueError(_unknown(value, choices, name))
+        raise ValueError(f"{name} {value!r} does not exist{_hint(value, choices)}")
     return value
 
 
-def _unknown(value: str, choices: Collection[str], name: str) -> str:
+def _hint(value: str, choices: Collection[str]) -> str:
+    """Returns the end of an error that suggests the nearest choice and lists all."""
     near = nearest(value, choices)
-    hint = f" (did you mean {near!r}?)" if near else ""
-    return f"{name} {value!r} does not exist{hint}; choose from {sorted(choices)}"
+    meant = f" (did you mean {near!r}?)" if near else ""
+    return f"{meant}; choose from {sorted(choices)}"
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
@@ -42,24 +43,24 @@ def nearest(value: str, choices: Collection[str]) -> str | None:
     return near[0] if near else None
 
 
-def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, leave_out: Collection[str] = ()) -> None:
+def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
     """Checks that functions have keyword arguments of given names.
 
     Args:
       names: of the arguments.
       *takers: functions, or classes, that share the arguments among them.
       what: kind of the arguments, for the message.
-      leave_out: arguments of the functions that are set otherwise.
+      exclude: arguments of the functions that are set otherwise.
 
     Raises:
       TypeError: there is no such argument; the message lists them and suggests the nearest.
     """
     parameters = [parameter for taker in takers for parameter in inspect.signature(taker).parameters.values()]
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(leave_out)
+    choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(exclude)
     for name in names:
         if name not in choices:
-            raise TypeError(_unknown(str(name), choices, what))
+            raise TypeError(f"unexpected {what} {name!r}{_hint(str(name), choices)}")
 
 
 def number(value: object, name: str, *, positive: bool = False) -> float:

@@ -12,6 +12,7 @@ import re
 import secrets
 import shutil
 import socket
+import textwrap
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -45,6 +46,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def atomic_create(path: Path) -> Iterator[Path]:
     """Yields a temporary path as `atomic_write` does; of several processes that create one file, one succeeds.
+
+    On a file system without hard links, a process that is killed at the very end leaves an empty file, to be removed by
+    hand.
 
     Raises:
       FileExistsError: the file exists at the end.
@@ -195,15 +199,24 @@ def reading(path: Path, what: str) -> Iterator[None]:
       what: its expected contents.
     """
     try:
+        # Devices and pipes may have no end.
+        if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+            raise OSError("it is not a regular file")
         yield
     except FileNotFoundError as error:
-        raise FileNotFoundError(f"there is no {path}, where {what} should be") from error
+        raise FileNotFoundError(f"no such file: {str(path)!r} (expected {what})") from error
     except OSError as error:
         if error.filename is None:
             raise OSError(f"{path} does not hold {what}: {error}") from error
         raise
     except Exception as error:  # Decoders of zip, npy, HDF5 and JSON raise dozens of types for damaged bytes.
-        raise OSError(f"{path} does not hold {what}") from error
+        raise OSError(f"{path} does not hold {what} ({_shortened(error)})") from error
+
+
+def _shortened(error: Exception) -> str:
+    """Returns type and text of an exception in one line of limited length."""
+    text = ": ".join(filter(None, (type(error).__name__, str(error)[:1000])))
+    return textwrap.shorten(text, 200, placeholder=" (shortened)")
 
 
 def check_size(size: int, limit: int) -> None:

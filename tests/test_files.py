@@ -5,6 +5,7 @@ import io
 import json
 import os
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,7 +98,7 @@ BOMBS = {
 @pytest.mark.parametrize("member", BOMBS.values(), ids=BOMBS.keys())
 def test_a_member_that_is_no_array_is_refused(tmp_path, member):
     npz(tmp_path / "x.npz", metadata=METADATA, array=member)
-    with pytest.raises(OSError, match=r"x.npz does not hold a policy$"):
+    with pytest.raises(OSError, match=r"x.npz does not hold a policy \(\w+(: [^\n]{1,200})?\)$"):
         files.load_arrays(tmp_path / "x.npz", "a policy")
     assert files.load_metadata(tmp_path / "x.npz") == {"a": 1}
 
@@ -114,13 +115,13 @@ def test_sizes_are_looked_at_before_arrays_are_read(tmp_path, monkeypatch):
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "9" * 5000, '{"a": "\\ud800'])
 def test_broken_json_is_refused(tmp_path, text):
     tmp_path.joinpath("x.json").write_text(text)
-    with pytest.raises(OSError, match=r"x.json does not hold a specification$"):
+    with pytest.raises(OSError, match=r"x.json does not hold a specification \(\w+: [^\n]{1,200}\)$"):
         files.load_json(tmp_path / "x.json", "a specification")
 
 
 def test_a_missing_file_is_named(tmp_path):
     for load in (files.load_json, files.load_arrays):
-        with pytest.raises(FileNotFoundError, match=r"there is no .*/x, where an episode should be"):
+        with pytest.raises(FileNotFoundError, match=r"^no such file: '.*/x' \(expected an episode\)$"):
             load(tmp_path / "x", "an episode")
 
 
@@ -136,3 +137,17 @@ def test_arrays_are_read_as_numpy_reads_them(tmp_path, order, dtype):
             np.testing.assert_array_equal(found, expected[name], strict=True)
     assert metadata == {"seed": 2**70}
     arrays["a/b"][0] = arrays["a/b"][1]
+
+
+def test_the_reason_of_damaged_contents_is_named(tmp_path):
+    tmp_path.joinpath("x.npz").write_bytes(b"nothing")
+    with pytest.raises(OSError, match=r"x.npz does not hold an episode \(BadZipFile: File is not a zip file\)$"):
+        files.load_arrays(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("load", [files.load_json, files.load_arrays, files.load_metadata])
+def test_a_device_or_a_pipe_is_refused_in_place_of_being_read_without_end(tmp_path, load):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (Path("/dev/zero"), tmp_path / "pipe"):
+        with pytest.raises(OSError, match=rf"^{path} does not hold an episode: it is not a regular file$"):
+            load(path, "an episode")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import kitchen_suite
+from kitchen_suite.rollouts.play_job import _DEFAULT_VIDEO
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"kitchen_suite": "kitchen_suite", "kitchen_suite.entities": "entities", "kitchen_suite.tasks": "tasks"}
@@ -76,3 +77,7 @@ def test_importing_the_suite_neither_registers_nor_prints():
     code = "import sys, kitchen_suite.suite; assert 'gymnasium_robotics' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_default_video_is_not_committed():
+    assert f"/{_DEFAULT_VIDEO}" in ROOT.joinpath(".gitignore").read_text().splitlines()

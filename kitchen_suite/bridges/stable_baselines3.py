@@ -14,6 +14,9 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
 
+# Methods whose results are the same in all environments.
+_SHARED_METHODS = ("compute_reward", "compute_terminated", "compute_truncated")
+
 
 class SuiteVecEnv(VecEnv):
     """The suite's vectorised environments with the interface of Stable-Baselines3.
@@ -98,13 +101,27 @@ class SuiteVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls a method that does not depend on an episode, such as `compute_reward`, and returns it for each index.
+        """Calls one of `_SHARED_METHODS`, which do not depend on an episode, and returns the result for each index.
 
         Raises:
-          AttributeError: the environments have no such method.
+          AttributeError: it is another method, or the environments have no such method.
         """
+        if method_name not in _SHARED_METHODS:
+            raise AttributeError(
+                f"{method_name} cannot be called: the environments are stepped together; only "
+                f"{', '.join(_SHARED_METHODS)} can"
+            )
         methods = self.get_attr(method_name, indices)
         return [methods[0](*method_args, **method_kwargs)] * len(methods)
+
+    def set_options(self, options: list[dict] | dict | None = None) -> None:
+        """Accepts that there are no options.
+
+        Raises:
+          ValueError: there are options of the next reset, which the environments do not take one by one.
+        """
+        if options:
+            raise ValueError(f"options of a reset are not supported, got {options!r}: pass them to make_vec_env")
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Indices = None) -> list[bool]:
         """Returns False for each index: there are no wrappers."""

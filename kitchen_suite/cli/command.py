@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from absl import flags
 
 import kitchen_suite
+from kitchen_suite import checks
 from kitchen_suite.cli import process
 from kitchen_suite.cli.options import OPTIONS, RENAMED, define_flags
 from kitchen_suite.rendering import gl
@@ -22,7 +23,7 @@ SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 _WIDTH = 100  # Characters in a line of the help.
 _MAX_MESSAGE = 1000  # Characters of an error, which may quote any argument.
 
-# Flags of absl's own commands that show the help, and a habit of other systems.
+# Flags that show the help in other programs: `-?` on Windows, the others in absl's.
 _HELP_FLAGS = ("?", "helpfull", "helpshort")
 
 
@@ -110,7 +111,7 @@ class Command:
 
     @functools.cached_property
     def _flags(self) -> flags.FlagValues:
-        return define_flags(self.settings, leave_out=self.positional)
+        return define_flags(self.settings, exclude=self.positional)
 
     def _parse(self, arguments: Sequence[str]) -> Any:
         """Returns the settings, or the text that `--help` or `--version` asks for.
@@ -121,7 +122,10 @@ class Command:
         values = self._flags
         values.unparse_flags()
         _, *rest = values([self.name, *arguments], known_only=True)
-        unknown = [text.lstrip("-").partition("=")[0] for text in rest if text.startswith("-")]
+        rest = [text for text in rest if text != "--"]
+        # absl would take the flags that --undefok names for known ones.
+        undefok = [text for text in arguments if _flag_name(text) == "undefok"]
+        unknown = [name for name in map(_flag_name, [*undefok, *rest]) if name]
         if values.help or (unknown and unknown[0] in _HELP_FLAGS):
             return self._help()
         if values.version:
@@ -167,8 +171,6 @@ class Command:
 
     def _describe_unknown(self, flag: str) -> str:
         """Returns the error for a flag that does not exist, with the one that may be meant."""
-        from kitchen_suite import checks  # Imports NumPy, which the help does without.
-
         names = [name for name in OPTIONS if name in self._flags]
         meant = RENAMED.get(flag)
         near = meant if meant in names else checks.nearest(flag, names)
@@ -191,6 +193,11 @@ class Command:
         text = f"{OPTIONS[name].help} {'Required.' if name in required else _default_text(name, default)}".rstrip()
         first = f"  {name.upper():<21} " if name == self.positional else f"  --{name:<19} "
         return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=" " * 24, break_on_hyphens=False)
+
+
+def _flag_name(text: str) -> str:
+    """Returns the name of a flag on the command line; empty for other arguments."""
+    return text.lstrip("-").partition("=")[0] if text.startswith("-") else ""
 
 
 def _one_line(text: str) -> str:

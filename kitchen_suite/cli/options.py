@@ -17,9 +17,12 @@ from typing import Any
 
 from absl import flags
 
-# Those of `checks`, which is not imported, since it imports NumPy: the help is quick without.
-_MAX_ENVS, _MAX_THREADS = 2**16, 2**10
+from kitchen_suite import checks
+
 _MAX_STEPS = 10**12
+
+# Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
+_MAX_EPISODE_STEPS = 100_000
 
 # Size of the models' offscreen buffers [pixels].
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
@@ -87,7 +90,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "num_episodes": Option("Number of episodes; kitchen-replay spreads them evenly.", minimum=1, maximum=1_000_000),
         "seed": Option("First seed; further episodes, or restarts of a training, have the next ones.", minimum=0),
         "max_episode_steps": Option(
-            "Control steps after which an episode ends.", minimum=1, maximum=1_000_000, unset="the domain's"
+            "Control steps after which an episode ends.", minimum=1, maximum=_MAX_EPISODE_STEPS, unset="the domain's"
         ),
         "num_steps": Option(
             "Control steps in total, over all environments; training may end earlier: see --target_success.",
@@ -96,10 +99,10 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             unset="of the measure",
         ),
         "num_envs": Option(
-            "Number of environments stepped together.", minimum=1, maximum=_MAX_ENVS, unset="of the measure"
+            "Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS, unset="of the measure"
         ),
         "num_threads": Option(
-            "Threads that step the environments.", minimum=1, maximum=_MAX_THREADS, unset="one per processor"
+            "Threads that step the environments.", minimum=1, maximum=checks.MAX_THREADS, unset="one per processor"
         ),
         "workers": Option("Processes on Ray that play the episodes; needs the extra ray.", minimum=1, maximum=10_000),
         "ray_address": Option(
@@ -111,7 +114,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "eval_interval": Option(
             "Control steps between evaluations, each followed by a checkpoint.", minimum=1, maximum=_MAX_STEPS
         ),
-        "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=_MAX_ENVS),
+        "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=checks.MAX_ENVS),
         "target_success": Option("Success rate of two evaluations in a row that ends training; above 1: never.", 0.0),
         "patience": Option(
             "Control steps without --min_progress after which a seed is given up; 0: never.",
@@ -146,7 +149,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 )
 
 
-# Flags that once had other names, here or in programs alike.
+# Names that flags had in earlier versions, or have in similar programs.
 RENAMED: Mapping[str, str] = MappingProxyType(
     {
         "env": "domain_name",
@@ -253,19 +256,19 @@ _PARSERS: Mapping[Any, tuple[Callable[[str], Any], str]] = MappingProxyType(
 )
 
 
-def define_flags(settings: type, *, leave_out: str | None = None) -> flags.FlagValues:
+def define_flags(settings: type, *, exclude: str | None = None) -> flags.FlagValues:
     """Defines the flags of a settings dataclass, and `--help` and `--version`.
 
     They are not absl's global flags, so that a command can be called from other programs, any number of times.
 
     Args:
       settings: a dataclass whose field names are keys of `OPTIONS`.
-      leave_out: field that is not a flag.
+      exclude: field that is not a flag.
     """
     values = _Flags()
     hints = typing.get_type_hints(settings)
     for field in dataclasses.fields(settings):
-        if field.name != leave_out:
+        if field.name != exclude:
             _define(values, field, _without_none(hints[field.name]))
     for name, short in (("help", "h"), ("version", None)):
         _define_boolean(values, name, default=False, short_name=short)

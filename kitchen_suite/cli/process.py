@@ -46,7 +46,7 @@ def interrupts_prevail() -> Iterator[None]:
 
 
 def open_closed_streams() -> None:
-    """Opens the null device for each standard stream that is closed; the others write what they cannot encode escaped.
+    """Opens the null device for each closed standard stream, and lets stdout escape characters that it cannot encode.
 
     Files that are opened later would get the numbers of closed streams, and libraries would write to them.
     """

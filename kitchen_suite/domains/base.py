@@ -145,7 +145,7 @@ def build_environment(
 
     limit = math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
     takers = Environment, *Environment.__bases__
-    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", leave_out=_SET_OF_ENVIRONMENT)
+    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
     set_render_quality(task.root_entity.mjcf_model, render_quality)
     settings = {
         "strip_singleton_obs_buffer_dim": True,

@@ -39,7 +39,7 @@ def microwave_table(
     from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
     from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 
-    checks.keywords(task_options, microwave_table, MicrowaveTableTask, what="argument", leave_out=SET_BY_BUILDERS)
+    checks.keywords(task_options, microwave_table, MicrowaveTableTask, what="argument", exclude=SET_BY_BUILDERS)
     scene = build_microwave_table_scene(visuals=checks.boolean(visuals, "visuals"))
     return build_environment(
         MicrowaveTableTask(scene, **task_options),

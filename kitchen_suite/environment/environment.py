@@ -85,7 +85,7 @@ class Environment(composer.Environment):
     def random_state(self, value: int | np.random.RandomState | None) -> None:
         self._random_state = random_states.make_random_state(value)
         if self._fixed_initial_state:
-            # From which composer starts every episode.
+            # composer starts every episode from this state.
             self._fixed_random_state = self._random_state.get_state(legacy=False)
 
     @property

@@ -95,20 +95,20 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         return self
 
     @classmethod
-    def check_keywords(cls, names: Iterable[str], leave_out: Iterable[str] = ()) -> None:
+    def check_keywords(cls, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
         """Checks that the constructor has keyword arguments of given names.
 
         Args:
           names: of the arguments.
-          leave_out: arguments that are set otherwise.
+          exclude: arguments that are set otherwise.
 
         Raises:
           TypeError: there is no such argument.
         """
         constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
-        # TorchRL tries arguments of its own, and leaves out those that are called an "unexpected keyword argument".
-        what = "unexpected keyword argument"
-        checks.keywords(names, *constructors, what=what, leave_out={"self", "task_options", *leave_out})
+        # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
+        others = {"self", "task_options", *exclude}
+        checks.keywords(names, *constructors, what="keyword argument", exclude=others)
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:

@@ -21,7 +21,7 @@ import dm_env
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, files
 from kitchen_suite.policies.trained import TrainedPolicy, flat_timestep, shipped
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
@@ -40,8 +40,9 @@ class PolicyError(ValueError):
 def random(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
     """Builds a policy of uniform actions; elements of the action without bounds are standard normal."""
     spec = environment.action_spec()
-    bounded = np.isfinite(spec.minimum) & np.isfinite(spec.maximum)
-    low, high = np.where(bounded, spec.minimum, 0.0), np.where(bounded, spec.maximum, 0.0)
+    minimum, maximum = getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)
+    bounded = np.broadcast_to(np.isfinite(minimum) & np.isfinite(maximum), spec.shape)
+    low, high = np.where(bounded, minimum, 0.0), np.where(bounded, maximum, 0.0)
 
     def policy(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         del timestep
@@ -68,7 +69,7 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     from kitchen_suite.policies import experts
 
     takers = experts.MotionStyle, experts.expert_class(environment.task)
-    checks.keywords(options, *takers, what="option", leave_out=("style",))
+    checks.keywords(options, *takers, what="option", exclude=("style",))
     names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}
     return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
@@ -87,18 +88,28 @@ def trained(environment: dm_env.Environment, generator: np.random.Generator, *, 
       OSError: the file does not exist, or is not an npz file with metadata.
       ValueError: the file holds no policy for such a task, or none comes with the package.
     """
-    del generator
-    path = Path(file) if file else shipped(environment.task)
-    policy = _load_trained(path, path.stat().st_mtime_ns)
-    policy.check_fits(environment.task.observation_size, *environment.action_spec().shape)
-    return lambda timestep: policy(flat_timestep(timestep))
+    return _trained_builder(None)(environment, generator, file=file)
 
 
-@functools.lru_cache(maxsize=8)
-def _load_trained(path: Path, modified: int) -> TrainedPolicy:
-    """Reads a trained policy once for all episodes, and again when the file's time of modification [ns] changes."""
-    del modified
-    return TrainedPolicy.load(path)
+def _trained_builder(digest: str | None) -> PolicyBuilder:
+    """Returns the builder `trained`, which reads a file once for all episodes, whose SHA-256 has to be `digest`."""
+    load = functools.cache(functools.partial(_load_trained, digest=digest))
+
+    def build(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
+        del generator
+        policy = load(Path(file) if file else shipped(environment.task))
+        policy.check_fits(environment.task.observation_size, *environment.action_spec().shape)
+        return lambda timestep: policy(flat_timestep(timestep))
+
+    return build
+
+
+def _load_trained(path: Path, digest: str | None) -> TrainedPolicy:
+    """Reads a trained policy; raises a ValueError if its file has another SHA-256 than `digest`, if that is given."""
+    policy = TrainedPolicy.load(path)
+    if digest is not None and files.file_digest(path) != digest:
+        raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
+    return policy
 
 
 POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
@@ -111,13 +122,17 @@ _WITH_OPTIONS = ("expert", "trained")
 _MAX_LENGTH = 5_000
 
 
-def find(name: str) -> PolicyBuilder:
+def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     """Returns the builder of a named policy. The policy checks its actions and returns them as float64.
+
+    The builder reads the file of a trained policy once, for its first episode.
 
     Args:
       name: a key of `POLICIES`, with options where it takes any, such as `expert(speed=0.8, jitter=0.02)` or
         `trained(file='policy.npz')`; or `module:callable`, a policy that is the same object in every episode. Modules
         are also looked for in the working directory.
+      digest: SHA-256 of the file that the policy names, if it is to be checked: the builder raises a PolicyError for
+        another file.
 
     Raises:
       ImportError: the policy needs an extra that is not installed.
@@ -134,6 +149,8 @@ def find(name: str) -> PolicyBuilder:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
     if key == "expert":
         _check_expert_packages(name)
+    if key == "trained":
+        build = _trained_builder(digest)
     if options and key not in _WITH_OPTIONS:
         raise ValueError(f"policy {key!r} takes no options, got {name!r}; {' and '.join(_WITH_OPTIONS)} do")
 

@@ -177,7 +177,7 @@ def _scalar(array: NDArray) -> NDArray:
     """Returns an array of shape `()` of a real number.
 
     Raises:
-      ValueError: it is another one.
+      ValueError: the array has another shape, or holds no real number.
     """
     if array.shape != () or array.dtype.kind not in "fiu":
         raise ValueError(f"clip must be a number, not {array.dtype} of shape {array.shape}")

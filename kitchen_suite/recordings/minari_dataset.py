@@ -186,7 +186,7 @@ def check_size(data_path: Path, index: int) -> None:
     """Checks that an episode in HDF5 declares no more than `files.MAX_ARRAY_BYTES`, before it is read.
 
     Raises:
-      OSError: it does, or the file cannot be read.
+      OSError: the episode declares more, or the file cannot be read.
     """
     path = data_path / "main_data.hdf5"
     if not path.exists():  # Minari's other formats.

@@ -17,6 +17,7 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.runners import VectorRunner, play_many
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.tasks.base import Metrics
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
@@ -128,9 +129,7 @@ class RecordJob:
     def _load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode; raises an OSError unless its metrics are those of the task."""
         stats, expected = self._folder.load_stats(index), suite_env(self._template_env).environment.task.episode_metrics
-        if {name: type(value) for name, value in stats.metrics.items()} != {
-            name: type(value) for name, value in expected.items()
-        }:
+        if _types(stats.metrics) != _types(expected):
             raise OSError(f"episode {index} in {self._settings.output} has metrics {stats.metrics}, not {expected}")
         return stats
 
@@ -142,3 +141,8 @@ class RecordJob:
         for index in self._present():
             report.add(self._load_stats(index))
         return report.summary()
+
+
+def _types(metrics: Metrics) -> dict[str, type]:
+    """Returns the type of each metric by name."""
+    return {name: type(value) for name, value in metrics.items()}

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +46,11 @@ def replay(
 
 
 def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
-    """Raises a ValueError if actions or states have other shapes than the environment's."""
+    """Checks the actions and states of an episode.
+
+    Raises:
+      ValueError: their shapes are not the environment's, or it begins with positions that MuJoCo does not simulate.
+    """
     space = environment.observation_space
     state = space["observation"] if isinstance(space, gymnasium.spaces.Dict) else space
     pairs = {"action": (recorded.arrays["action"], environment.action_space), "observation": (_state(recorded), state)}
@@ -54,6 +59,9 @@ def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
             raise ValueError(
                 f"episode {recorded.index} has {name}s of shape {array.shape[1:]}, the environment {expected.shape}"
             )
+    if np.abs(_state(recorded)[0]).max() > mujoco.mjMAXVAL:
+        limit = f"{mujoco.mjMAXVAL:g}, the greatest that MuJoCo simulates"
+        raise ValueError(f"episode {recorded.index} begins with positions beyond {limit}")
 
 
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:

@@ -12,8 +12,16 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol
 
+from kitchen_suite import checks
+
 _VARIABLE = "MUJOCO_GL"
 _HEADLESS_LIBRARIES = ("egl", "osmesa")
+_VALUES = (*_HEADLESS_LIBRARIES, "glfw", "disable")
+
+# Further values of dm_control: other names of GLFW, and all that switch rendering off.
+_GLFW = ("on", "enable", "enabled", "true", "1")
+_DISABLED = ("off", "disable", "disabled", "false", "0")
+
 _DM_CONTROL_RENDERER = "dm_control._render"
 _RENDER_ONE_FRAME = "from dm_control import mujoco; mujoco.Physics.from_xml_string('<mujoco/>').render(8, 8)"
 
@@ -30,7 +38,7 @@ class ContextOwner(Protocol):
 
 
 def prepare(*, rendering: bool) -> None:
-    """Imports dm_control for a command, with a GL library that was seen to render if images will be rendered.
+    """Imports dm_control for a command. If images will be rendered, a GL library is tried and chosen before.
 
     Sets `MUJOCO_GL` if it is unset and images will be rendered.
 
@@ -72,7 +80,7 @@ def import_dm_control() -> None:
 def making_context(owner: ContextOwner) -> Iterator[None]:
     """Context in which a GL context is made, with a library chosen as `import_dm_control` does.
 
-    At exit the owner frees it. Left to garbage collection, it would be freed after its display: errors on stderr.
+    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr.
 
     Raises:
       RuntimeError: the GL context cannot be made; the message says what to install.
@@ -80,6 +88,8 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     library = _choose()
     if library is None and not has_display():
         raise RuntimeError(_advice(" or ".join(_HEADLESS_LIBRARIES)))
+    if problem := _problem(library):
+        raise RuntimeError(problem)
     if not _IS_INSTALLED.get(library or "", lambda: True)():
         raise RuntimeError(_advice(library))
     try:
@@ -147,9 +157,21 @@ def has_display() -> bool:
 
 def _choose() -> str | None:
     """Returns the library that `MUJOCO_GL` names. Where it is unset, names a headless one if there is no display."""
-    if _VARIABLE not in os.environ and not has_display() and (library := _installed_library()):
+    if not os.environ.get(_VARIABLE) and not has_display() and (library := _installed_library()):
         os.environ[_VARIABLE] = library
-    return os.environ.get(_VARIABLE)
+    return os.environ.get(_VARIABLE) or None
+
+
+def _problem(library: str | None) -> str:
+    """Returns why a value of `MUJOCO_GL` names no library to render with; empty if it names one or is unset."""
+    if library in _DISABLED:
+        return f"rendering is disabled by {_VARIABLE}={library}: unset it to let a GL library be found"
+    try:
+        if library and library not in _GLFW:
+            checks.choice(library, _VALUES, _VARIABLE)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _advice(library: str | None) -> str:
@@ -180,7 +202,10 @@ def find_library() -> str:
     Raises:
       OSError: none of them can render.
     """
-    candidates = (os.environ[_VARIABLE],) if _VARIABLE in os.environ else _HEADLESS_LIBRARIES
+    given = os.environ.get(_VARIABLE)
+    if problem := _problem(given):
+        raise OSError(problem)
+    candidates = (given,) if given else _HEADLESS_LIBRARIES
     for library in candidates:
         if _can_render(library):
             return library

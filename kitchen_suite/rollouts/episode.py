@@ -56,7 +56,7 @@ class EpisodeArrays:
         """Checks that the arrays have the names, types and lengths of an episode.
 
         Raises:
-          ValueError: they have not.
+          ValueError: a name is missing, or an array has another type or length.
         """
         if missing := [name for name in STEP_ARRAYS if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
@@ -112,7 +112,7 @@ def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
     """Checks that an array is of numbers, and has a row for each reward, or one more: that of the reset.
 
     Raises:
-      ValueError: it is not, or has not.
+      ValueError: the array has another type or another number of rows or dimensions.
     """
     kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
     if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):

@@ -42,13 +42,15 @@ class PlayJob(RolloutJob):
         """Prepares the rollout; raises what `RolloutJob` does.
 
         Raises:
-          ValueError: two policies are named.
+          ValueError: two policies are named, or a video is both asked for and refused.
         """
         if settings.shipped and settings.policy_file:
             raise ValueError("--shipped and --policy_file both name a policy: give one of them")
+        if settings.video and settings.novideo:
+            raise ValueError("--video and --novideo contradict each other: give one of them")
         self._reason_against_video = "" if settings.video or settings.novideo else _reason_against_video()
-        wanted = not settings.novideo and not self._reason_against_video
-        self._video = (settings.video or _DEFAULT_VIDEO) if wanted else None
+        films = not settings.novideo and not self._reason_against_video
+        self._video = (settings.video or _DEFAULT_VIDEO) if films else None
         rollout = policy_rollout(
             settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY),
             num_episodes=settings.num_episodes,

@@ -7,7 +7,6 @@ import collections
 import contextlib
 from collections.abc import Generator, Sequence
 
-from kitchen_suite import policies
 from kitchen_suite.rollouts.controllers import PolicyController
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.single_rollout import SingleRollout
@@ -27,7 +26,7 @@ def play_many(
       num_threads: number of threads that step them.
     """
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
-        controller = PolicyController(environments.template_env, policies.find(spec.policy))
+        controller = PolicyController(environments.template_env, spec.find_policy())
         for index, episode in VectorRollout(environments, controller).play(waiting):
             yield index, episode.collect() if episode else None
 

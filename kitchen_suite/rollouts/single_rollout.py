@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import policies
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
@@ -48,7 +47,7 @@ class SingleRollout:
         """Makes the environment, with `extra` further arguments, and finds the policy."""
         self._spec = spec
         self.environment = spec.make_environment(**extra)
-        self._build_policy = policies.find(spec.policy)
+        self._build_policy = spec.find_policy()
 
     def play(
         self, index: int, seed: int, watch: Callable[[EpisodeBuffer], None] = lambda buffer: None

@@ -98,7 +98,7 @@ class RecordingSpec:
         domain = suite.DOMAINS[domain_name]
         # Gymnasium takes some names itself, such as `disable_env_checker`.
         env_class = cast(type[SuiteEnv], load_env_creator(domain.env))
-        env_class.check_keywords(task_kwargs, leave_out=_RESERVED)
+        env_class.check_keywords(task_kwargs, exclude=_RESERVED)
         policies.find(policy)
         return cls(
             domain_name=domain_name,
@@ -148,7 +148,11 @@ class RecordingSpec:
         Raises:
           PolicyError: the policy cannot be built.
         """
-        policies.find(self.policy)(suite_env(environment).environment, policy_generator(self.seed))
+        self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
+
+    def find_policy(self) -> policies.PolicyBuilder:
+        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
+        return policies.find(self.policy, digest=self.policy_sha256)
 
     def make_vector_env(
         self,

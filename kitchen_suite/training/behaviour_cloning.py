@@ -44,7 +44,7 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     if not (folder / SPEC_FILE).exists():
         raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
     recording = RecordingFolder.open(folder)
-    _check_same_meaning(folder, recording.spec, spec)
+    _check_compatible(folder, recording.spec, spec)
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
     episodes = [recording.load(index).arrays for index in recording.indices]
@@ -53,7 +53,7 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     return observations.astype(np.float32), actions.astype(np.float32)
 
 
-def _check_same_meaning(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
+def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
     """Checks that observations and actions of a recording mean the same in the environments to be trained in.
 
     Raises:

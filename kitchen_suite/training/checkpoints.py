@@ -74,8 +74,8 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
     for path in reversed(paths):
         try:
             return _load(path, check)
-        except OSError:
-            tqdm.write(f"{path} cannot be read, trying the checkpoint before it")
+        except OSError as error:
+            tqdm.write(f"{error}; trying the checkpoint before it")
     if paths:
         raise CheckpointError(f"none of the {len(paths)} checkpoints in {folder} can be read")
     return None

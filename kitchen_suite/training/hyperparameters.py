@@ -124,14 +124,17 @@ def _check(name: str, value: object, kind: Any) -> None:
       TypeError: the value has another type.
       ValueError: it is negative, zero where it must be positive, or too large.
     """
-    elements = get_args(kind)
-    if elements and (not isinstance(value, list) or not value):
+    if not (elements := get_args(kind)):
+        _check_number(name, value, kind, positive=name in _POSITIVE)
+    elif isinstance(value, list) and value:
+        for element in value:
+            _check_number(name, element, elements[0], positive=True)
+    else:
         raise TypeError(f"{name} must be a list of numbers, got {value!r}")
-    for part in value if isinstance(value, list) and elements else [value]:
-        number: float
-        if int in (kind, *elements):
-            number = checks.integer(part, name, minimum=1)
-        else:
-            number = checks.number(part, name, positive=bool(elements) or name in _POSITIVE)
-        if number > _MAXIMA.get(name, math.inf):
-            raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {part!r}")
+
+
+def _check_number(name: str, value: object, kind: type, *, positive: bool) -> None:
+    """Checks a number of a hyperparameter; raises as `_check`."""
+    number = checks.integer(value, name, minimum=1) if kind is int else checks.number(value, name, positive=positive)
+    if number > _MAXIMA.get(name, math.inf):
+        raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {value!r}")

@@ -14,7 +14,7 @@ RUN_FILE = "training.json"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RunDescription:
-    """What a run trains; a run is only resumed with the same.
+    """The task, hyperparameters and seed of a run. A run is resumed only with an equal description.
 
     Attributes:
       domain_name: a key of `suite.DOMAINS`.

@@ -33,6 +33,9 @@ from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FI
 from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
+# Below the success rate and mean return of any evaluation.
+_NO_RESULT = (-1.0, 0.0)
+
 _VIDEO_FPS = PlaySettings.video_fps
 
 
@@ -71,7 +74,7 @@ class TrainJob:
         Learner(self._environments, self._config, settings.seed)
         self._demonstrations = self._load_demonstrations()
         self._seed_run: SeedRun | None = None
-        self._best = (-1.0, 0.0)
+        self._best = self._present_best() if settings.resume else _NO_RESULT
         prepare = run_folder.open_run if settings.resume else run_folder.create_run
         prepare(settings.output, run_folder.RunDescription(**self._metadata, seed=settings.seed))
 
@@ -123,6 +126,15 @@ class TrainJob:
         """Prints the row of an evaluation, after which the policy may be the best so far."""
         self._keep_if_best(run)
         print_line(row)
+
+    def _present_best(self) -> tuple[float, float]:
+        """Returns success rate and mean return of the policy in the folder of a run that is resumed."""
+        try:
+            metadata = files.load_metadata(self._settings.output / POLICY_FILE, "a trained policy")
+            training = metadata["training"]
+            return float(training["success"]), float(training["return"])
+        except (KeyError, OSError, TypeError, ValueError):  # There is none, or a damaged one.
+            return _NO_RESULT
 
     def _keep_if_best(self, run: SeedRun) -> None:
         """Copies the policy of a seed to the folder of the run if it is the best of all seeds so far."""

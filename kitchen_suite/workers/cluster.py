@@ -10,7 +10,7 @@ import os
 import signal
 import socket
 import threading
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
 from kitchen_suite.workers.worker import ClusterError, RunnerFactory
@@ -79,15 +79,12 @@ class RaySettings:
           num_threads: processors that a worker uses.
 
         Raises:
-          ClusterError: Ray cannot be used, no machine has room for a worker, or workers cannot start or die repeatedly.
+          ClusterError: Ray cannot be used, or workers cannot start or die repeatedly.
           Exception: raised by an episode.
         """
         with self._connected(self.workers * num_threads):
-            import ray
-
             from kitchen_suite.workers.pool import Pool
 
-            check_room(num_threads, [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]])
             pool = Pool(build, workers=self.workers, capacity=capacity, num_threads=num_threads)
             with contextlib.closing(pool):
                 yield from pool.run(episodes)
@@ -116,24 +113,6 @@ class RaySettings:
             ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **settings)
         except (OSError, RuntimeError, ValueError) as error:
             raise ClusterError(f"cannot use Ray at {self.address or 'this machine'}: {error}") from error
-
-
-def check_room(num_threads: int, processors: Iterable[float]) -> None:
-    """Checks that a worker fits onto a machine of the cluster, since it would wait without end.
-
-    Args:
-      num_threads: processors that a worker uses.
-      processors: number of processors of each machine.
-
-    Raises:
-      ClusterError: no machine has so many.
-    """
-    largest = max(processors, default=0)
-    if num_threads > largest:
-        raise ClusterError(
-            f"a worker needs {num_threads} processors, but the largest machine of the cluster has {largest:g}: "
-            "give a smaller --num_threads"
-        )
 
 
 def _check_reachable(address: str) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import ray
 
 from kitchen_suite.versions import installed_versions
-from kitchen_suite.workers.worker import ClusterError, RunnerFactory, Worker
+from kitchen_suite.workers.worker import ClusterError, RunnerFactory, Worker, waiting_line
 
 # Deaths in a row in one slot, without a finished episode, after which the pool fails.
 _MAX_DEATHS = 3
@@ -90,8 +90,9 @@ class Pool:
         placed = [slot.actor.__ray_ready__.remote() for slot in self._slots]
         ready, _ = ray.wait(placed, timeout=_PATIENCE)
         if not ready:
+            machines = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
             free = ray.available_resources().get("CPU", 0)
-            _LOG.warning("waiting for free processors: the cluster has %g, a worker needs %d", free, self._num_threads)
+            _LOG.warning(waiting_line(self._num_threads, free=free, machines=machines))
 
     def _receive(self, call: Any) -> tuple[int, Any] | None:
         """Receives the result of a call: index and result of the episode that ended, if any."""

@@ -54,6 +54,21 @@ class Worker:
         return self._runner.run(more)
 
 
+def waiting_line(num_threads: int, *, free: float, machines: Sequence[float]) -> str:
+    """Returns why no worker has started yet.
+
+    Args:
+      num_threads: processors that a worker uses.
+      free: processors of the cluster that are free.
+      machines: number of processors of each machine.
+    """
+    line, largest = f"waiting for processors: a worker needs {num_threads}", max(machines, default=0)
+    if num_threads <= largest:
+        return f"{line}, {free:g} of the cluster's are free"
+    # A cluster that grows may yet add a larger one.
+    return f"{line}, but its largest machine has {largest:g}: give a smaller --num_threads, or add one"
+
+
 def _check_versions(expected: Mapping[str, str]) -> None:
     """Raises a ValueError that lists the packages of which another version is installed here."""
     installed = installed_versions()

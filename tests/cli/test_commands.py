@@ -130,6 +130,8 @@ BAD = {
     "runs --output=folder --num_episodes=9999999": "must be at most 1000000",
     "runs --output=folder --environments=3": "there is no flag --environments (did you mean --num_envs?)",
     "runs --output=folder --colour=red": "there is no flag --colour; --help lists all",
+    "runs --output=folder -- big": "unexpected argument 'big': all others are flags",
+    "runs --output=folder --undefok=sed --sed=1": "there is no flag --undefok",
     "runs --output=folder --sed=1": "there is no flag --sed (did you mean --seed?); --help lists all",
 }
 

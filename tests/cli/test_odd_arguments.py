@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import io
 import json
+import os
 import re
 import resource
 import typing
@@ -41,6 +42,7 @@ NUMBERS = ["0", "1", "2", "3", "-1", "1_0", "٣", "9" * 9, "9" * 12, "9" * 20, "
 NOT_NUMBERS = ["", " ", "nan", "inf", "-inf", "1e400", "1.5", "1e3", "0x10", "1,,2", "[1]"]
 TEXTS = ["", " ", "\0", "--", "=", "a\nb", "\udcff", "ü" * 300, "x" * 50_000, "../..", "/dev/null", "None", "{}", "%s"]
 PATHS = ["nowhere/at/all", "file", "file/inside", "/proc/none", "/dev/full", "x" * 300, "recording", "empty", "\udcff"]
+PATHS += ["/dev/zero", "fifo"]
 OBJECTS = [
     NESTED,
     "{",
@@ -59,6 +61,8 @@ POLICIES = [
     "expert(speed=" + "-" * 50_000 + "1)",
     "expert(sped=1)",
     "trained(file='file')",
+    "trained(file='/dev/zero')",
+    "trained(file='fifo')",
     "os:abort_",
     ":",
 ]
@@ -108,10 +112,11 @@ def command_lines(draw):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with a recording, an empty folder and a file, in which the commands run."""
+    """A folder with a recording, an empty folder, a file and a pipe, in which the commands run."""
     path = tmp_path_factory.mktemp("odd")
     path.joinpath("file").write_text("no policy")
     path.joinpath("empty").mkdir()
+    os.mkfifo(path / "fifo")
     with contextlib.chdir(path), contextlib.redirect_stdout(io.StringIO()):
         assert record.main(["--output=recording", "--num_episodes=2", "--max_episode_steps=1"]) == 0
     return path
@@ -128,6 +133,7 @@ def run(name, arguments):
 
 def check(folder, line):
     name, arguments = line
+    before = peak_memory()
     folder.joinpath("new").mkdir(exist_ok=True)
     for path in folder.joinpath("new").iterdir():
         path.unlink()
@@ -139,11 +145,16 @@ def check(folder, line):
         assert len(err) < 1_100
     else:
         assert err == ""
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + GIBIBYTE
+    assert peak_memory() - before < GIBIBYTE
 
 
 GIBIBYTE = 2**20  # In the unit of ru_maxrss [KiB]
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def peak_memory():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
 ODD = {
     "deadline": None,
     "derandomize": True,

@@ -151,7 +151,7 @@ BAD = {
     "--shipped=top_drawer": "--shipped and --policy_file both name a policy",
     "--policy_file=text.npz": "text.npz does not hold a trained policy",
     "--policy_file=.": "directory",
-    "--policy_file=strange.npz": "argument 'griper' does not exist (did you mean 'gripper'?)",
+    "--policy_file=strange.npz": "unexpected keyword argument 'griper' (did you mean 'gripper'?)",
     "--policy_file=limited.npz": "time_limit cannot be among the task_kwargs",
     "--num_episodes=0": "must be at least 1",
     "--seed=-1": "must be at least 0",
@@ -162,6 +162,9 @@ BAD = {
     "--video=nowhere/film.mp4": "there is no folder 'nowhere'",
     "--video_file=film.mp4": "there is no flag --video_file (did you mean --video?)",
     "--camera=overvew": "did you mean 'overview'?",
+    "--video=film.mp4": "--video and --novideo contradict each other",
+    "--width=641 --height=481": "must be even",
+    "--max_episode_steps=1000000": "must be at most 100000",
     "--colour=red": "there is no flag --colour",
     "all": "unexpected argument 'all'",
 }
@@ -172,7 +175,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, argument):
     tmp_path.joinpath("text.npz").write_text("no policy")
     write_policy(tmp_path / "strange.npz", griper="sampled")
     write_policy(tmp_path / "limited.npz", time_limit=0.1)
-    status, out, err = run("--novideo", argument)
+    status, out, err = run("--novideo", *argument.split())
     assert (status, out) == (2, "")
     assert re.fullmatch(r"kitchen-play: [^\n]+\n", err)
     assert BAD[argument] in err

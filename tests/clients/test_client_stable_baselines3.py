@@ -276,3 +276,19 @@ def test_images_are_tiled():
     environments.reset()
     assert environments.render().shape == (32, 32, 3)
     environments.close()
+
+
+@pytest.mark.parametrize("name", ["reset", "step", "get_state", "set_state", "render"])
+def test_a_method_of_one_episode_is_refused_by_name(name):
+    environments = make_fast(num_envs=2)
+    with pytest.raises(AttributeError, match=rf"{name} .* compute_reward, compute_terminated, compute_truncated"):
+        environments.env_method(name)
+    environments.close()
+
+
+def test_options_of_a_reset_are_refused_in_place_of_being_lost():
+    environments = make_fast(num_envs=2)
+    environments.set_options()
+    with pytest.raises(ValueError, match="options"):
+        environments.set_options({"state": None})
+    environments.close()

@@ -148,7 +148,7 @@ def test_without_gymnasium_robotics_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setattr(
         util, "find_spec", lambda name, *args: None if name == "gymnasium_robotics" else find_spec(name, *args)
     )
-    with pytest.raises(FileNotFoundError, match=r"not installed: pip install 'gymnasium-robotics==1\.4\.2'"):
+    with pytest.raises(FileNotFoundError, match=r"not installed: pip install 'gymnasium-robotics>=1\.4,<1\.5'"):
         Kettle()
 
 
@@ -157,5 +157,5 @@ def test_a_gymnasium_robotics_without_the_assets_is_named_too(monkeypatch, tmp_p
     (tmp_path / "gymnasium_robotics" / "__init__.py").touch()
     monkeypatch.delitem(sys.modules, "gymnasium_robotics", raising=False)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    with pytest.raises(FileNotFoundError, match=r"has no folder .*kitchen_franka.*gymnasium-robotics==1\.4\.2"):
+    with pytest.raises(FileNotFoundError, match=r"has no folder .*kitchen_franka.*gymnasium-robotics>=1\.4,<1\.5"):
         assets.asset_dir()

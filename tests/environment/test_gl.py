@@ -88,6 +88,36 @@ def test_without_any_gl_library_rendering_raises_the_commands_sentence(headless,
         render()
 
 
+def test_an_empty_mujoco_gl_is_an_unset_one(headless, monkeypatch):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", "")
+    monkeypatch.setattr(gl, "_can_render", lambda library: library == "osmesa")
+    assert gl.find_library() == "osmesa"
+    with pytest.raises(RuntimeError, match="with MUJOCO_GL=egl or osmesa: install"):
+        environment.physics.render()
+
+
+@pytest.mark.parametrize("value", ["off", "disable"])
+def test_rendering_that_was_switched_off_is_no_missing_library(headless, monkeypatch, value):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", value)
+    message = f"^rendering is disabled by MUJOCO_GL={value}"
+    with pytest.raises(OSError, match=message):
+        gl.find_library()
+    with pytest.raises(RuntimeError, match=message):
+        environment.physics.render()
+
+
+def test_a_misspelt_library_gets_the_nearest_and_a_list(headless, monkeypatch):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", "elg")
+    message = r"MUJOCO_GL 'elg' does not exist \(did you mean 'egl'\?\); choose from \['disable', 'egl', "
+    with pytest.raises(OSError, match=message):
+        gl.find_library()
+    with pytest.raises(RuntimeError, match=message):
+        environment.physics.render()
+
+
 def make(kind):
     if kind == "suite":
         return suite.load("open_cabinet", "top_drawer")

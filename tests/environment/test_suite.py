@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control.suite.wrappers import action_noise, action_scale, mujoco_profiling, pixels
-from dm_env import test_utils
+from dm_env import specs, test_utils
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS
@@ -21,7 +21,7 @@ def load(domain, task, seed=0, **task_kwargs):
 
 def random_action(environment, rng):
     spec = environment.action_spec()
-    bounded = np.isfinite(spec.minimum).all()
+    bounded = isinstance(spec, specs.BoundedArray)
     return rng.uniform(spec.minimum, spec.maximum) if bounded else rng.normal(size=spec.shape)
 
 

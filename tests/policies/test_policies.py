@@ -105,7 +105,7 @@ def test_an_open_bracket_is_not_taken_for_another_policy():
 
 
 def test_an_unknown_option_gets_the_nearest_and_a_list(kettle):
-    with pytest.raises(policies.PolicyError, match=r"option 'sped' does not exist \(did you mean 'speed'\?\); choose"):
+    with pytest.raises(policies.PolicyError, match=r"unexpected option 'sped' \(did you mean 'speed'\?\); choose"):
         policies.find("expert(sped=1)")(kettle, np.random.default_rng(0))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import kitchen_suite
-from kitchen_suite import policies, suite
+from kitchen_suite import files, policies, suite
 from kitchen_suite.cli import record
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies import trained as trained_policy
@@ -370,19 +370,25 @@ def test_a_file_that_cannot_be_read_is_a_policy_error(tmp_path):
         acting(tmp_path / "nothing.npz", load("open_cabinet"))
 
 
-def test_a_file_is_read_once_until_it_is_modified(tmp_path, monkeypatch):
-    environment, path, reads = load("open_cabinet"), tmp_path / "policy.npz", []
-    load_policy = TrainedPolicy.load
-    monkeypatch.setattr(TrainedPolicy, "load", lambda path: reads.append(path) or load_policy(path))
+def test_a_file_that_is_replaced_does_not_change_the_policy_that_was_found(tmp_path):
+    environment, path = load("open_cabinet"), tmp_path / "policy.npz"
     make().save(path)
-    timestep = environment.reset()
-    first, again = (acting(path, environment)(timestep) for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    assert reads == [path]
+    timestep, build = environment.reset(), policies.find(f"trained(file={str(path)!r})")
+    first = build(environment, np.random.default_rng(0))(timestep)
     make(seed=1).save(path)
     os.utime(path, ns=(0, 0))
+    np.testing.assert_array_equal(build(environment, np.random.default_rng(0))(timestep), first)
     assert not np.array_equal(acting(path, environment)(timestep), first)
-    assert reads == [path, path]
+
+
+def test_a_file_of_another_digest_is_a_policy_error(tmp_path):
+    environment, path = load("open_cabinet"), tmp_path / "policy.npz"
+    make().save(path)
+    name, digest = f"trained(file={str(path)!r})", files.file_digest(path)
+    policies.find(name, digest=digest)(environment, np.random.default_rng(0))
+    make(seed=1).save(path)
+    with pytest.raises(policies.PolicyError, match=r"policy\.npz is not the file that the command began with"):
+        policies.find(name, digest=digest)(environment, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("options", ["file=3", "speed=1", "file='policy.npz', speed=1"])

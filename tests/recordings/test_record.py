@@ -24,6 +24,8 @@ from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.rollouts import report
 from kitchen_suite.rollouts.episode import flatten
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 
@@ -354,7 +356,40 @@ def test_a_recording_is_not_completed_with_another_policy_of_the_same_file_name(
     assert list(load_all("runs")) == names(0)
     os.remove("p.npz")
     status, _, err = run(*command, "--num_episodes=2")
-    assert (status, err) == (2, "kitchen-record: there is no p.npz, where a trained policy should be\n")
+    assert (status, err) == (2, "kitchen-record: no such file: 'p.npz' (expected a trained policy)\n")
+
+
+@pytest.mark.parametrize("num_envs", [1, 2])
+def test_a_policy_file_replaced_in_the_middle_of_a_run_changes_no_episode(run, tmp_path, monkeypatch, num_envs):
+    shutil.copy(shipped_as("top_drawer"), tmp_path / "p.npz")
+    command = ["--domain_name=open_cabinet", "--policy=trained(file='p.npz')", "--num_episodes=3", *SHORT]
+    assert run(*command, "--output=alone")[0] == 0
+    save = RecordingFolder.save
+
+    def replace(self, *arguments):
+        save(self, *arguments)
+        shutil.copy(shipped_as("top_drawer_grasp"), tmp_path / "p.npz")
+
+    monkeypatch.setattr(RecordingFolder, "save", replace)
+    assert run(*command, "--output=runs", f"--num_envs={num_envs}")[0] == 0
+    for found, expected in zip(load_all("runs").values(), load_all("alone").values(), strict=True):
+        assert_same_arrays(found[1], expected[1])
+
+
+def test_a_policy_file_replaced_before_the_first_episode_is_refused(run, tmp_path, monkeypatch):
+    shutil.copy(shipped_as("top_drawer"), tmp_path / "p.npz")
+    make_vector_env = RecordingSpec.make_vector_env
+
+    def replace(self, *arguments):
+        shutil.copy(shipped_as("top_drawer_grasp"), tmp_path / "p.npz")
+        return make_vector_env(self, *arguments)
+
+    monkeypatch.setattr(RecordingSpec, "make_vector_env", replace)
+    command = ["--domain_name=open_cabinet", "--policy=trained(file='p.npz')", "--num_episodes=1", *SHORT]
+    status, _, err = run(*command, "--output=runs")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "p.npz is not the file that the command began with" in err
+    assert load_all("runs") == {}
 
 
 MISFITS = {
@@ -447,8 +482,8 @@ BAD = {
     "--output=": "is empty",
     "--task_kwargs=[1]": "JSON object",
     "--task_kwargs={": "not JSON",
-    '--task_kwargs={"colour": 1}': "argument 'colour' does not exist",
-    '--task_kwargs={"disable_env_checker": true}': "argument 'disable_env_checker' does not exist",
+    '--task_kwargs={"colour": 1}': "unexpected keyword argument 'colour'",
+    '--task_kwargs={"disable_env_checker": true}': "unexpected keyword argument 'disable_env_checker'",
     "--num_threads=99999999999": "must be at most 1024",
     '--task_kwargs={"threshold": -1}': "threshold must be",
     '--task_kwargs={"info_format": "lists"}': "info_format cannot be among the task_kwargs",

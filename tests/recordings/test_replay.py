@@ -395,10 +395,18 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, runs, tmp_path):
         assert message in err
 
 
+def test_positions_beyond_what_mujoco_simulates_are_refused_without_numpys_warning(run, runs):
+    change(1, observation__observation=lambda array: array[0].fill(1e300))
+    status, _, err = run("runs")
+    assert (status, err.count("\n")) == (1, 1)
+    assert "episode 1 begins with positions beyond 1e+10, the greatest that MuJoCo simulates" in err
+
+
 def test_a_file_that_is_no_episode_gets_one_line(run, runs, tmp_path):
     tmp_path.joinpath("runs", "episode_000001.npz").write_bytes(b"nothing")
     status, _, err = run("runs")
-    assert (status, err) == (1, "kitchen-replay: runs/episode_000001.npz does not hold an episode\n")
+    reason = "BadZipFile: File is not a zip file"
+    assert (status, err) == (1, f"kitchen-replay: runs/episode_000001.npz does not hold an episode ({reason})\n")
 
 
 def test_without_minari_folders_can_be_replayed(run, runs, monkeypatch):

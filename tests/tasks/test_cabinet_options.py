@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dm_control.rl import control
 from dm_control.suite.wrappers import action_noise, action_scale, pixels
+from dm_env import specs
 
 from kitchen_suite import entities, suite
 
@@ -35,8 +36,7 @@ def test_each_task_observes_its_own_drawer(task):
 def test_the_action_has_no_bounds():
     spec = load().action_spec()
     assert (spec.shape, spec.dtype) == ((8,), np.float64)
-    assert np.isneginf(spec.minimum).all()
-    assert np.isposinf(spec.maximum).all()
+    assert type(spec) is specs.Array
     assert len(spec.name.split("\t")) == 8
 
 
@@ -51,9 +51,9 @@ def test_the_action_specs_generated_value_is_one_that_step_takes():
 
 
 def test_dm_controls_action_wrappers_refuse_an_action_without_bounds():
-    with pytest.raises(ValueError, match="must be finite"):
+    with pytest.raises(ValueError, match="must return a single `BoundedArray`"):
         action_scale.Wrapper(load(), minimum=-1.0, maximum=1.0)
-    with pytest.raises(ValueError, match="must be finite"):
+    with pytest.raises(AttributeError, match="has no attribute 'minimum'"):
         action_noise.Wrapper(load())
 
 

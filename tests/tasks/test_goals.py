@@ -5,8 +5,8 @@ import pytest
 from dm_control import mjcf
 
 from kitchen_suite.entities import build_kitchen_scene
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.indices import SceneIndices

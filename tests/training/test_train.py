@@ -206,6 +206,18 @@ def test_the_policy_of_an_earlier_seed_stays_until_a_better_one_is_found(run, ev
 
 
 @clients
+def test_resuming_does_not_replace_the_policy_of_the_best_seed_by_that_of_the_first(run, evaluations):
+    of_seeds = [(0.1, 0.0), (0.2, 0.0), (0.4, 1.0), (0.3, 1.0)]
+    found = [{"success": success, "progress": progress, "return": 1.0} for success, progress in of_seeds]
+    evaluations[:] = [*found, None]
+    assert run("--patience=64")[0] == 130
+    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+    evaluations[:] = [None]
+    assert run("--patience=64", "--resume")[0] == 130
+    assert TrainedPolicy.load("run/policy.npz").metadata["training"]["seed"] == 1
+
+
+@clients
 def test_divergence_is_reported_in_one_line(run):
     changes = json.dumps({**SMALL, "learning_rate": 1e30, "kl_target": 0})
     status, _, err = run(f"--hyperparameters={changes}")
@@ -241,7 +253,7 @@ def test_a_truncated_checkpoint_is_reported_and_the_one_before_used(run):
     os.truncate(path, os.path.getsize(path) // 2)
     status, out, _ = run("--resume")
     assert status == 0
-    assert f"{path} cannot be read, trying the checkpoint before it" in out
+    assert re.search(rf"^{path} does not hold a checkpoint \(.+\); trying the checkpoint before it$", out, re.M)
     assert rows(out) == [(0, 6 * BATCH)]
 
 

@@ -8,8 +8,7 @@ import socket
 import pytest
 
 from kitchen_suite.cli import record, rollout
-from kitchen_suite.workers.cluster import check_room
-from kitchen_suite.workers.worker import ClusterError
+from kitchen_suite.workers.worker import waiting_line
 
 COMMANDS = {"kitchen-record": record.main, "kitchen-rollout": rollout.main}
 BAD = {
@@ -79,11 +78,15 @@ def test_workers_make_no_video(capsys, ray_found):
     assert "workers make no video" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("processors", [[], [1], [2, 3, 3]])
-def test_a_worker_that_fits_onto_no_machine_is_refused_in_place_of_waiting_for_ever(processors):
-    with pytest.raises(ClusterError, match=rf"needs 4 processors, .* has {max(processors, default=0)}: give a smaller"):
-        check_room(4, processors)
+def test_a_pool_that_waits_says_what_it_waits_for():
+    assert waiting_line(4, free=1.0, machines=[2.0, 8.0]) == (
+        "waiting for processors: a worker needs 4, 1 of the cluster's are free"
+    )
 
 
-def test_a_worker_that_fits_onto_one_machine_is_not_refused():
-    check_room(4, [1, 4.0, 2])
+@pytest.mark.parametrize("machines", [[], [1], [2, 3, 3]])
+def test_a_pool_whose_workers_fit_onto_no_machine_says_so_and_waits_for_larger_ones(machines):
+    line = waiting_line(4, free=sum(machines), machines=machines)
+    assert line.endswith(
+        f"its largest machine has {max(machines, default=0)}: give a smaller --num_threads, or add one"
+    )
