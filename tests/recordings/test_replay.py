@@ -359,7 +359,7 @@ def test_a_dataset_of_something_else_is_refused(run):
     minari.create_dataset_from_buffers("pole-v0", [buffer], env="CartPole-v1")
     status, out, err = run("pole-v0")
     assert (status, out) == (2, "")
-    assert err == "kitchen-replay: dataset pole-v0 is not of a kitchen or cabinet, but of CartPole-v1\n"
+    assert err == "kitchen-replay: dataset pole-v0 is not of a domain of the suite, but of CartPole-v1\n"
 
 
 BAD = {

@@ -457,7 +457,7 @@ def test_a_gl_library_that_does_not_exist_is_an_error_for_videos_alone(tmp_path,
     assert in_a_process(*COMMAND, *SHORT, MUJOCO_GL="nonsense").returncode == 0
     process = in_a_process(*COMMAND, "--video=film.mp4", MUJOCO_GL="nonsense")
     assert (process.returncode, process.stdout) == (2, "")
-    assert re.fullmatch(r"kitchen-rollout: .*MUJOCO_GL=nonsense[^\n]+\n", process.stderr)
+    assert re.fullmatch(r"kitchen-rollout: .*MUJOCO_GL .nonsense. does not exist; choose from[^\n]+\n", process.stderr)
 
 
 def test_a_reader_that_leaves_sees_no_traceback():
