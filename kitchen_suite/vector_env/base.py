@@ -259,7 +259,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         if not self._mdp.action_mode.draws:
             return 0.5
         each = zip(self._streams, stepping.tolist(), strict=True)
-        return np.array([self._mdp.draw_action(stream.random_state) if draws else 0.5 for stream, draws in each])
+        return np.array([stream.sample() if draws else 0.5 for stream, draws in each])
 
     def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
         """Draws the numbers of the observation noise where `stepping`."""
@@ -269,6 +269,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _carry(self, state: Any, stepping: NDArray[np.bool_]) -> Any:
         """Returns a state after a step, with the fields that resets leave unchanged where not `stepping`."""
+        if stepping.all():
+            return state
         kept = {
             name: np.where(stepping, getattr(state, name), getattr(self._state, name)) for name in self._mdp.carried
         }
