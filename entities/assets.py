@@ -32,7 +32,7 @@ class NamedEntity(composer.Entity):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What may differ from episode to episode in a scene that the entity is attached to."""
+        """Parameters of the entity in a scene that a reset may change."""
         return ()
 
 

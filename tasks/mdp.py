@@ -22,7 +22,7 @@ _NO_DRAWS = np.zeros(0)
 
 
 class Sensors(Protocol[Reading_co]):
-    """What a task reads from the physics, and where it writes the targets of the actuators.
+    """Values that a task reads from the physics, and columns to which the targets of the actuators are written.
 
     Attributes:
       ctrl: columns of the robot's actuators in ctrl.

@@ -1,4 +1,4 @@
-"""What tab completion and `import *` offer, and how objects present themselves."""
+"""Public names: tab completion and `import *`; representations of objects."""
 
 import importlib
 import subprocess

@@ -255,7 +255,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
-        """Returns what the MDP draws for each action, `(n,)`; draws only where `stepping`, the median elsewhere."""
+        """Returns draws `(n,)` for the actions, as `MDP.draw_action`: only where `stepping`, the median elsewhere."""
         if not self._mdp.action_mode.draws:
             return 0.5
         each = zip(self._streams, stepping.tolist(), strict=True)

@@ -1,4 +1,4 @@
-"""What the kitchen's task reads from the physics: joint positions, achieved goals, the observed joints."""
+"""Sensors of the kitchen: positions of the robot's joints, achieved goals, positions and velocities of all joints."""
 
 from typing import NamedTuple
 
