@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.mdp import MDP, MEDIAN
 from kitchen_suite.tasks.randomizer import Randomizer
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
@@ -190,7 +190,7 @@ class SuiteTask(composer.Task):
         del physics
         self._random, mdp = random_state, self.mdp
         self._action = checks.vector(action, self._action_size, "action").copy()
-        draw = mdp.draw_action(random_state)
+        draw = random_state.random_sample() if mdp.action_mode.draws else MEDIAN
         self._target = mdp.action_mode.control(self._simulation, self._state, self._action, draw)
         self._simulation.write("ctrl", mdp.sensors.ctrl, self._target)
 

@@ -18,6 +18,9 @@ Reading_co = TypeVar("Reading_co", covariant=True)
 State = TypeVar("State", bound=tuple)
 
 
+# Stands for the draw of an action mode that draws nothing: the median of U(0, 1).
+MEDIAN = 0.5
+
 _NO_DRAWS = np.zeros(0)
 
 
@@ -48,7 +51,7 @@ class ActionMode(Protocol):
     """Meaning of the action.
 
     Attributes:
-      draws: whether a number is drawn from U(0, 1) for each action.
+      draws: whether a number is drawn from U(0, 1) for each action; `MEDIAN` stands for it otherwise.
     """
 
     @property
@@ -86,10 +89,6 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def noise_draws(self) -> int:
         """Number of numbers drawn from U(-1, 1) at a reset and after each step; 0 without noise."""
         return 0
-
-    def draw_action(self, random_state: np.random.RandomState) -> float:
-        """Returns what is drawn for an action: from U(0, 1), or the median 0.5 if the action mode draws nothing."""
-        return random_state.random_sample() if self.action_mode.draws else 0.5
 
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""

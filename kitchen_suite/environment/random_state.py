@@ -64,11 +64,9 @@ class Stream:
       generator: Gymnasium's generator for the seed.
       seed: the seed; drawn by Gymnasium when `None` is passed.
       random_state: a RandomState over the generator's bit generator.
-      sample: draws one number from U(0, 1) with `random_state`.
     """
 
     def __init__(self, seed: int | None) -> None:
         """Starts the stream."""
         self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
         self.random_state = np.random.RandomState(self.generator.bit_generator)
-        self.sample = self.random_state.random_sample

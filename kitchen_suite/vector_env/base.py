@@ -7,20 +7,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.environment import PHYSICS_STATE, random_state
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.tasks.simulation import BatchSimulation
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.forks import leak_in_forks
+from kitchen_suite.vector_env.episodes import BatchEpisodes
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
@@ -75,8 +71,10 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         # The first reset compiles the model, which stays the same from then on.
         self._template_env.reset()
         self._copy_spaces()
-        self._make_batch(threads)
-        self._make_episodes()
+        self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
+        self._ended = np.zeros(self.num_envs, bool)
+        self._needs_reset = True
+        self._process = os.getpid()
 
     def _copy_spaces(self) -> None:
         """Takes spaces, metadata and render mode from the template."""
@@ -87,27 +85,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self.single_observation_space = template.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-
-    def _make_batch(self, threads: int) -> None:
-        """Builds the simulations, and the arrays over all of them."""
-        environment = self._template_env.environment
-        self._physics_steps = environment.task.physics_steps_per_control_step
-        self._batch = Batch(environment.physics.model.ptr, self.num_envs, threads, persistent=True)
-        leak_in_forks(self._batch)
-        self._simulation = BatchSimulation(self._batch)
-        self._model_fields = {name: self._batch.expand(name) for name in environment.task.randomizer.model_fields}
-        self._process = os.getpid()
-
-    def _make_episodes(self) -> None:
-        """Builds the state of the episodes; `reset` starts them."""
-        self._streams = [random_state.Stream(None) for _ in range(self.num_envs)]
-        task = self._template_env.environment.task
-        self._mdp = task.mdp
-        self._state: Any = batching.repeat(task.state, self.num_envs)
-        self._draws = np.zeros((self.num_envs, self._mdp.noise_draws))
-        self._episode_steps = np.zeros(self.num_envs, np.int64)
-        self._ended = np.zeros(self.num_envs, bool)
-        self._needs_reset = True
 
     def __repr__(self) -> str:
         env_id = f"{self.spec.id}, " if self.spec else ""
@@ -125,26 +102,25 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
           mask: environments `(n,)` that begin a run; all when omitted.
           total_steps: control steps that each has made before, where a run continues.
         """
-        for name in self._mdp.carried:
-            getattr(self._state, name)[slice(None) if mask is None else mask] = total_steps
+        self._episodes.begin_run(mask, total_steps)
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.layout(self._mdp.observation(self._simulation, self._state), self._state)
+        return self._template_env.layout(self._episodes.observation(), self._episodes.state)
 
     def _get_info(self) -> dict[str, NDArray]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""
-        return {**self._mdp.info(self._state), "episode_step": self._episode_steps.copy()}
+        return self._episodes.info()
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The environments' random generators."""
-        return tuple(stream.generator for stream in self._streams)
+        return tuple(stream.generator for stream in self._episodes.streams)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the environments' random generators."""
-        return tuple(stream.seed for stream in self._streams)
+        return tuple(stream.seed for stream in self._episodes.streams)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -167,10 +143,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
         with self._all_or_nothing():
-            for i in np.flatnonzero(mask):
-                if seeds[i] is not None:
-                    self._streams[i] = random_state.Stream(seeds[i])
-            self._start(mask)
+            self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
+            self._episodes.start(mask)
             self._ended = self._ended & ~mask
             return self._get_obs(), batching.masked(self._get_info(), mask)
 
@@ -204,10 +178,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         actions = vector_checks.actions(actions, self.action_space)
         with self._all_or_nothing():
             restarting = self._restarting()
-            rewards, terminations, diverged = self._make_step(actions, ~restarting)
-            truncations = (self._episode_steps >= self._step_limit) & ~restarting
+            applied = self._template_env.clip_actions(actions)
+            rewards, terminations, diverged = self._episodes.step(applied, ~restarting)
+            truncations = (self._episodes.steps >= self._step_limit) & ~restarting
             self._ended = terminations | truncations
-            self._start(restarting | diverged)
+            self._episodes.start(restarting | diverged)
             infos = batching.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step(diverged)
             infos |= batching.with_masks(self._get_info(), np.full(self.num_envs, True))
@@ -226,7 +201,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         if self._autoreset != AutoresetMode.SAME_STEP or not self._ended.any():
             return {}
         infos = self._final_infos(self._ended)
-        self._start(self._ended & ~diverged)
+        self._episodes.start(self._ended & ~diverged)
         return infos
 
     def _check_episodes(self) -> None:
@@ -236,65 +211,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         if self._autoreset == AutoresetMode.DISABLED and self._ended.any():
             ended = np.flatnonzero(self._ended).tolist()
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
-
-    def _make_step(
-        self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Makes a control step where `stepping`; returns rewards, terminations, and which simulations diverged."""
-        mdp, actions = self._mdp, self._template_env.clip_actions(actions)
-        target = mdp.action_mode.control(self._simulation, self._state, actions, self._draw_actions(stepping))
-        self._simulation.write("ctrl", mdp.sensors.ctrl, target)
-        self._batch.step(None if stepping.all() else stepping, self._physics_steps, int(mdp.sensors.stage))
-        diverged = np.logical_or.reduce(self._batch.warning[:, :, 1], axis=1)
-        alive = stepping & ~diverged
-        self._draw_noise(alive)
-        reading = mdp.sensors.read(self._simulation)
-        state = mdp.step(self._state, action=actions, target=target, reading=reading, draws=self._draws)
-        self._state = self._carry(state, alive)
-        self._episode_steps += stepping
-        return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
-
-    def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
-        """Returns draws `(n,)` for the actions, as `MDP.draw_action`: only where `stepping`, the median elsewhere."""
-        if not self._mdp.action_mode.draws:
-            return 0.5
-        each = zip(self._streams, stepping.tolist(), strict=True)
-        return np.array([stream.sample() if draws else 0.5 for stream, draws in each])
-
-    def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
-        """Draws the numbers of the observation noise where `stepping`."""
-        if self._draws.size:
-            for i in stepping.nonzero()[0].tolist():
-                self._draws[i] = self._mdp.draw_noise(self._streams[i].random_state)
-
-    def _carry(self, state: Any, stepping: NDArray[np.bool_]) -> Any:
-        """Returns a state after a step, with the fields that resets leave unchanged where not `stepping`."""
-        if stepping.all():
-            return state
-        kept = {
-            name: np.where(stepping, getattr(state, name), getattr(self._state, name)) for name in self._mdp.carried
-        }
-        return state._replace(**kept) if kept else state
-
-    def _start(self, mask: NDArray[np.bool_]) -> None:
-        """Starts episodes where the mask is True."""
-        (indices,) = mask.nonzero()
-        if not indices.size:
-            return
-        environment = self._template_env.environment
-        self._batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        carried = {name: getattr(self._state, name)[indices] for name in self._mdp.carried}
-        for i in indices.tolist():
-            environment.random_state = self._streams[i].random_state
-            environment.start_episode()
-            mujoco.mj_getState(model, data, self._batch.state[i], PHYSICS_STATE)
-            for name, values in self._model_fields.items():
-                values[i] = getattr(model, name)
-            batching.put(self._state, i, environment.task.state)
-        for name, values in carried.items():
-            getattr(self._state, name)[indices] = values
-        self._episode_steps[mask] = 0
 
     def _final_infos(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """Returns the last observations and infos of episodes that end, as Gymnasium lays them out."""
@@ -327,18 +243,14 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         return tuple(self._render_one(range(self.num_envs)[i]) for i in indices)
 
     def _render_one(self, i: int) -> NDArray:
-        """Renders environment `i` with the template, which holds its state until the next episode starts."""
-        model, data = self._template_env.environment.physics.model.ptr, self._template_env.environment.physics.data.ptr
-        for name, values in self._model_fields.items():
-            getattr(model, name)[:] = values[i]
-        mujoco.mj_setState(model, data, self._batch.state[i], PHYSICS_STATE)
-        mujoco.mj_forward(model, data)
+        """Renders environment `i` with the template."""
+        self._episodes.show(i)
         return cast(NDArray, self._template_env.render())
 
     def close_extras(self, **kwargs: Any) -> None:
         self._template_env.close()
         # The batch's threads end with the last reference to it.
-        del self._batch, self._simulation, self._model_fields
+        del self._episodes
 
     @contextlib.contextmanager
     def _all_or_nothing(self) -> Iterator[None]:

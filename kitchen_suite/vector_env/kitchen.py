@@ -6,8 +6,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
-from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
-from kitchen_suite.tasks.kitchen.state import KitchenState
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -17,8 +15,6 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     env_class = FrankaKitchenEnv
     _template_env: FrankaKitchenEnv
-    _mdp: KitchenMDP
-    _state: KitchenState
 
     def _get_info(self) -> dict[str, NDArray]:
         infos = super()._get_info()
@@ -51,7 +47,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names `(n,)` that infos of the single environment have."""
-        goals, progress = self._mdp.goals, self._state.progress
+        goals, progress = self._template_env.environment.task.mdp.goals, self._episodes.state.progress
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],

@@ -5,7 +5,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.state import OpenCabinetState
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -18,13 +17,12 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     env_class = FrankaOpenCabinetEnv
     _template_env: FrankaOpenCabinetEnv
-    _state: OpenCabinetState
 
     @property
     def total_steps(self) -> NDArray[np.int64]:
         """Control steps `(n,)` over all episodes of each environment, since it was built or `begin_run` was called."""
-        return self._state.total_steps.copy()
+        return self._episodes.state.total_steps.copy()
 
     @total_steps.setter
     def total_steps(self, value: NDArray[np.int64]) -> None:
-        self._state.total_steps[:] = value
+        self._episodes.state.total_steps[:] = value

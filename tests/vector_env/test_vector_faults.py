@@ -55,7 +55,7 @@ def started(vector, count=3, *, seed=4, **settings):
 @pytest.mark.filterwarnings("error")
 def test_a_divergence_ends_its_episode_and_leaves_the_others_alone(vector, mode, field, value):
     env, twin = (started(vector, autoreset_mode=mode) for _ in range(2))
-    getattr(env._batch, field)[1] = value
+    getattr(env._episodes.batch, field)[1] = value
     observation, reward, terminated, truncated, info = env.step(actions_of(env))
     assert (reward[1], terminated.tolist(), truncated.tolist()) == (0.0, [False, True, False], [False] * 3)
     assert info.pop("physics_error").tolist() == info.pop("_physics_error").tolist() == [False, True, False]
@@ -100,7 +100,7 @@ def test_the_episode_after_a_divergence_is_the_one_that_the_single_environment_s
     single.reset(seed=4)
     for _ in range(2):
         single.step(actions_of(single))
-    env._batch.qvel[0] = single.environment.physics.data.qvel[:] = np.nan
+    env._episodes.batch.qvel[0] = single.environment.physics.data.qvel[:] = np.nan
     with pytest.raises(control.PhysicsError):
         single.step(actions_of(single))
     # Its next step is the reset that ours has made already.
@@ -110,7 +110,7 @@ def test_the_episode_after_a_divergence_is_the_one_that_the_single_environment_s
 def test_all_may_diverge_at_once_and_again():
     env = started(FrankaOpenCabinetVectorEnv, autoreset_mode="SameStep")
     for _ in range(3):
-        env._batch.qvel[:] = np.nan
+        env._episodes.batch.qvel[:] = np.nan
         observation, reward, terminated, _, info = env.step(actions_of(env))
         assert (reward.tolist(), terminated.all(), info["physics_error"].all()) == ([0.0] * 3, True, True)
         assert np.isfinite(observation).all()
@@ -119,7 +119,7 @@ def test_all_may_diverge_at_once_and_again():
 
 def test_a_divergence_at_the_limit_does_not_end_the_next_episode():
     env = started(FrankaOpenCabinetVectorEnv, max_episode_steps=3, autoreset_mode="SameStep")
-    env._batch.qvel[1] = np.nan
+    env._episodes.batch.qvel[1] = np.nan
     _, _, terminated, truncated, _ = env.step(actions_of(env))
     assert (terminated.tolist(), truncated[[0, 2]].tolist()) == ([False, True, False], [True, True])
     *_, terminated, truncated, info = env.step(actions_of(env))
@@ -134,11 +134,11 @@ def interrupt(*args, **kwargs):
 @pytest.mark.parametrize(
     ("vector", "path"),
     [
-        (FrankaKitchenVectorEnv, "_draw_actions"),
-        (FrankaKitchenVectorEnv, "_carry"),
-        (FrankaOpenCabinetVectorEnv, "_draw_actions"),
-        (FrankaOpenCabinetVectorEnv, "_carry"),
-        (FrankaOpenCabinetVectorEnv, "_batch.step"),
+        (FrankaKitchenVectorEnv, "_episodes._draw_actions"),
+        (FrankaKitchenVectorEnv, "_episodes._draw_noise"),
+        (FrankaOpenCabinetVectorEnv, "_episodes._draw_actions"),
+        (FrankaOpenCabinetVectorEnv, "_episodes._draw_noise"),
+        (FrankaOpenCabinetVectorEnv, "_episodes.batch.step"),
         (FrankaOpenCabinetVectorEnv, "_template_env.environment.start_episode"),
     ],
 )
@@ -152,7 +152,7 @@ def test_after_an_interrupt_in_a_step_only_a_reset_of_all_helps(vector, path, mo
 
 
 @pytest.mark.parametrize("options", [None, {"reset_mask": np.array([False, True, False])}], ids=["all", "one"])
-@pytest.mark.parametrize("path", ["_batch.reset", "_template_env.environment.start_episode"])
+@pytest.mark.parametrize("path", ["_episodes.batch.reset", "_template_env.environment.start_episode"])
 def test_after_an_interrupt_in_a_reset_only_a_reset_of_all_helps(path, options, monkeypatch):
     env = started(FrankaOpenCabinetVectorEnv, **SHORT)
     with monkeypatch.context() as patched:
@@ -178,14 +178,14 @@ def test_after_a_draw_that_a_reset_refuses_only_a_reset_of_all_helps():
 
 def test_an_error_of_mujocos_in_one_simulation_reaches_the_caller_and_wants_a_reset(monkeypatch):
     env = started(FrankaKitchenVectorEnv, **SHORT)
-    step = env._batch.step
+    step = env._episodes.batch.step
 
     def fails_in_one(ids, *args):
         step(np.array([0, 2]), *args)
         raise SimulationError(np.array([1]), "out of memory", 3)
 
     with monkeypatch.context() as patched:
-        patched.setattr(env._batch, "step", fails_in_one)
+        patched.setattr(env._episodes.batch, "step", fails_in_one)
         with pytest.raises(SimulationError, match="simulation 1: out of memory"):
             env.step(actions_of(env))
     assert_only_a_reset_of_all_helps(env)

@@ -1,0 +1,139 @@
+"""Many episodes of one task, stepped in one call of MuJoCo's batched stepping."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
+from kitchen_suite.tasks.mdp import MEDIAN
+from kitchen_suite.tasks.simulation import BatchSimulation
+from kitchen_suite.vector_env import batching
+from kitchen_suite.vector_env.forks import leak_in_forks
+
+
+class BatchEpisodes:
+    """Episodes in a batch of simulations, each equal to the environment's own with the same random stream.
+
+    The environment starts every episode; its state is then copied to the batch.
+
+    Attributes:
+      batch: the simulations.
+      state: state of the task's MDP; leading axis `(n,)`.
+      streams: random streams of the episodes.
+      steps: `(n,)`, control steps of the episodes.
+    """
+
+    def __init__(self, environment: Environment, count: int, threads: int) -> None:
+        """Builds the simulations; `start` starts the episodes.
+
+        Args:
+          environment: single environment, whose model is compiled; nothing else may step it.
+          count: number of episodes.
+          threads: number of threads that step them, including the calling one.
+        """
+        self._environment = environment
+        self._task = environment.task
+        self._mdp = environment.task.mdp
+        self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
+        leak_in_forks(self.batch)
+        self._simulation = BatchSimulation(self.batch)
+        self._model_fields = {name: self.batch.expand(name) for name in self._task.randomizer.model_fields}
+        self.streams = [random_state.Stream(None) for _ in range(count)]
+        self.state: Any = batching.repeat(self._task.state, count)
+        self.steps = np.zeros(count, np.int64)
+        self._draws = np.zeros((count, self._mdp.noise_draws))
+
+    def seed(self, seeds: Mapping[int, int]) -> None:
+        """Starts random streams anew, by index of the episode."""
+        for i, seed in seeds.items():
+            self.streams[i] = random_state.Stream(seed)
+
+    def begin_run(self, mask: NDArray[np.bool_] | None, total_steps: int) -> None:
+        """Resets what the state carries from one episode to the next where the mask `(n,)` is True, or everywhere."""
+        for name in self._mdp.carried:
+            getattr(self.state, name)[slice(None) if mask is None else mask] = total_steps
+
+    def start(self, mask: NDArray[np.bool_]) -> None:
+        """Starts episodes where the mask `(n,)` is True."""
+        (indices,) = mask.nonzero()
+        if not indices.size:
+            return
+        environment = self._environment
+        self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        model, data = environment.physics.model.ptr, environment.physics.data.ptr
+        carried = {name: getattr(self.state, name)[indices] for name in self._mdp.carried}
+        for i in indices.tolist():
+            environment.random_state = self.streams[i].random_state
+            environment.start_episode()
+            mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
+            for name, values in self._model_fields.items():
+                values[i] = getattr(model, name)
+            batching.put(self.state, i, self._task.state)
+        for name, values in carried.items():
+            getattr(self.state, name)[indices] = values
+        self.steps[mask] = 0
+
+    def step(
+        self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Makes a control step.
+
+        Args:
+          actions: `(n, k)`, as they are applied.
+          stepping: `(n,)`, episodes that make the step; the others stay as they are until they are started again.
+
+        Returns:
+          Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
+        """
+        mdp, everyone = self._mdp, bool(stepping.all())
+        target = mdp.action_mode.control(self._simulation, self.state, actions, self._draw_actions(stepping))
+        self._simulation.write("ctrl", mdp.sensors.ctrl, target)
+        self.batch.step(
+            None if everyone else stepping, self._task.physics_steps_per_control_step, int(mdp.sensors.stage)
+        )
+        diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
+        everyone, alive = everyone and not diverged.any(), stepping & ~diverged
+        self._draw_noise(alive)
+        reading = mdp.sensors.read(self._simulation)
+        state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=self._draws)
+        self.state = state if everyone else self._carry(state, alive)
+        self.steps += stepping
+        return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
+
+    def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
+        """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
+        if not self._mdp.action_mode.draws:
+            return MEDIAN
+        each = zip(self.streams, stepping.tolist(), strict=True)
+        return np.array([stream.random_state.random_sample() if draws else MEDIAN for stream, draws in each])
+
+    def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
+        """Draws the numbers of the observation noise where `stepping`."""
+        if self._draws.size:
+            for i in stepping.nonzero()[0].tolist():
+                self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
+
+    def _carry(self, state: Any, stepping: NDArray[np.bool_]) -> Any:
+        """Returns a state after a step, with the fields that resets leave unchanged where not `stepping`."""
+        kept = {name: np.where(stepping, getattr(state, name), getattr(self.state, name)) for name in self._mdp.carried}
+        return state._replace(**kept) if kept else state
+
+    def observation(self) -> NDArray:
+        """Returns the MDP's flat observations `(n, m)`, in a fresh array."""
+        return self._mdp.observation(self._simulation, self.state)
+
+    def info(self) -> dict[str, NDArray]:
+        """Returns the infos of the MDP, and the number of steps as `episode_step`, in fresh arrays `(n, ...)`."""
+        return {**self._mdp.info(self.state), "episode_step": self.steps.copy()}
+
+    def show(self, i: int) -> None:
+        """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""
+        model, data = self._environment.physics.model.ptr, self._environment.physics.data.ptr
+        for name, values in self._model_fields.items():
+            getattr(model, name)[:] = values[i]
+        mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
+        mujoco.mj_forward(model, data)
