@@ -1,6 +1,6 @@
 """Nested arrays of many environments, and Gymnasium's layout of their infos."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ def repeat(state: Any, count: int) -> Any:
     return tree.map_structure(lambda array: np.repeat(np.asarray(array)[np.newaxis], count, axis=0), state)
 
 
-def put(states: Any, i: int, state: Any) -> None:
-    """Writes the state of one episode to row `i` of the states of many."""
-    for rows, array in zip(tree.flatten(states), tree.flatten(state), strict=True):
+def put(arrays: Sequence[NDArray], i: int, state: Any) -> None:
+    """Writes the state of one episode to row `i` of the arrays of many, which are in the order of `tree.flatten`."""
+    for rows, array in zip(arrays, tree.flatten(state), strict=True):
         rows[i] = array
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import tree
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
@@ -38,6 +39,8 @@ class BatchEpisodes:
         self._environment = environment
         self._task = environment.task
         self._mdp = environment.task.mdp
+        self._physics_steps = environment.task.physics_steps_per_control_step
+        self._stage = int(self._mdp.sensors.stage)
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
@@ -65,6 +68,7 @@ class BatchEpisodes:
         environment = self._environment
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
+        arrays = tree.flatten(self.state)
         carried = {name: getattr(self.state, name)[indices] for name in self._mdp.carried}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
@@ -72,7 +76,7 @@ class BatchEpisodes:
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
-            batching.put(self.state, i, self._task.state)
+            batching.put(arrays, i, self._task.state)
         for name, values in carried.items():
             getattr(self.state, name)[indices] = values
         self.steps[mask] = 0
@@ -92,9 +96,7 @@ class BatchEpisodes:
         mdp, everyone = self._mdp, bool(stepping.all())
         target = mdp.action_mode.control(self._simulation, self.state, actions, self._draw_actions(stepping))
         self._simulation.write("ctrl", mdp.sensors.ctrl, target)
-        self.batch.step(
-            None if everyone else stepping, self._task.physics_steps_per_control_step, int(mdp.sensors.stage)
-        )
+        self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
         self._draw_noise(alive)

@@ -196,11 +196,11 @@ class OpenCabinetTask(SuiteTask):
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         self._joint_qpos = columns(physics.bind(self._scene.robot.joints).qposadr)
+        self._joint_range = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        low, high = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
-        pose = np.clip(DEFAULT_POSE + offsets, low, high)
+        pose = np.clip(DEFAULT_POSE + offsets, *self._joint_range)
         drawn = self._randomizer.draw(random_state)
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._joint_qpos] = pose
