@@ -4,6 +4,7 @@ import abc
 from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 import tree
 from dm_control import composer, mjcf
@@ -36,6 +37,7 @@ class SuiteTask(composer.Task):
     domain_name: str | None = None
     _random: np.random.RandomState
     _state: Any = None
+    _command: Any = ()
     _visualize_reward = False
 
     @property
@@ -71,6 +73,11 @@ class SuiteTask(composer.Task):
     def state(self) -> Any:
         """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
         return self._state
+
+    @property
+    def command(self) -> Any:
+        """What the control mode remembers of earlier actions, such as a commanded pose; `()` if it is nothing."""
+        return self._command
 
     @property
     @abc.abstractmethod
@@ -139,7 +146,8 @@ class SuiteTask(composer.Task):
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        return tree.map_structure(np.array, self._state._asdict())
+        command = {"command": tree.map_structure(np.array, self._command._asdict())} if self._command else {}
+        return {**self._saved_state(), **command}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -149,7 +157,18 @@ class SuiteTask(composer.Task):
           ValueError: an element is missing, is of another task, has the wrong shape or is out of range; the task is
             unchanged then.
         """
-        self._set_state(type(self._state)(**checks.matching(state, self.get_state(), "task state")))
+        state = checks.matching(state, self.get_state(), "task state")
+        self._restore_state({key: value for key, value in state.items() if key != "command"})
+        if self._command:
+            self._command = self._command._replace(**state["command"])
+
+    def _saved_state(self) -> dict[str, Any]:
+        """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
+        return tree.map_structure(np.array, self._state._asdict())
+
+    def _restore_state(self, state: Mapping[str, Any]) -> None:
+        """Sets what `_saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
+        self._set_state(type(self._state)(**state))
 
     @abc.abstractmethod
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -170,7 +189,7 @@ class SuiteTask(composer.Task):
         self._random = random_state
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         mdp.sensors.bind(physics)
-        mdp.action_mode.bind(physics, self.robot)
+        mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         (self._action_size,) = self.action_spec(physics).shape
         self._bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
@@ -185,13 +204,17 @@ class SuiteTask(composer.Task):
 
         Raises:
           TypeError: the action does not hold real numbers.
-          ValueError: the action has another shape than its spec, or holds NaN or inf.
+          ValueError: the action has another shape than its spec, holds NaN or inf, or has no meaning.
         """
-        del physics
         self._random, mdp = random_state, self.mdp
         self._action = checks.vector(action, self._action_size, "action").copy()
+        mdp.action_mode.check(self._action)
+        if mdp.action_mode.stage and not physics.legacy_step:
+            mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mdp.action_mode.draws else MEDIAN
-        self._target = mdp.action_mode.control(self._simulation, self._state, self._action, draw)
+        self._target, self._command = mdp.action_mode.control(
+            self._simulation, self._state, self._command, self._action, draw
+        )
         self._simulation.write("ctrl", mdp.sensors.ctrl, self._target)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -226,6 +249,13 @@ class SuiteTask(composer.Task):
         start = mdp.initial_state(mdp.sensors.read(self._simulation), draws)
         carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
         self._set_state(start._replace(**carried), physics)
+        self._start_command(physics)
+
+    def _start_command(self, physics: mjcf.Physics) -> None:
+        """Makes the control mode start from the present state of the physics."""
+        if self.mdp.action_mode.stage:
+            mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
+        self._command = self.mdp.action_mode.start(self._simulation)
 
     def _set_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
         """Stores a state, and shows it."""

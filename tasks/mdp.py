@@ -47,26 +47,59 @@ class Sensors(Protocol[Reading_co]):
         """Returns the present values, in fresh arrays `(..., k)`."""
 
 
-class ActionMode(Protocol):
+class ActionMode(abc.ABC):
     """Meaning of the action.
+
+    A mode may remember a command from one control step to the next: a named tuple of arrays `(..., k)`, or `()`.
 
     Attributes:
       draws: whether a number is drawn from U(0, 1) for each action; `MEDIAN` stands for it otherwise.
+      stage: stage of MuJoCo's pipeline up to which the state before a control step must be evaluated.
     """
 
-    @property
-    def draws(self) -> bool: ...
+    draws: bool = False
+    stage: ClassVar[mujoco.mjtStage] = mujoco.mjtStage.mjSTAGE_NONE
 
-    def bind(self, physics: mjcf.Physics, robot: Franka) -> None:
-        """Looks up what control reads of a robot in a compiled scene."""
-
+    @abc.abstractmethod
     def spec(self, robot: Franka) -> specs.Array:
         """Returns the action's spec."""
 
+    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:  # noqa: B027
+        """Looks up what control reads of a robot in a compiled scene; `timestep` is the control step's [s]."""
+
+    def check(self, action: NDArray[np.float64]) -> None:  # noqa: B027
+        """Checks finite actions `(..., k)`; most modes accept all.
+
+        Raises:
+          ValueError: one has no meaning.
+        """
+
+    def start(self, simulation: Simulation) -> Any:
+        """Returns the command at the start of an episode, which is the present state."""
+        del simulation
+        return ()
+
+    @abc.abstractmethod
     def control(
-        self, simulation: Simulation, state: Any, action: NDArray[np.float64], draw: NDArray[np.float64] | float
-    ) -> NDArray[np.float64]:
-        """Returns targets `(..., 9)` of the robot's actuators [rad, m] for actions `(..., k)`."""
+        self,
+        simulation: Simulation,
+        state: Any,
+        command: Any,
+        action: NDArray[np.float64],
+        draw: NDArray[np.float64] | float,
+    ) -> tuple[NDArray[np.float64], Any]:
+        """Returns targets of the robot's actuators, and the command for the next control step.
+
+        Args:
+          simulation: the physics.
+          state: state of the MDP.
+          command: the command that the last control step, or `start`, returned.
+          action: `(..., k)`.
+          draw: `(...)`, from U(0, 1), or `MEDIAN`.
+
+        Returns:
+          Targets `(..., 9)` [rad, m], and the command.
+        """
 
 
 class MDP(abc.ABC, Generic[Reading, State]):

@@ -16,9 +16,11 @@ class Simulation(Protocol):
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         """Returns columns `(..., k)` of a field: a copy, except for a slice, which is a live view.
 
+        A field of vectors, such as `xpos`, gives `(..., k, 3)`.
+
         Args:
           field: such as `qpos`.
-          columns: indices along the field's last axis.
+          columns: indices along the field's first axis, that of joints, bodies or sites.
           order: memory order of a copy; `F` is faster where it is computed with column by column.
         """
 

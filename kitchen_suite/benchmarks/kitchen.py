@@ -25,8 +25,7 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.kitchen import mdp
-from kitchen_suite.tasks.kitchen.action import position_target
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 
@@ -74,14 +73,14 @@ if baselines.has_envpool():
 def bare_case(model: mujoco.MjModel) -> Case:
     """Returns the case of bare physics steps of a model, with controls computed as the task does."""
     data = mujoco.MjData(model)
-    substeps = round(mdp.CONTROL_TIMESTEP / mdp.PHYSICS_TIMESTEP)
+    substeps = round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP)
 
     def episode(actions: NDArray[np.float64]) -> None:
         mujoco.mj_resetData(model, data)
         data.qpos[:] = INITIAL_QPOS
         for action in actions:
             positions = data.qpos[:_ACTION_SIZE]
-            data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=mdp.CONTROL_TIMESTEP)
+            data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
             mujoco.mj_step(model, data, substeps)
 
     return Case(episode=episode)

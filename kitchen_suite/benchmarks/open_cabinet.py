@@ -23,7 +23,7 @@ from kitchen_suite.benchmarks.cases import (
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.control_modes import ACTION_SIZE
+from kitchen_suite.tasks.control_modes.joint_offset import ACTION_SIZE
 from kitchen_suite.tasks.open_cabinet import mdp
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv

@@ -43,8 +43,11 @@ def kitchen(
     """
     from kitchen_suite.entities import build_kitchen_scene
     from kitchen_suite.tasks import KitchenTask
+    from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 
-    checks.keywords(task_options, kitchen, KitchenTask, what="argument", exclude=SET_BY_BUILDERS)
+    checks.keywords(
+        task_options, kitchen, KitchenTask, *CONTROL_MODES.values(), what="argument", exclude=SET_BY_BUILDERS
+    )
     scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
     return build_environment(
         KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options),

@@ -37,9 +37,16 @@ def microwave_table(
       ValueError: see `MicrowaveTableTask`; or the time limit is not positive and finite.
     """
     from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
-    from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
+    from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, MicrowaveTableTask
 
-    checks.keywords(task_options, microwave_table, MicrowaveTableTask, what="argument", exclude=SET_BY_BUILDERS)
+    checks.keywords(
+        task_options,
+        microwave_table,
+        MicrowaveTableTask,
+        *CONTROL_MODES.values(),
+        what="argument",
+        exclude=SET_BY_BUILDERS,
+    )
     scene = build_microwave_table_scene(visuals=checks.boolean(visuals, "visuals"))
     return build_environment(
         MicrowaveTableTask(scene, **task_options),

@@ -43,8 +43,11 @@ def open_cabinet(
     """
     from kitchen_suite.entities import CabinetConfig, build_open_cabinet_scene
     from kitchen_suite.tasks import OpenCabinetTask
+    from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 
-    checks.keywords(task_options, open_cabinet, OpenCabinetTask, what="argument", exclude=SET_BY_BUILDERS)
+    checks.keywords(
+        task_options, open_cabinet, OpenCabinetTask, *OFFSET_MODES.values(), what="argument", exclude=SET_BY_BUILDERS
+    )
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
     scene = build_open_cabinet_scene(cabinet_config, visuals=checks.boolean(visuals, "visuals"))

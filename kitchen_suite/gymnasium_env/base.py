@@ -8,6 +8,8 @@ from typing import Any, Self
 import dm_env
 import gymnasium
 import numpy as np
+from dm_env import specs
+from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
@@ -40,6 +42,11 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         render_quality: str = "high",
+        control_mode: str | None = None,
+        linear_speed: float | None = None,
+        angular_speed: float | None = None,
+        joint_speed: float | None = None,
+        frame: str | None = None,
         task_options: Mapping[str, Any],
         **unknown: Any,
     ) -> None:
@@ -59,6 +66,12 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             separately.
           visuals: whether to build geoms and textures that only rendering needs; when omitted, only with a render mode.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
+          control_mode: meaning of the action, such as `ee_delta_pose`; the domain's own when omitted. See
+            docs/control_modes.md for all modes, and for the arguments that belong to each.
+          linear_speed: speed that a unit of action stands for in the modes of the end effector [m/s].
+          angular_speed: angular speed that a unit of action stands for in `ee_delta_pose` [rad/s].
+          joint_speed: joint speed that a unit of action stands for in `joint_delta` [rad/s].
+          frame: `base` or `hand`: the axes of changes in the modes of the end effector.
           task_options: arguments of the domain's builder in `kitchen_suite.suite`.
           **unknown: refused.
 
@@ -82,8 +95,17 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         self._max_episode_steps = max_episode_steps
         with_visuals = render_mode is not None if visuals is None else checks.boolean(visuals, "visuals")
-        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None, **task_options}
-        self._environment = self._make_environment(options)
+        control = {
+            "control_mode": control_mode,
+            "linear_speed": linear_speed,
+            "angular_speed": angular_speed,
+            "joint_speed": joint_speed,
+            "frame": frame,
+        }
+        given = {name: value for name, value in control.items() if value is not None}
+        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None, **given}
+        self._environment = self._make_environment({**options, **task_options})
+        self.action_space = self._make_action_space()
         self._renderer.check_camera(self._environment)
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
@@ -109,6 +131,13 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         others = {"self", "task_options", *exclude}
         checks.keywords(names, *constructors, what="keyword argument", exclude=others)
+
+    def _make_action_space(self) -> spaces.Box:
+        """Returns the space of the task's actions, in single precision."""
+        spec = self._environment.action_spec()
+        bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-np.inf, np.inf)
+        low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
+        return spaces.Box(low, high, dtype=np.float32)
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from dm_env import specs
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,7 +23,8 @@ class FlatEnv(SuiteEnv):
         """Builds the environment.
 
         Args:
-          action_limit: bound of the action space, to which actions are clipped; without bounds when None.
+          action_limit: bound of the action space of `joint_offset`, to which actions are clipped; without bounds when
+            None. The other control modes have bounds of their own.
           task_options: arguments of the domain's builder.
           **settings: further arguments of `SuiteEnv`.
 
@@ -33,9 +35,12 @@ class FlatEnv(SuiteEnv):
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
-        self._action_limit = limit
         (self._action_size,) = self._environment.action_spec().shape
-        self.action_space = spaces.Box(-limit, limit, (self._action_size,), np.float32)
+        # Modes with bounds of their own need no other.
+        has_bounds = isinstance(self._environment.action_spec(), specs.BoundedArray)
+        self._action_limit = math.inf if has_bounds else limit
+        if not has_bounds:
+            self.action_space = spaces.Box(-limit, limit, (self._action_size,), np.float32)
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Makes one control step; see `SuiteEnv.step`."""

@@ -52,10 +52,10 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         object_noise_ratio: float = 0.0005,
         robot_noise_ratio: float = 0.01,
         *,
-        velocity_scale: float = 2.0,
+        velocity_scale: float | None = None,
         goals: Mapping[str, ArrayLike] | None = None,
         threshold: float = THRESHOLD,
-        feedback: str = "observed",
+        feedback: str | None = None,
         sleep: bool = False,
         goal_format: str = "dict",
         info_format: str = "lists",
@@ -69,16 +69,18 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           remove_task_when_completed: whether a task is rewarded once, or in every step within its threshold.
           object_noise_ratio: scale of the noise on the observed state of the objects.
           robot_noise_ratio: scale of the noise on the observed state of the robot.
-          velocity_scale: joint velocity for an action of 1 [rad/s, m/s].
+          velocity_scale: of the control mode `joint_velocity`: joint velocity for an action of 1, by default 2 rad/s
+            and 2 m/s.
           goals: goals that replace the default ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
-          feedback: joint positions from which the action's velocities are integrated: `observed`, `true` or `target`;
-            see `KitchenTask`.
+          feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
+            (the default), `true` or `target`; see `KitchenTask`.
           sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
           goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
-          **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
+          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
+            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
 
         Raises:
@@ -102,7 +104,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
         self._goals = self._task.mdp.goals
-        self.action_space = spaces.Box(-1.0, 1.0, self._environment.action_spec().shape, np.float32)
         self.observation_space = spaces.Dict(
             observation=_unbounded(self._task.mdp.noise_scale.shape),
             achieved_goal=self._goal_space(),

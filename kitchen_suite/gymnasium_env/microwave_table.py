@@ -28,7 +28,7 @@ class FrankaMicrowaveTableEnv(FlatEnv):
     def __init__(
         self,
         *,
-        gripper: str = "deterministic",
+        gripper: str | None = None,
         threshold: float = 0.3,
         action_limit: float | None = 1.0,
         **settings: Any,
@@ -36,11 +36,12 @@ class FrankaMicrowaveTableEnv(FlatEnv):
         """Builds the environment.
 
         Args:
-          gripper: `deterministic` closes the gripper where the action's last element is positive; `sampled` with the
-            probability of that logit.
+          gripper: of the control mode `joint_offset`: `deterministic`, the default, closes the gripper where the
+            action's last element is positive; `sampled` with the probability of that logit.
           threshold: distance from the goal below which the door counts as open [rad].
           action_limit: bound of the action space, to which actions are clipped; without bounds when None.
-          **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
+          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
+            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
 
         Raises:

@@ -32,7 +32,7 @@ class FrankaOpenCabinetEnv(FlatEnv):
         self,
         drawer: str = "top",
         *,
-        gripper: str = "sampled",
+        gripper: str | None = None,
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
@@ -44,8 +44,8 @@ class FrankaOpenCabinetEnv(FlatEnv):
 
         Args:
           drawer: `top` or `bottom`.
-          gripper: `sampled` closes the gripper with the probability of the action's last element; `deterministic`
-            closes it where that probability is above one half.
+          gripper: of the control mode `joint_offset`: `sampled`, the default, closes the gripper with the probability
+            of the action's last element; `deterministic` closes it where that probability is above one half.
           reward: `original`, or `grasp`, which rewards opening only while both finger pads hold the handle.
           observation_noise: half width of the uniform noise on parts of the observation, by the names of the parts;
             none when omitted.
@@ -54,7 +54,8 @@ class FrankaOpenCabinetEnv(FlatEnv):
           cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
           action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
             space is unbounded when omitted.
-          **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
+          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
+            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
 
         Raises:

@@ -171,14 +171,15 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
             while the episode of an environment has ended.
           gymnasium.error.ClosedEnvironmentError: after `close`.
           TypeError: the actions do not hold real numbers.
-          ValueError: the actions have the wrong shape, or hold NaN or inf; nothing has changed then.
+          ValueError: the actions have the wrong shape, hold NaN or inf, or have no meaning; nothing has changed then.
         """
         self._check_process()
         self._check_episodes()
         actions = vector_checks.actions(actions, self.action_space)
+        applied = self._template_env.clip_actions(actions)
+        self._template_env.environment.task.mdp.action_mode.check(applied)
         with self._all_or_nothing():
             restarting = self._restarting()
-            applied = self._template_env.clip_actions(actions)
             rewards, terminations, diverged = self._episodes.step(applied, ~restarting)
             truncations = (self._episodes.steps >= self._step_limit) & ~restarting
             self._ended = terminations | truncations

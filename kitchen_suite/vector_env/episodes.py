@@ -24,6 +24,7 @@ class BatchEpisodes:
     Attributes:
       batch: the simulations.
       state: state of the task's MDP; leading axis `(n,)`.
+      command: what the control mode remembers of earlier actions; leading axis `(n,)`.
       streams: random streams of the episodes.
       steps: `(n,)`, control steps of the episodes.
     """
@@ -40,13 +41,15 @@ class BatchEpisodes:
         self._task = environment.task
         self._mdp = environment.task.mdp
         self._physics_steps = environment.task.physics_steps_per_control_step
-        self._stage = int(self._mdp.sensors.stage)
+        self._control_stage = int(self._mdp.action_mode.stage)
+        self._stage = max(int(self._mdp.sensors.stage), self._control_stage)
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
         self._model_fields = {name: self.batch.expand(name) for name in self._task.randomizer.model_fields}
         self.streams = [random_state.Stream(None) for _ in range(count)]
         self.state: Any = batching.repeat(self._task.state, count)
+        self.command: Any = batching.repeat(self._task.command, count)
         self.steps = np.zeros(count, np.int64)
         self._draws = np.zeros((count, self._mdp.noise_draws))
 
@@ -68,7 +71,7 @@ class BatchEpisodes:
         environment = self._environment
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        arrays = tree.flatten(self.state)
+        arrays = tree.flatten((self.state, self.command))
         carried = {name: getattr(self.state, name)[indices] for name in self._mdp.carried}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
@@ -76,10 +79,12 @@ class BatchEpisodes:
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
-            batching.put(arrays, i, self._task.state)
+            batching.put(arrays, i, (self._task.state, self._task.command))
         for name, values in carried.items():
             getattr(self.state, name)[indices] = values
         self.steps[mask] = 0
+        if self._control_stage:
+            self.batch.forward(indices, self._control_stage)
 
     def step(
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]
@@ -94,7 +99,9 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp, everyone = self._mdp, bool(stepping.all())
-        target = mdp.action_mode.control(self._simulation, self.state, actions, self._draw_actions(stepping))
+        target, self.command = mdp.action_mode.control(
+            self._simulation, self.state, self.command, actions, self._draw_actions(stepping)
+        )
         self._simulation.write("ctrl", mdp.sensors.ctrl, target)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)

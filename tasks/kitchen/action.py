@@ -1,16 +1,19 @@
-"""The kitchen's action mode: nine joint velocities, as position targets."""
+"""The kitchen's own control modes: nine joint velocities, or positions, as targets of the servos."""
 
-import dataclasses
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
-from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import NDArray
 
+from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks.control_modes.joints import unit_spec
+from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.state import KitchenState
+from kitchen_suite.tasks.mdp import ActionMode
 from kitchen_suite.tasks.simulation import Simulation
 
 PHYSICS_TIMESTEP = 0.002  # [s]
@@ -24,48 +27,90 @@ POSITION_LOW = np.array([-2.9, -1.8, -2.9, -3.1, -2.9, 0.0, -2.9, 0.0, 0.0])
 POSITION_HIGH = np.array([2.9, 1.8, 2.9, 0.0, 2.9, 3.8, 2.9, 0.04, 0.04])
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class JointVelocity:
-    """Nine joint velocities, integrated over the control step from present positions.
+class JointVelocity(ActionMode):
+    """`joint_velocity`: nine joint velocities, integrated over the control step from present positions."""
 
-    Attributes:
-      velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
-      feedback: one of `FEEDBACKS`: the positions from which velocities are integrated.
-    """
+    def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
+        """Sets scale and feedback.
 
-    velocity_scale: float
-    feedback: str
-    draws: ClassVar[bool] = False
+        Args:
+          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
+          feedback: one of `FEEDBACKS`: the positions from which velocities are integrated.
 
-    def bind(self, physics: mjcf.Physics, robot: Franka) -> None:
-        """Does nothing: the state has the positions."""
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown name, or a scale that is negative or not finite.
+        """
+        self.velocity_scale = checks.number(velocity_scale, "velocity_scale")
+        self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Nine joint velocities, as a share of `velocity_scale`; values outside [-1, 1] are clipped."""
-        names = [actuator.full_identifier for actuator in robot.actuators]
-        ones = np.ones(len(names))
-        return specs.BoundedArray(ones.shape, ones.dtype, minimum=-ones, maximum=ones, name="\t".join(names))
+        return unit_spec([actuator.full_identifier for actuator in robot.actuators])
 
     def control(
         self,
         simulation: Simulation,
         state: KitchenState,
+        command: tuple[()],
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
-    ) -> NDArray[np.float64]:
-        """Returns targets `(..., 9)` of the robot's actuators [rad, m] for an action `(..., 9)`; draws nothing."""
+    ) -> tuple[NDArray[np.float64], tuple[()]]:
         del simulation, draw
-        return position_target(
-            self._feedback_positions(state), action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP
+        positions = feedback_positions(state, self.feedback)
+        target = position_target(positions, action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP)
+        return target, command
+
+
+class JointPosition(ActionMode):
+    """`joint_position`: nine joint positions; as Diffusion Policy's kitchen, but in an order that rounds nothing."""
+
+    def __init__(self, *, feedback: str = "observed") -> None:
+        """Sets the feedback.
+
+        Args:
+          feedback: one of `FEEDBACKS`: the positions from which targets are at most 10 rad/s, or m/s, away.
+
+        Raises:
+          TypeError: it is no string.
+          ValueError: it is unknown.
+        """
+        self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
+
+    def spec(self, robot: Franka) -> specs.BoundedArray:
+        """Nine joint positions [rad, m]; values outside the bounds are clipped."""
+        names = "\t".join(actuator.full_identifier for actuator in robot.actuators)
+        return specs.BoundedArray(
+            POSITION_LOW.shape, np.float64, minimum=POSITION_LOW, maximum=POSITION_HIGH, name=names
         )
 
-    def _feedback_positions(self, state: KitchenState) -> NDArray[np.float64]:
-        """Positions `(..., 9)` from which the velocities of the next action are integrated [rad, m]."""
-        if self.feedback == "target":
-            return state.target
-        if self.feedback == "true":
-            return state.positions
-        return state.positions + state.noise[..., noise.SLICES[0]]
+    def control(
+        self,
+        simulation: Simulation,
+        state: KitchenState,
+        command: tuple[()],
+        action: NDArray[np.float64],
+        draw: NDArray[np.float64] | float,
+    ) -> tuple[NDArray[np.float64], tuple[()]]:
+        del simulation, draw
+        positions, step = feedback_positions(state, self.feedback), VELOCITY_LIMIT * CONTROL_TIMESTEP
+        near = np.minimum(np.maximum(action, positions - step), positions + step)
+        return np.minimum(np.maximum(near, POSITION_LOW), POSITION_HIGH), command
+
+
+# Control modes of the kitchen by name; the first is the default.
+CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
+    {"joint_velocity": JointVelocity, "joint_position": JointPosition, **SHARED_MODES}
+)
+
+
+def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64]:
+    """Returns the joint positions `(..., 9)` from which the next action starts, by one of `FEEDBACKS` [rad, m]."""
+    if feedback == "target":
+        return state.target
+    if feedback == "true":
+        return state.positions
+    return state.positions + state.noise[..., noise.SLICES[0]]
 
 
 def position_target(

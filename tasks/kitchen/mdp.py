@@ -6,14 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.action import FEEDBACKS as FEEDBACKS
-from kitchen_suite.tasks.kitchen.action import PHYSICS_TIMESTEP as PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.action import JointVelocity
 from kitchen_suite.tasks.kitchen.reward import SparseReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState
-from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.mdp import MDP, ActionMode
 from kitchen_suite.tasks.rewards import total
 from kitchen_suite.tasks.simulation import Simulation
 
@@ -34,7 +30,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     """
 
     sensors: KitchenSensors
-    action_mode: JointVelocity
+    action_mode: ActionMode
     goals: GoalSet
     reward_terms: SparseReward
     noise_scale: NDArray[np.float64]

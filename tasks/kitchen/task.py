@@ -14,11 +14,12 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.base import Metrics, SuiteTask
+from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, FEEDBACKS, PHYSICS_TIMESTEP, JointVelocity
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
@@ -56,10 +57,10 @@ class KitchenTask(SuiteTask):
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
         robot_noise_ratio: float = 0.01,
-        velocity_scale: float = 2.0,
         goals: Mapping[str, ArrayLike] | None = None,
         threshold: float = THRESHOLD,
-        feedback: str = "observed",
+        control_mode: str = "joint_velocity",
+        **control_options: Any,
     ) -> None:
         """Sets the task up in a kitchen.
 
@@ -70,12 +71,14 @@ class KitchenTask(SuiteTask):
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
           robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
-          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
           goals: goals that override the default ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
-          feedback: positions from which the action's velocities are integrated: the positions last `observed`, with
-            their noise (as in the reference); the `true` positions; or the last `target`, with which the robot stands
-            still under zero actions.
+          control_mode: meaning of the action, one of `action.CONTROL_MODES`.
+          **control_options: arguments of the control mode. `joint_velocity`: `velocity_scale`, velocity that a unit of
+            action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and `joint_position`: `feedback`,
+            positions from which the action starts: the positions last `observed`, with their noise (as in the
+            reference); the `true` positions; or the last `target`, with which the robot stands still under zero
+            actions. The others: `linear_speed`, `angular_speed`, `joint_speed`, `frame`; see `tasks.control_modes`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -89,10 +92,7 @@ class KitchenTask(SuiteTask):
         goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
         self._mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set),
-            action_mode=JointVelocity(
-                velocity_scale=checks.number(velocity_scale, "velocity_scale"),
-                feedback=checks.choice(feedback, FEEDBACKS, "feedback"),
-            ),
+            action_mode=make_mode(control_mode, CONTROL_MODES, control_options),
             goals=goal_set,
             reward_terms=SparseReward(),
             noise_scale=noise.scale(**ratios),
@@ -206,6 +206,7 @@ class KitchenTask(SuiteTask):
         self._set_state(
             self._state._replace(positions=positions, target=positions, achieved=achieved, distances=distances)
         )
+        self._start_command(physics)
 
     def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
         robot, changed = noise.SLICES[0], self._state.noise.copy()
@@ -231,12 +232,12 @@ class KitchenTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
-    def get_state(self) -> dict[str, Any]:
+    def _saved_state(self) -> dict[str, Any]:
         goals = self._mdp.goals
         return {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy(), **as_dict(self._state)}
 
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        state, goals = checks.matching(state, self.get_state(), "task state"), self._mdp.goals
+    def _restore_state(self, state: Mapping[str, Any]) -> None:
+        goals = self._mdp.goals
         if not np.array_equal(state["desired"], goals.desired):
             raise ValueError(f"the state has other goals, {state['desired']}, than the task, {goals.desired}")
         arrays = {name: state[name] for name in KitchenState._fields}

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.control_modes import JointOffset
-from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.mdp import MDP, ActionMode
 from kitchen_suite.tasks.rewards import total
 from kitchen_suite.tasks.sensors import FeatureSensors
 from kitchen_suite.tasks.simulation import Simulation
@@ -85,7 +84,7 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
     """
 
     sensors: FeatureSensors
-    action_mode: JointOffset
+    action_mode: ActionMode
     reward_terms: OpenReward
     goal: float
     threshold: float

@@ -2,7 +2,8 @@
 
 import collections
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,12 @@ from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.base import Metrics, SuiteTask
-from kitchen_suite.tasks.control_modes import GRIPPER_OPEN, JointOffset
+from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN, JointOffset
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
+from kitchen_suite.tasks.mdp import ActionMode
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     PARTS,
@@ -36,6 +39,11 @@ GOAL = Goal(description="open the microwave's door", prop="microwave", value=(-0
 INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
 RESET_NOISE = 0.05
 
+# The cabinet's control modes, with a gripper that draws nothing.
+CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
+    {**OFFSET_MODES, "joint_offset": functools.partial(JointOffset, gripper="deterministic")}
+)
+
 
 class MicrowaveTableTask(SuiteTask):
     """Open the door of a microwave on a table.
@@ -49,13 +57,17 @@ class MicrowaveTableTask(SuiteTask):
 
     domain_name = "microwave_table"
 
-    def __init__(self, scene: Scene, *, gripper: str = "deterministic", threshold: float = 0.3) -> None:
+    def __init__(
+        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **control_options: Any
+    ) -> None:
         """Sets the task up in a scene.
 
         Args:
           scene: robot and microwave in their arena; each task needs a scene of its own.
-          gripper: as of `OpenCabinetTask`; `deterministic` draws nothing.
           threshold: distance from the goal below which the door counts as open [rad].
+          control_mode: meaning of the action, one of `CONTROL_MODES`.
+          **control_options: arguments of the control mode, as of `OpenCabinetTask`; `gripper` is `deterministic` by
+            default.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -65,7 +77,7 @@ class MicrowaveTableTask(SuiteTask):
         self._goals = GoalSet.build({"microwave": GOAL}, ["microwave"])
         self._mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
-            action_mode=JointOffset(gripper),
+            action_mode=make_mode(control_mode, CONTROL_MODES, control_options),
             reward_terms=OpenReward(),
             goal=GOAL.value[0],
             threshold=checks.number(threshold, "threshold"),

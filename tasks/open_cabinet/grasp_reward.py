@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.robots.panda import PAD_HALF_SIZE
-from kitchen_suite.tasks.control_modes import GRIPPER_OPEN
+from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet import reward, rotations
 from kitchen_suite.tasks.open_cabinet.features import Features
 

@@ -6,8 +6,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.control_modes import ACTION_SIZE, JointOffset
-from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.mdp import MDP, ActionMode
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import TERMS, RewardTerms, succeeds, terminates
@@ -26,12 +25,14 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
     Attributes:
       sensors: sensors of the features.
       action_mode: meaning of the action.
+      action_size: number of its elements.
       noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
       reward_terms: reward function of a step.
     """
 
     sensors: OpenCabinetSensors
-    action_mode: JointOffset
+    action_mode: ActionMode
+    action_size: int
     noise_scale: NDArray[np.float64]
     reward_terms: RewardTerms
 
@@ -53,7 +54,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
             features=reading,
             observation=observe(Features(reading)),
             noise=self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE)),
-            previous_action=np.zeros((*axes, ACTION_SIZE)),
+            previous_action=np.zeros((*axes, self.action_size)),
             terms=dict.fromkeys(TERMS, np.zeros(axes)),
             terminates=np.zeros(axes, bool),
             succeeded=np.zeros(axes, bool),

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.control_modes import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.control_modes.joint_offset import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.features import Features
 
 # Observations are clipped to [-LIMIT, LIMIT].

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.control_modes import GRIPPER_OPEN
+from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 
 # Names of the terms in order; each is a function of this module.

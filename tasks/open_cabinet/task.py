@@ -15,7 +15,8 @@ from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetS
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
-from kitchen_suite.tasks.control_modes import GRIPPER_OPEN, JointOffset
+from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
@@ -62,36 +63,42 @@ class OpenCabinetTask(SuiteTask):
         scene: OpenCabinetScene,
         *,
         drawer: str = "top",
-        gripper: str = "sampled",
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
+        control_mode: str = "joint_offset",
+        **control_options: Any,
     ) -> None:
         """Sets the task up in a scene.
 
         Args:
           scene: robot and cabinet in their arena; each task needs a scene of its own.
           drawer: drawer to be opened, `top` or `bottom`.
-          gripper: `sampled` closes with the probability of the gripper logit, the action's last element;
-            `deterministic` closes where that probability is above one half, and draws nothing.
           reward: `original`, or `grasp`, which pays for opening only while both pads hold the handle.
           observation_noise: half widths of the uniform noise by part of the observation, in the unit of the part; no
             noise when omitted.
           randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
             omitted.
+          control_mode: meaning of the action, one of `control_modes.modes.OFFSET_MODES`.
+          **control_options: arguments of the control mode. `joint_offset`: `gripper`, by default `sampled`, which
+            closes with the probability of the gripper logit, the action's last element; `deterministic` closes where
+            that probability is above one half, and draws nothing. The others: `linear_speed`, `angular_speed`,
+            `joint_speed`, `frame`; see `tasks.control_modes`.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a width that is negative or not finite.
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
-        action_mode = JointOffset(gripper)
+        action_mode = make_mode(control_mode, OFFSET_MODES, control_options)
+        (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
         wanted = Randomization.make(randomization).by_name
         self._randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
         self._mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
+            action_size=action_size,
             noise_scale=self._observables.noise_scale,
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
@@ -208,7 +215,7 @@ class OpenCabinetTask(SuiteTask):
         physics.data.ctrl[self._mdp.sensors.ctrl] = pose
         self._randomizer.set(drawn)
 
-    def get_state(self) -> dict[str, Any]:
+    def _saved_state(self) -> dict[str, Any]:
         state = self._state
         return {
             "drawer": self._drawer,
@@ -222,8 +229,7 @@ class OpenCabinetTask(SuiteTask):
             "randomization": dict(self._randomizer.values),
         }
 
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        state = checks.matching(state, self.get_state(), "task state")
+    def _restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
         drawn = self._randomizer.checked(state["randomization"])
         self._randomizer.set(drawn)

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from kitchen_suite import gymnasium_env, suite
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP as KITCHEN_TIMESTEP
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as KITCHEN_TIMESTEP
 from kitchen_suite.tasks.kitchen.task import TIME_LIMIT as KITCHEN_LIMIT
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP as CABINET_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.task import TIME_LIMIT as CABINET_LIMIT

@@ -16,10 +16,9 @@ from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.action import position_target
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, FEEDBACKS, position_target
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
-from kitchen_suite.tasks.kitchen.mdp import CONTROL_TIMESTEP, FEEDBACKS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
 _ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
@@ -126,7 +125,7 @@ class KitchenExpert(Expert):
 
     @classmethod
     def for_task(cls, task: KitchenTask, **options: Any) -> Self:
-        mode = task.mdp.action_mode
+        mode: Any = task.mdp.action_mode
         settings = {
             "tasks": task.mdp.goals.tasks,
             "goals": task.goals,

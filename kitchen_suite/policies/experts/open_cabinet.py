@@ -16,7 +16,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
-from kitchen_suite.tasks.control_modes import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.control_modes.joint_offset import JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING

@@ -1,4 +1,4 @@
-"""Action modes that domains share: joint offsets of the Panda and a gripper logit, as position targets."""
+"""The cabinet's control mode: joint offsets of the Panda and a gripper logit, as position targets."""
 
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks.mdp import ActionMode
 from kitchen_suite.tasks.simulation import Simulation, columns
 
 GRIPPER_MODES = ("sampled", "deterministic")
@@ -25,18 +26,24 @@ _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 GRIPPER_CLOSED, GRIPPER_OPEN = float(JOINT_LOW[7]), float(JOINT_HIGH[7])
 
 
-class JointOffset:
-    """Offsets of the seven joints from their present positions, and the log odds of closing the gripper.
+class JointOffset(ActionMode):
+    """`joint_offset`: offsets of the seven joints from their present positions, and log odds of closing the gripper.
 
     Attributes:
       draws: whether closing is sampled with the probability of the gripper logit, or decided by its sign.
     """
 
-    def __init__(self, gripper: str) -> None:
-        """Takes one of `GRIPPER_MODES`; raises a ValueError for other names."""
+    def __init__(self, *, gripper: str = "sampled") -> None:
+        """Takes one of `GRIPPER_MODES`.
+
+        Raises:
+          TypeError: it is no string.
+          ValueError: it is unknown.
+        """
         self.draws = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
 
-    def bind(self, physics: mjcf.Physics, robot: Franka) -> None:
+    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+        del timestep
         self._joint_qpos = columns(physics.bind(robot.joints).qposadr)
 
     def spec(self, robot: Franka) -> specs.Array:
@@ -46,22 +53,19 @@ class JointOffset:
         return specs.Array((ACTION_SIZE,), np.float64, name=names)
 
     def control(
-        self, simulation: Simulation, state: Any, action: NDArray[np.float64], draw: NDArray[np.float64] | float
-    ) -> NDArray[np.float64]:
-        """Returns targets `(..., 9)` of the robot's actuators [rad, m].
-
-        Args:
-          simulation: the physics.
-          state: not used.
-          action: `(..., 8)`, seven joint offsets [rad] and the gripper logit.
-          draw: `(...)`, from U(0, 1) if the gripper is sampled, otherwise the median 0.5.
-        """
+        self,
+        simulation: Simulation,
+        state: Any,
+        command: tuple[()],
+        action: NDArray[np.float64],
+        draw: NDArray[np.float64] | float,
+    ) -> tuple[NDArray[np.float64], tuple[()]]:
         del state
         positions = simulation.read("qpos", self._joint_qpos)
         target = np.empty(positions.shape)
         target[..., :7] = arm_target(positions[..., :7], action[..., :7])
         target[..., 7:] = gripper_target(action[..., 7:], np.asarray(draw)[..., np.newaxis])
-        return target
+        return target, command
 
 
 def arm_target(positions: NDArray[np.float64], action: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,184 @@
+"""Control modes of the end effector: its pose, or changes of its commanded pose, by differential inverse kinematics."""
+
+import abc
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_env import specs
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks.control_modes import poses
+from kitchen_suite.tasks.control_modes.arm import Arm
+from kitchen_suite.tasks.control_modes.joints import unit_spec
+from kitchen_suite.tasks.control_modes.servos import Gripper
+from kitchen_suite.tasks.mdp import ActionMode
+from kitchen_suite.tasks.simulation import Simulation
+
+FRAMES = ("base", "hand")
+
+# Greatest distance of the commanded pose from the actual one [m, rad]: nothing winds up against obstacles.
+COMMAND_DISTANCE, COMMAND_ANGLE = 0.08, 0.3
+
+# Greatest distance of a commanded position from the robot's base along each axis [m].
+REACH = 1.0
+
+# Least norm of a commanded quaternion.
+_LEAST_NORM = 1e-6
+
+
+class PoseCommand(NamedTuple):
+    """A commanded pose, in the world.
+
+    Attributes:
+      position: `(..., 3)`, of the end effector [m].
+      orientation: `(..., 4)`, quaternion w, x, y, z.
+      posture: `(..., 7)`, positions of the arm's joints at the reset, to which the null space returns [rad].
+    """
+
+    position: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+    posture: NDArray[np.float64]
+
+
+class EndEffectorMode(ActionMode):
+    """A mode that commands the pose of the site between the fingers; the last element of the action is the gripper."""
+
+    stage = mujoco.mjtStage.mjSTAGE_VEL
+
+    def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+        self._arm, self._gripper, self._timestep = Arm(physics, robot, timestep), Gripper(robot), timestep
+
+    def start(self, simulation: Simulation) -> PoseCommand:
+        position, orientation = self._arm.pose(simulation)
+        return PoseCommand(np.array(position), orientation, np.array(self._arm.servos.positions(simulation)))
+
+    def control(
+        self,
+        simulation: Simulation,
+        state: Any,
+        command: PoseCommand,
+        action: NDArray[np.float64],
+        draw: NDArray[np.float64] | float,
+    ) -> tuple[NDArray[np.float64], PoseCommand]:
+        del state, draw
+        action = np.minimum(np.maximum(action, -1.0), 1.0)
+        asked = self._asked(simulation, command, action)
+        position, orientation = self._arm.pose(simulation)
+        # The pose that is asked for, brought near the actual one.
+        offset = poses.within(asked.position - position, COMMAND_DISTANCE)
+        turn = poses.within(poses.difference(asked.orientation, orientation), COMMAND_ANGLE)
+        held = PoseCommand(
+            position + offset, poses.product(poses.quaternion(turn), orientation), posture=command.posture
+        )
+        arm = self._arm.target(simulation, np.concatenate([offset, turn], axis=-1), command.posture)
+        return np.concatenate([arm, self._gripper.target(action[..., -1:])], axis=-1), self._kept(command, held)
+
+    @abc.abstractmethod
+    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        """Returns the pose that an action asks for, which may be far away."""
+
+    def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
+        """Returns what the next control step starts from, given the commands before and after this one."""
+        del command
+        return held
+
+
+class _DeltaMode(EndEffectorMode):
+    """A mode that changes the commanded pose."""
+
+    def __init__(self, *, linear_speed: float, frame: str) -> None:
+        self._linear_speed = checks.number(linear_speed, "linear_speed", positive=True)
+        self._frame = checks.choice(frame, FRAMES, "frame")
+
+    def _moved(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        """Returns a command with the position that the first three elements of an action ask for."""
+        step = self._linear_speed * self._timestep * action[..., :3]
+        return command._replace(position=command.position + self._in_world(simulation, command, step))
+
+    def _in_world(
+        self, simulation: Simulation, command: PoseCommand, vectors: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Returns vectors `(..., 3)` of the action's frame in the world."""
+        frame = self._arm.base_pose(simulation)[1] if self._frame == "base" else command.orientation
+        return poses.rotated(frame, vectors)
+
+
+class EndEffectorDeltaPosition(_DeltaMode):
+    """`ee_delta_position`: changes of the commanded position; the orientation of the reset is held."""
+
+    def __init__(self, *, linear_speed: float = 0.25, frame: str = "base") -> None:
+        """Sets speed and frame.
+
+        Args:
+          linear_speed: speed that a unit of action stands for [m/s].
+          frame: `base` or `hand`: the axes along which the action moves the end effector.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown frame, or a speed that is not positive and finite.
+        """
+        super().__init__(linear_speed=linear_speed, frame=frame)
+
+    def spec(self, robot: Franka) -> specs.BoundedArray:
+        """Velocity x, y, z as a share of `linear_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
+        del robot
+        return unit_spec(["x", "y", "z", "gripper"])
+
+    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        return self._moved(simulation, command, action)
+
+    def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
+        return held._replace(orientation=command.orientation)
+
+
+class EndEffectorDeltaPose(_DeltaMode):
+    """`ee_delta_pose`: changes of the commanded position and orientation."""
+
+    def __init__(self, *, linear_speed: float = 0.25, angular_speed: float = 1.0, frame: str = "base") -> None:
+        """Sets speeds and frame.
+
+        Args:
+          linear_speed: speed that a unit of action stands for [m/s].
+          angular_speed: angular speed that a unit of action stands for [rad/s].
+          frame: `base` or `hand`: the axes along and about which the action moves and turns the end effector.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown frame, or a speed that is not positive and finite.
+        """
+        super().__init__(linear_speed=linear_speed, frame=frame)
+        self._angular_speed = checks.number(angular_speed, "angular_speed", positive=True)
+
+    def spec(self, robot: Franka) -> specs.BoundedArray:
+        """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
+        del robot
+        return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
+
+    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        turn = self._in_world(simulation, command, self._angular_speed * self._timestep * action[..., 3:6])
+        moved = self._moved(simulation, command, action)
+        return moved._replace(orientation=poses.product(poses.quaternion(turn), command.orientation))
+
+
+class EndEffectorPose(EndEffectorMode):
+    """`ee_pose`: a pose in the frame of the robot's base."""
+
+    def spec(self, robot: Franka) -> specs.BoundedArray:
+        """Position x, y, z within 1 m of the base, quaternion w, x, y, z, gripper: +1 closed, -1 open; in [-1, 1]."""
+        del robot
+        return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
+
+    def check(self, action: NDArray[np.float64]) -> None:
+        norms = poses.length(np.clip(action[..., 3:7], -1.0, 1.0))
+        if (norms < _LEAST_NORM).any():
+            raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {action}")
+
+    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        base, base_orientation = self._arm.base_pose(simulation)
+        position = base + poses.rotated(base_orientation, REACH * action[..., :3])
+        unit = action[..., 3:7] / poses.length(action[..., 3:7])
+        return command._replace(position=position, orientation=poses.product(base_orientation, unit))

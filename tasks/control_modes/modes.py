@@ -1,0 +1,53 @@
+"""Control modes by name, built from the arguments of tasks."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from kitchen_suite import checks
+from kitchen_suite.tasks.control_modes.end_effector import (
+    EndEffectorDeltaPose,
+    EndEffectorDeltaPosition,
+    EndEffectorPose,
+)
+from kitchen_suite.tasks.control_modes.joint_offset import JointOffset
+from kitchen_suite.tasks.control_modes.joints import JointDelta, JointPosition
+from kitchen_suite.tasks.mdp import ActionMode
+
+# Modes that every domain has.
+SHARED_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
+    {
+        "joint_delta": JointDelta,
+        "ee_delta_position": EndEffectorDeltaPosition,
+        "ee_delta_pose": EndEffectorDeltaPose,
+        "ee_pose": EndEffectorPose,
+    }
+)
+
+# Modes of the domains with the cabinet's control; the first is the default.
+OFFSET_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
+    {"joint_offset": JointOffset, "joint_position": JointPosition, **SHARED_MODES}
+)
+
+
+def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options: Mapping[str, Any]) -> ActionMode:
+    """Builds a control mode.
+
+    Args:
+      name: of the mode.
+      modes: classes by name.
+      options: arguments of the class; those that are None count as omitted.
+
+    Raises:
+      TypeError: the name is no string, no mode has such an argument, or it has the wrong type.
+      ValueError: the name is unknown, an argument belongs to other modes, or the mode refuses its value.
+    """
+    make = modes[checks.choice(name, modes.keys(), "control_mode")]
+    checks.keywords(options, *modes.values(), what="argument")
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        owners = [mode for mode, each in modes.items() if option in inspect.signature(each).parameters]
+        if name not in owners:
+            raise ValueError(f"{option} is an argument of control_mode {' and '.join(owners)}, not of {name!r}")
+    return make(**given)
