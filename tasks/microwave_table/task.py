@@ -19,6 +19,7 @@ from kitchen_suite.tasks.control_modes import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
+from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     PARTS,
@@ -30,7 +31,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
 )
 from kitchen_suite.tasks.sensors import FeatureSensors
 
-GOAL = Goal(description="open the microwave's door", prop="microwave", value=(-0.75,))
+GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
 
 # Initial joint positions of the robot [rad; fingers: m], and greatest noise on each arm joint [rad].
 INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
@@ -104,6 +105,10 @@ class MicrowaveTableTask(SuiteTask):
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return self._observables.copy()
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        return self._goals.instructions
 
     @property
     def observation_size(self) -> int:

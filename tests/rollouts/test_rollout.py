@@ -377,6 +377,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
     [
         "autoreset_mode",
         "info_format",
+        "instructions",
         "max_episode_steps",
         "num_envs",
         "num_threads",
