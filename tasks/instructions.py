@@ -1,7 +1,7 @@
 """Instructions: tasks in words, for policies that are conditioned on language.
 
-The instructions of a task are a tuple of strings: first the task's sentence, then paraphrases of it. They are lower-case
-commands without a full stop. A task without a sentence has the empty tuple.
+The instructions of a task are a tuple of strings: first the task's sentence, then paraphrases of it. They are commands
+in lower case without a full stop. A task without a sentence has the empty tuple.
 """
 
 from collections.abc import Iterable

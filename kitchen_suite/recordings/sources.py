@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import files, gymnasium_env
-from kitchen_suite.recordings.minari_dataset import INSTRUCTION_KEY, SPEC_KEY, absolute_root, check_id, check_size, import_minari
+from kitchen_suite.recordings.minari_dataset import (
+    INSTRUCTION_KEY,
+    SPEC_KEY,
+    absolute_root,
+    check_id,
+    check_size,
+    import_minari,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
