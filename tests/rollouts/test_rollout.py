@@ -184,6 +184,8 @@ def test_an_episode_file_holds_what_suite_load_returns_when_the_actions_are_repl
             "steps": 5,
             "total_reward": 1.0,
             "results": {"success": False, "tasks_completed": {"kettle": 1}},
+            "instruction": "open the microwave door, then move the kettle to the top left burner, then turn on the "
+            "bottom left burner, then turn on the light switch",
         }
         assert np.abs(arrays["action"]).max() <= 1.0
         assert_replays_in_suite_load(spec, 3 + index, arrays)
