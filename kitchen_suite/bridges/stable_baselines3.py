@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SuiteVectorEnv
+from kitchen_suite.vector_env.attributes import SHARED_ATTRIBUTES
+from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
 

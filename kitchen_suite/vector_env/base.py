@@ -16,24 +16,11 @@ from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env.attributes import SharedAttributes
 from kitchen_suite.vector_env.episodes import BatchEpisodes
 
-# Attributes of the single environment that do not depend on its episode. LeRobot reads those from `_max_episode_steps`.
-SHARED_ATTRIBUTES = (
-    "action_space",
-    "instruction",
-    "instructions",
-    "max_episode_steps",
-    "metadata",
-    "observation_space",
-    "render_mode",
-    "_max_episode_steps",
-    "task",
-    "task_description",
-)
 
-
-class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
+class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
     """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
     One single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
@@ -108,25 +95,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def template_env(self) -> SuiteEnv:
         """The single environment that starts the episodes; not to be stepped."""
         return self._template_env
-
-    @property
-    def instruction(self) -> tuple[str, ...]:
-        """The sentence of each environment's task."""
-        return (self._template_env.instruction,) * self.num_envs
-
-    def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Returns an attribute of every single environment, as Gymnasium's own vectors do.
-
-        Raises:
-          TypeError: the name is no string.
-          ValueError: the attribute is none of `SHARED_ATTRIBUTES`, which are the same in all environments.
-        """
-        value = getattr(self._template_env, checks.choice(name, SHARED_ATTRIBUTES, "attribute"))
-        return (value,) * self.num_envs
-
-    def call(self, name: str) -> tuple[Any, ...]:
-        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
-        return self.get_attr(name)
 
     def begin_run(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
         """Resets what environments keep from one episode to the next; see `SuiteTask.begin_run`.

@@ -42,8 +42,8 @@ def test_lerobots_names_are_read_by_call_and_get_attr(domain, mode):
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [
-        ("instructon", ValueError, "attribute 'instructon' does not exist .did you mean 'instruction'"),
-        ("environment", ValueError, "attribute 'environment' does not exist; choose from"),
+        ("instructon", AttributeError, "attribute 'instructon' does not exist .did you mean 'instruction'"),
+        ("environment", AttributeError, "attribute 'environment' does not exist; choose from"),
         (3, TypeError, "attribute must be a string, got 3"),
     ],
 )
