@@ -31,6 +31,7 @@ class GentleTask(MicrowaveTableTask):
     """Open the door gently; it starts at an angle U(-0.2, 0) rad."""
 
     domain_name = "gentle_microwave"
+    instructions = ("open the microwave door gently",)
 
     @functools.cached_property
     def mdp(self):

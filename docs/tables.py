@@ -18,9 +18,11 @@ from kitchen_suite.benchmarks import report as benchmark_report
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks import GOALS, Randomization, variations
 from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.open_cabinet import grasp_reward as drawer_grasp_reward
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
 DOCS = Path(__file__).parent
@@ -67,13 +69,28 @@ def goal_table() -> str:
     rows = [
         (
             f"`{task}`",
-            goal.description,
+            goal.instructions[0],
             ", ".join(map(str, 9 + goal.elements_in(kitchen))),
             ", ".join(map(str, goal.value)),
         )
         for task, goal in GOALS.items()
     ]
-    return markdown(("task", "goal state", "qpos", "goal"), rows)
+    return markdown(("task", "instruction", "qpos", "goal"), rows)
+
+
+def instruction_table() -> str:
+    """Returns the table of the sentences of all goals, with their paraphrases."""
+    goals = {
+        "kitchen": {task: goal.instructions for task, goal in GOALS.items()},
+        "open_cabinet": {f"{drawer}_drawer": instructions for drawer, instructions in DRAWER_INSTRUCTIONS.items()},
+        "microwave_table": {"open": MICROWAVE_GOAL.instructions},
+    }
+    rows = [
+        (domain, f"`{task}`", sentence, "; ".join(paraphrases))
+        for domain, tasks in goals.items()
+        for task, (sentence, *paraphrases) in tasks.items()
+    ]
+    return markdown(("domain", "task", "instruction", "paraphrases"), rows)
 
 
 def task_table(domain: str) -> str:
@@ -207,6 +224,7 @@ def my_task() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "observation": observation_table,
     "goals": goal_table,
+    "instructions": instruction_table,
     "ids": id_table,
     "cabinet_observation": cabinet_observation_table,
     "cabinet_reward": cabinet_reward_table,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks import instructions
 from kitchen_suite.tasks.mdp import MDP, MEDIAN
 from kitchen_suite.tasks.randomizer import Randomizer
 from kitchen_suite.tasks.simulation import PhysicsSimulation
@@ -78,6 +79,39 @@ class SuiteTask(composer.Task):
     def command(self) -> Any:
         """What the control mode remembers of earlier actions, such as a commanded pose; `()` if it is nothing."""
         return self._command
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """The task in words: its sentence, then paraphrases of it; see `tasks.instructions`.
+
+        Empty by default. A class may set it to a tuple of strings.
+        """
+        return ()
+
+    @property
+    def instruction(self) -> str:
+        """The task's sentence, such as `open the microwave door`; the empty string if it has none.
+
+        Raises:
+          TypeError: the task's class sets `instructions` to something else than a tuple of strings.
+          ValueError: it sets an empty string.
+        """
+        return next(iter(self._checked_instructions()), "")
+
+    def draw_instruction(self, generator: np.random.Generator) -> str:
+        """Returns one of the `instructions`, each with the same probability.
+
+        Args:
+          generator: that is drawn from; the environment's random stream is not.
+
+        Raises:
+          TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
+          ValueError: the task has no instructions, or as of `instruction`.
+        """
+        return instructions.draw(self._checked_instructions(), generator)
+
+    def _checked_instructions(self) -> tuple[str, ...]:
+        return instructions.checked(self.instructions, type(self).__name__)
 
     @property
     @abc.abstractmethod

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.tasks.instructions import checked, joined
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,16 +23,20 @@ class Goal:
     """Goal positions of a prop's joints, in any scene with a prop of that name.
 
     Attributes:
-      description: the task in one line.
       prop: name of the prop.
       joints: names of the joints in the prop's own model; None for all of its joints.
       value: goal positions, joint by joint [rad, m; a free joint: m and a quaternion w, x, y, z].
+      instructions: the task in words, a sentence and paraphrases of it; see `tasks.instructions`.
     """
 
-    description: str
     prop: str
     joints: tuple[str, ...] | None = None
     value: tuple[float, ...]
+    instructions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Checks the instructions; raises as `instructions.checked`."""
+        checked(self.instructions, f"a goal of prop {self.prop!r}")
 
     def joints_in(self, scene: Scene) -> tuple[mjcf.Element, ...]:
         """Returns the joints that the goal is set for.
@@ -162,6 +167,11 @@ class GoalSet:
             starts=np.cumsum([0, *sizes[:-1]]),
             desired=np.concatenate(desired),
         )
+
+    @functools.cached_property
+    def instructions(self) -> tuple[str, ...]:
+        """Instructions of all tasks together, in configured order; see `instructions.joined`."""
+        return joined(goal.instructions for goal in self.goals)
 
     def names(self, mask: NDArray[np.bool_]) -> list[str]:
         """Returns the tasks selected by a mask `(n,)`, in configured order."""

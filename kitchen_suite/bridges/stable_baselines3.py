@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
+from kitchen_suite.vector_env.attributes import SHARED_ATTRIBUTES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
@@ -90,7 +91,10 @@ class SuiteVecEnv(VecEnv):
         return cast(Sequence[NDArray], self.environments.render())
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """Returns an attribute of the environments, which all share it, once for each index."""
+        """Returns an attribute of the environments, once for each index."""
+        if attr_name in SHARED_ATTRIBUTES:
+            values = self.environments.get_attr(attr_name)
+            return [values[i] for i in self._get_indices(indices)]
         found = self.environments if hasattr(self.environments, attr_name) else self.environments.template_env
         return [getattr(found, attr_name) for _ in self._get_indices(indices)]
 

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import rendering
+from kitchen_suite.gymnasium_env.instructed import InstructedEnv
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
 
-class SuiteEnv(gymnasium.Env, abc.ABC):
+class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
     """A Gymnasium environment over a composer environment of the suite.
 
     The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by

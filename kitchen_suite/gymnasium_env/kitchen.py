@@ -25,6 +25,9 @@ with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
 
+# Key of the task's sentence in infos.
+INSTRUCTION = "instruction"
+
 _STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
 
 
@@ -35,7 +38,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
       `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
-      order, `episode_task_completions` in order of completion.
+      order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
+      sentence.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
     Info, always: `is_success`, whether all tasks have been completed, and `episode_step`; numbers, or arrays of shape
@@ -59,6 +63,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         sleep: bool = False,
         goal_format: str = "dict",
         info_format: str = "lists",
+        instructions: bool = False,
         **settings: Any,
     ) -> None:
         """Builds the environment.
@@ -79,6 +84,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
+          instructions: whether infos have the task's sentence as `instruction`; with `info_format="lists"` only.
           **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
             `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
             `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
@@ -89,6 +95,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """
         self._goal_format = checks.choice(goal_format, ("dict", "flat"), "goal_format")
         self._info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
+        self._instructed = checks.boolean(instructions, "instructions")
+        if self._instructed and info_format == "arrays":
+            raise ValueError("instructions=True needs info_format='lists': infos of 'arrays' hold no strings")
         task_options = {
             "tasks_to_complete": tasks_to_complete,
             "terminate_on_tasks_completed": terminate_on_tasks_completed,
@@ -103,6 +112,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         }
         super().__init__(task_options=task_options, **settings)
         self._task = self._environment.task
+        if self._instructed and not self.instruction:
+            name = type(self._task).__name__
+            raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
         self._goals = self._task.mdp.goals
         self.observation_space = spaces.Dict(
             observation=_unbounded(self._task.mdp.noise_scale.shape),
@@ -125,6 +137,11 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def info_format(self) -> str:
         """`lists` or `arrays`."""
         return self._info_format
+
+    @property
+    def has_instructions(self) -> bool:
+        """Whether infos have the task's sentence."""
+        return self._instructed
 
     def format_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
         """Returns concatenated goals `(..., k)` in the `goal_format`."""
@@ -157,6 +174,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             TO_COMPLETE: task.tasks_to_complete,
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
+            **({INSTRUCTION: self.instruction} if self._instructed else {}),
         }
         return {
             **(names if self._info_format == "lists" else {}),

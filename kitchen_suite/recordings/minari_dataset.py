@@ -20,6 +20,9 @@ from kitchen_suite.rollouts.spec import RecordingSpec
 SPEC_KEY = "kitchen_suite_recording"
 _COUNT_KEY = "kitchen_suite_num_episodes"
 
+# Key of the task's sentence in the metadata of an episode.
+INSTRUCTION_KEY = "instruction"
+
 # HDF5 keeps seeds in attributes of 64 bits.
 _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
@@ -81,8 +84,10 @@ class DatasetPlan:
         with minari_root(self._root), self._write_elsewhere():
             dataset = self._create(environment)
             for start in range(0, len(indices), _CHUNK):
-                chunk = [self._buffer(folder.load(index)) for index in indices[start : start + _CHUNK]]
-                dataset.update_dataset_from_buffer(chunk)
+                episodes = [folder.load(index) for index in indices[start : start + _CHUNK]]
+                dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
+                metadata = [{INSTRUCTION_KEY: episode.instruction} for episode in episodes]
+                dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             dataset.storage.update_metadata({SPEC_KEY: self._spec.as_json(), _COUNT_KEY: self._count})
 
     def _check_same(self, present: dict[str, Any]) -> None:

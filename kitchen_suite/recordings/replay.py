@@ -41,7 +41,10 @@ def replay(
     start = _start(environment, recorded, seeding)
     arrays = play(environment, start, _recorded_actions(environment, recorded), watch)
     return EpisodeArrays(
-        index=recorded.index, seed=recorded.seed, arrays={**arrays, "action": recorded.arrays["action"]}
+        index=recorded.index,
+        seed=recorded.seed,
+        arrays={**arrays, "action": recorded.arrays["action"]},
+        instruction=suite_env(environment).instruction,
     )
 
 

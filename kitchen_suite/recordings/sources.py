@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import files, gymnasium_env
-from kitchen_suite.recordings.minari_dataset import SPEC_KEY, absolute_root, check_id, check_size, import_minari
+from kitchen_suite.recordings.minari_dataset import (
+    INSTRUCTION_KEY,
+    SPEC_KEY,
+    absolute_root,
+    check_id,
+    check_size,
+    import_minari,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -117,7 +124,12 @@ class MinariSource(Source):
                 "truncation": data.truncations,
             }
             seed = metadata.get("seed")
-            episode = EpisodeArrays(index=index, seed=None if seed is None else int(seed), arrays=arrays)
+            episode = EpisodeArrays(
+                index=index,
+                seed=None if seed is None else int(seed),
+                arrays=arrays,
+                instruction=str(metadata.get(INSTRUCTION_KEY, "")),
+            )
             episode.check()
         return episode
 

@@ -40,12 +40,14 @@ class EpisodeArrays:
       seed: seed of the environment's reset; None if unknown.
       arrays: by the names above.
       seconds: its share of the time that playing took [s].
+      instruction: the task's sentence; the empty string if it has none.
     """
 
     index: int
     seed: int | None
     arrays: Mapping[str, NDArray]
     seconds: float = 0.0
+    instruction: str = ""
 
     @property
     def steps(self) -> int:

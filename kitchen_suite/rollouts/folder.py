@@ -27,6 +27,7 @@ class _Metadata:
     seconds: float
     results: Metrics
     recording: Mapping[str, Any]
+    instruction: str = ""
 
 
 class RecordingFolder:
@@ -100,7 +101,8 @@ class RecordingFolder:
     def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle.
 
-        It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics and the specification.
+        It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics, the task's
+        sentence and the specification.
         """
         metadata = {
             "episode": episode.index,
@@ -109,6 +111,7 @@ class RecordingFolder:
             "total_reward": stats.total_reward,
             "seconds": episode.seconds,
             "results": stats.metrics,
+            "instruction": episode.instruction,
             "recording": self._spec.as_json(),
         }
         files.save_arrays(self._path(episode.index), episode.arrays, metadata)
@@ -122,7 +125,13 @@ class RecordingFolder:
         arrays, record = files.load_arrays(self._path(index))
         metadata = self._parse(index, record)
         try:
-            episode = EpisodeArrays(index=index, seed=metadata.seed, arrays=arrays, seconds=metadata.seconds)
+            episode = EpisodeArrays(
+                index=index,
+                seed=metadata.seed,
+                arrays=arrays,
+                seconds=metadata.seconds,
+                instruction=metadata.instruction,
+            )
             episode.check()
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error

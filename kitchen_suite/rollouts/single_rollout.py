@@ -57,7 +57,13 @@ class SingleRollout:
         start = reset_to_seed(self.environment, seed, self._spec.seeding)
         policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
         arrays = play(self.environment, start, self._until_end(policy), watch)
-        return EpisodeArrays(index=index, seed=seed, arrays=arrays, seconds=time.perf_counter() - started)
+        return EpisodeArrays(
+            index=index,
+            seed=seed,
+            arrays=arrays,
+            seconds=time.perf_counter() - started,
+            instruction=suite_env(self.environment).instruction,
+        )
 
     def _until_end(self, policy: Policy) -> Actions:
         inner, space = suite_env(self.environment), self.environment.action_space

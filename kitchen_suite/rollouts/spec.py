@@ -19,7 +19,7 @@ from kitchen_suite.versions import installed_versions
 
 # Arguments of the environments that a recording sets itself.
 _RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "render_quality", "time_limit", "visuals"}
-_RESERVED |= {"autoreset_mode", "num_envs", "num_threads"}
+_RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 
 # How a seed starts the random stream of an episode: as `reset(seed=...)` of a Gymnasium environment does, or as the
 # RandomState that `suite.load` makes of `random`. Recordings use the former, with float32 actions; rollouts the latter,

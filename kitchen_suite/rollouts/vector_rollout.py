@@ -35,8 +35,8 @@ class _Running:
 class EndedEpisode:
     """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`."""
 
-    def __init__(self, history: "_History", i: int, running: _Running) -> None:
-        self._history, self._i, self._running = history, i, running
+    def __init__(self, history: "_History", i: int, running: _Running, instruction: str) -> None:
+        self._history, self._i, self._running, self._instruction = history, i, running, instruction
 
     @property
     def total_reward(self) -> float:
@@ -52,7 +52,11 @@ class EndedEpisode:
         """Returns all arrays of the episode."""
         arrays = self._history.episode(self._i, self._running.first)
         return EpisodeArrays(
-            index=self._running.index, seed=self._running.seed, arrays=arrays, seconds=self._running.seconds
+            index=self._running.index,
+            seed=self._running.seed,
+            arrays=arrays,
+            seconds=self._running.seconds,
+            instruction=self._instruction,
         )
 
 
@@ -92,7 +96,10 @@ class VectorRollout:
             self._share(time.perf_counter() - started)
             for i in np.flatnonzero(needs_reset).tolist():
                 if running := self._running[i]:
-                    yield running.index, None if diverged[i] else EndedEpisode(self._history, i, running)
+                    yield running.index, None if diverged[i] else self._ended(i, running)
+
+    def _ended(self, i: int, running: _Running) -> EndedEpisode:
+        return EndedEpisode(self._history, i, running, self._environments.instruction[i])
 
     def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
         if not waiting:

@@ -16,10 +16,11 @@ from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
+from kitchen_suite.vector_env.attributes import SharedAttributes
 from kitchen_suite.vector_env.episodes import BatchEpisodes
 
 
-class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
+class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
     """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
     One single environment, the template, starts every episode; its state is then copied to a batch of simulations. The

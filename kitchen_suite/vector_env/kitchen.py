@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -46,11 +46,12 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return [{key: array[i] for key, array in arrays.items()} for i in range(self.num_envs)]
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
-        """Returns the lists of task names `(n,)` that infos of the single environment have."""
+        """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
         goals, progress = self._template_env.environment.task.mdp.goals, self._episodes.state.progress
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
+            **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from kitchen_suite.tasks.goals import Goal
+from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 
 # Distance below which a task counts as complete, over all joints of the task together [rad, m]; as in the reference.
 THRESHOLD = 0.3
@@ -12,41 +13,71 @@ THRESHOLD = 0.3
 GOALS: Mapping[str, Goal] = MappingProxyType(
     {
         "bottom burner": Goal(
-            description="turn the knob of the bottom left burner",
             prop="oven",
             joints=("knob_Joint_2", "bottom_left_burner"),
             value=(-0.88, -0.01),
+            instructions=(
+                "turn on the bottom left burner",
+                "switch on the bottom left burner",
+                "turn the knob of the bottom left burner",
+                "light the bottom left burner of the stove",
+            ),
         ),
         "top burner": Goal(
-            description="turn the knob of the top left burner",
             prop="oven",
             joints=("knob_Joint_4", "top_left_burner"),
             value=(-0.92, -0.01),
+            instructions=(
+                "turn on the top left burner",
+                "switch on the top left burner",
+                "turn the knob of the top left burner",
+                "light the top left burner of the stove",
+            ),
         ),
         "light switch": Goal(
-            description="turn the light switch on the hood",
             prop="hood",
             value=(-0.69, -0.05),
+            instructions=(
+                "turn on the light switch",
+                "switch on the light",
+                "flip the light switch on the hood",
+                "turn on the light above the stove",
+            ),
         ),
         "slide cabinet": Goal(
-            description="slide the cabinet's door open to the right",
             prop="slide_cabinet",
             value=(0.37,),
+            instructions=(
+                "open the slide cabinet",
+                "slide the cabinet door open",
+                "slide the door of the cabinet to the right",
+                "push the sliding door of the cabinet open",
+            ),
         ),
         "hinge cabinet": Goal(
-            description="open the right door of the hinge cabinet, the left one stays shut",
             prop="hinge_cabinet",
             value=(0.0, 1.45),
+            instructions=(
+                "open the right door of the hinge cabinet",
+                "open the hinge cabinet on its right side",
+                "pull the right door of the hinge cabinet open",
+                "swing the right door of the hinge cabinet open",
+            ),
         ),
         "microwave": Goal(
-            description="open the microwave's door",
             prop="microwave",
             value=(-0.75,),
+            instructions=OPEN_MICROWAVE,
         ),
         "kettle": Goal(
-            description="move the kettle to the top left burner",
             prop="kettle",
             value=(-0.23, 0.75, 1.62, 0.99, 0.0, 0.0, -0.06),
+            instructions=(
+                "move the kettle to the top left burner",
+                "put the kettle on the top left burner",
+                "place the kettle on the top left burner",
+                "bring the kettle over to the top left burner",
+            ),
         ),
     }
 )

@@ -143,6 +143,10 @@ class KitchenTask(SuiteTask):
         return self._mdp.goals.split(self._mdp.goals.desired.copy())
 
     @property
+    def instructions(self) -> tuple[str, ...]:
+        return self._mdp.goals.instructions
+
+    @property
     def threshold(self) -> float:
         """Distance from the goal below which a task is complete [rad, m]."""
         return self._mdp.threshold

@@ -21,6 +21,7 @@ from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
+from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
@@ -33,7 +34,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
 )
 from kitchen_suite.tasks.sensors import FeatureSensors
 
-GOAL = Goal(description="open the microwave's door", prop="microwave", value=(-0.75,))
+GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
 
 # Initial joint positions of the robot [rad; fingers: m], and greatest noise on each arm joint [rad].
 INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
@@ -116,6 +117,10 @@ class MicrowaveTableTask(SuiteTask):
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return self._observables.copy()
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        return self._goals.instructions
 
     @property
     def observation_size(self) -> int:

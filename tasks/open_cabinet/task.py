@@ -20,6 +20,7 @@ from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
+from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observables import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.randomization import Randomization, scene_parameters
@@ -122,6 +123,10 @@ class OpenCabinetTask(SuiteTask):
     def drawer(self) -> str:
         """The drawer to be opened: `top` or `bottom`."""
         return self._drawer
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        return INSTRUCTIONS[self._drawer]
 
     @property
     def reward_name(self) -> str:

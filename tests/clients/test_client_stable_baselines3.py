@@ -262,6 +262,8 @@ def test_attributes_and_methods_are_those_of_the_environments():
     environments = make_fast(num_envs=3)
     assert environments.get_attr("info_format") == ["lists"] * 3
     assert environments.get_attr("render_mode", [0, 2]) == [None, None]
+    sentence = environments.get_attr("instruction", 1)
+    assert sentence == [make().unwrapped.instruction]
     assert environments.env_is_wrapped(Monitor, 1) == [False]
     with pytest.raises(AttributeError, match="no_such"):
         environments.get_attr("no_such")

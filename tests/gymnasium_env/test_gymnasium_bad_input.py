@@ -149,6 +149,7 @@ arguments = st.fixed_dictionaries(
         "feedback": st.one_of(st.sampled_from(["observed", "true", "target", "seen"]), junk),
         "goal_format": st.one_of(st.sampled_from(["dict", "flat", "list"]), junk),
         "info_format": st.one_of(st.sampled_from(["lists", "arrays", "array"]), junk),
+        "instructions": st.one_of(st.booleans(), junk),
         "max_episode_steps": st.one_of(st.integers(-2, 500), junk),
         "render_mode": st.one_of(st.none(), st.just("rgb_arry"), junk),
         "width": st.one_of(st.integers(-1, 640), junk),

@@ -399,6 +399,7 @@ MISFITS = {
     "total_reward": None,
     "seconds": [],
     "results": {"success": 1.5},
+    "instruction": None,
     "recording": {},
 }
 
@@ -411,6 +412,17 @@ def test_an_episode_of_another_recording_is_not_counted_as_its_own(run, name):
     status, _, err = run("--output=runs", "--num_episodes=3", *SHORT)
     assert (status, err.count("\n")) == (1, 1)
     assert re.search(r"runs/episode_000001.npz|episode 1 in runs has metrics", err)
+
+
+def test_an_episode_without_instruction_counts_and_has_the_empty_one(run):
+    assert run("--output=runs", "--num_episodes=1", *SHORT)[0] == 0
+    about, arrays = load(f"runs/{names(0)[0]}")
+    assert about.pop("instruction").startswith("open the microwave door, then move the kettle")
+    np.savez_compressed(f"runs/{names(0)[0]}", **arrays, metadata=json.dumps(about))
+    assert run("--output=runs", "--num_episodes=2", *SHORT)[0] == 0
+    folder = RecordingFolder.open(Path("runs"))
+    assert folder.load(0).instruction == ""
+    assert folder.load(1).instruction.startswith("open the microwave door, then move the kettle")
 
 
 def test_a_folder_of_rollouts_is_refused(run):

@@ -11,6 +11,7 @@ from episode_files import left_behind, load_episode
 from minari.dataset.minari_dataset import MinariDataset
 
 from kitchen_suite.cli import record
+from kitchen_suite.recordings.sources import find
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -169,6 +170,23 @@ def test_episodes_that_diverged_are_not_in_the_dataset(run, monkeypatch):
         assert (status, err) == (1, "kitchen-record: the physics diverged in 1 episodes, left out: seeds [6]\n")
         assert f"\ndataset {ID} in " in out
     assert [about["seed"] for about in minari.load_dataset(ID).storage.get_episode_metadata(range(2))] == [5, 7]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--task_name=microwave"], "open the microwave door"),
+        (["--domain_name=open_cabinet"], "open the top drawer of the cabinet"),
+    ],
+)
+def test_the_instruction_is_read_back(run, monkeypatch, arguments, sentence):
+    monkeypatch.setattr("kitchen_suite.recordings.minari_dataset._CHUNK", 2)
+    assert run(f"--dataset={ID}", *arguments)[0] == 0
+    metadata = minari.load_dataset(ID).storage.get_episode_metadata(range(3))
+    assert [about["instruction"] for about in metadata] == [sentence] * 3
+    assert [recorded(index)[0]["instruction"] for index in range(3)] == [sentence] * 3
+    assert [find(ID).load(index).instruction for index in range(3)] == [sentence] * 3
+    assert [find("runs").load(index).instruction for index in range(3)] == [sentence] * 3
 
 
 def test_few_episodes_are_in_memory_at_once(run, monkeypatch):

@@ -184,6 +184,8 @@ def test_an_episode_file_holds_what_suite_load_returns_when_the_actions_are_repl
             "steps": 5,
             "total_reward": 1.0,
             "results": {"success": False, "tasks_completed": {"kettle": 1}},
+            "instruction": "open the microwave door, then move the kettle to the top left burner, then turn on the "
+            "bottom left burner, then turn on the light switch",
         }
         assert np.abs(arrays["action"]).max() <= 1.0
         assert_replays_in_suite_load(spec, 3 + index, arrays)
@@ -377,6 +379,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, argument):
     [
         "autoreset_mode",
         "info_format",
+        "instructions",
         "max_episode_steps",
         "num_envs",
         "num_threads",

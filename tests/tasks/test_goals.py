@@ -73,9 +73,9 @@ def test_the_microwaves_goal_holds_in_another_scene():
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        (Goal(description="", prop="toaster", value=(0.0,)), "prop 'toaster' does not exist"),
-        (Goal(description="", prop="oven", joints=("knob",), value=(0.0,)), "joint of 'oven'"),
-        (Goal(description="", prop="kettle", value=(0.0,)), "goal of 'mine' must have 7 values"),
+        (Goal(prop="toaster", value=(0.0,)), "prop 'toaster' does not exist"),
+        (Goal(prop="oven", joints=("knob",), value=(0.0,)), "joint of 'oven'"),
+        (Goal(prop="kettle", value=(0.0,)), "goal of 'mine' must have 7 values"),
     ],
 )
 def test_goals_must_fit_the_scene(kitchen, physics, goal, message):

@@ -21,6 +21,7 @@ EASY = {"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [0.
 NOISE = {"handle_offset": 0.01, "joint_positions": 0.02}
 KITCHENS = {
     "lists": EASY,
+    "instructed": {**EASY, "instructions": True},
     "arrays": {**EASY, "goal_format": "flat", "info_format": "arrays"},
     "paid again": {**EASY, "remove_task_when_completed": False, "terminate_on_tasks_completed": False},
     "no noise": {**EASY, "robot_noise_ratio": 0.0, "feedback": "target", "goal_format": "flat"},
@@ -97,6 +98,7 @@ def assert_equal_for_ever(ours, theirs, actions):
     ("name", "mode"),
     [
         *(("lists", mode) for mode in MODES),
+        *(("instructed", mode) for mode in MODES),
         ("arrays", "SameStep"),
         pytest.param("paid again", "NextStep", marks=pytest.mark.slow),
         pytest.param("no noise", "Disabled", marks=pytest.mark.slow),

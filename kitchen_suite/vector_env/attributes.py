@@ -1,0 +1,51 @@
+"""Attributes of single environments, read from a vector of them as from Gymnasium's own vectors."""
+
+from typing import Any
+
+from kitchen_suite import checks
+from kitchen_suite.gymnasium_env.base import SuiteEnv
+
+# Attributes of the single environment that are the same throughout an episode. LeRobot reads `_max_episode_steps`,
+# `task` and `task_description`.
+SHARED_ATTRIBUTES = (
+    "action_space",
+    "instruction",
+    "instructions",
+    "max_episode_steps",
+    "metadata",
+    "observation_space",
+    "render_mode",
+    "_max_episode_steps",
+    "task",
+    "task_description",
+)
+
+
+class SharedAttributes:
+    """A vector of environments with the attributes that these share."""
+
+    num_envs: int
+    _template_env: SuiteEnv
+
+    @property
+    def instruction(self) -> tuple[str, ...]:
+        """The sentence of each environment's task."""
+        return (self._template_env.instruction,) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns an attribute of every single environment, as Gymnasium's own vectors do.
+
+        Raises:
+          AttributeError: the attribute is none of `SHARED_ATTRIBUTES`.
+          TypeError: the name is no string.
+        """
+        try:
+            checks.choice(name, SHARED_ATTRIBUTES, "attribute")
+        except ValueError as error:
+            # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
+            raise AttributeError(str(error)) from error
+        return (getattr(self._template_env, name),) * self.num_envs
+
+    def call(self, name: str) -> tuple[Any, ...]:
+        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
+        return self.get_attr(name)

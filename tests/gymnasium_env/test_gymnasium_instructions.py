@@ -1,0 +1,107 @@
+"""The task's sentence in Gymnasium environments, single and vectorised, and in infos when asked for."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import IDS, KITCHEN_ID, TASK_IDS
+from kitchen_suite.tasks.kitchen.task import KitchenTask
+
+PAIR = {"tasks_to_complete": ["kettle", "microwave"]}
+SENTENCE = "move the kettle to the top left burner, then open the microwave door"
+
+
+def vector(env_id, count=2, mode="vector_entry_point", **settings):
+    return gymnasium.make_vec(env_id, count, vectorization_mode=mode, **settings)
+
+
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_every_environment_states_its_task(domain):
+    task = suite.default_task(domain)
+    expected = suite.load(domain, task, {"visuals": False}).task.instructions
+    env_id = TASK_IDS[domain, task]
+    environment, environments = gymnasium.make(env_id), vector(env_id, 3)
+    assert environment.unwrapped.instruction == expected[0]
+    assert environment.unwrapped.instructions == expected
+    assert environments.unwrapped.instruction == (expected[0],) * 3
+
+
+# As LeRobot reads them.
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_lerobots_names_are_read_by_call_and_get_attr(domain, mode):
+    environments = vector(IDS[domain], mode=mode, max_episode_steps=7)
+    sentence = environments.get_attr("instruction")
+    assert len(sentence) == 2
+    for name in ("task", "task_description"):
+        assert environments.call(name) == environments.get_attr(name) == sentence
+    assert environments.call("_max_episode_steps") == (7, 7)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("instructon", AttributeError, "attribute 'instructon' does not exist .did you mean 'instruction'"),
+        ("environment", AttributeError, "attribute 'environment' does not exist; choose from"),
+        (3, TypeError, "attribute must be a string, got 3"),
+    ],
+)
+def test_attributes_of_an_episode_are_not_read(name, error, message):
+    environments = vector(KITCHEN_ID)
+    for read in (environments.get_attr, environments.call):
+        with pytest.raises(error, match=message):
+            read(name)
+
+
+def test_infos_have_the_sentence_when_asked_for():
+    environment, plain = gymnasium.make(KITCHEN_ID, instructions=True, **PAIR), gymnasium.make(KITCHEN_ID, **PAIR)
+    action = np.zeros(9, np.float32)
+    pairs = [(environment.reset(seed=1), plain.reset(seed=1)), (environment.step(action), plain.step(action))]
+    for (*_, asked), (*_, default) in pairs:
+        assert asked.pop("instruction") == SENTENCE
+        assert list(asked) == list(default)
+
+
+def test_infos_of_many_have_the_sentence_of_each():
+    environments = vector(KITCHEN_ID, instructions=True, **PAIR)
+    *_, infos = environments.reset(seed=1)
+    assert infos["instruction"].tolist() == [SENTENCE] * 2
+    assert infos["_instruction"].tolist() == [True] * 2
+    *_, infos = environments.reset(options={"reset_mask": np.array([False, True])})
+    assert infos["instruction"].tolist() == [None, SENTENCE]
+    assert "instruction" not in vector(KITCHEN_ID).reset(seed=1)[1]
+
+
+def test_hindsight_rewards_take_infos_with_sentences():
+    environments = vector(KITCHEN_ID, instructions=True, **PAIR)
+    environments.reset(seed=1)
+    observations, rewards, *_, infos = environments.step(np.zeros((2, 9), np.float32))
+    goals = observations["achieved_goal"], observations["desired_goal"]
+    np.testing.assert_array_equal(environments.unwrapped.compute_reward(*goals, infos), rewards)
+
+
+@pytest.mark.parametrize("build", [gymnasium.make, vector])
+@pytest.mark.parametrize(
+    ("settings", "error", "message"),
+    [
+        ({"info_format": "arrays"}, ValueError, "instructions=True needs info_format='lists'"),
+        ({"instructions": 1}, TypeError, "instructions must be True or False, got 1"),
+    ],
+)
+def test_sentences_in_arrays_are_refused(build, settings, error, message):
+    with pytest.raises(error, match=message):
+        build(KITCHEN_ID, **{"instructions": True, **settings})
+
+
+@pytest.mark.parametrize("domain", sorted(suite.DOMAINS.keys() - {"kitchen"}))
+def test_domains_whose_infos_are_arrays_do_not_have_the_keyword(domain):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'instructions'"):
+        gymnasium.make(IDS[domain], instructions=True)
+
+
+def test_a_task_without_a_sentence_cannot_be_asked_for_it(monkeypatch):
+    monkeypatch.setattr(KitchenTask, "instructions", ())
+    with pytest.raises(ValueError, match="instructions=True needs a task with a sentence: KitchenTask has no"):
+        gymnasium.make(KITCHEN_ID, instructions=True)
+    assert gymnasium.make(KITCHEN_ID).unwrapped.instruction == ""
