@@ -233,6 +233,12 @@ class SuiteTask(composer.Task):
         self._reset_physics(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
+    def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
+        """Returns an action as a fresh float64 array; raises as `before_step`."""
+        checked = checks.vector(action, self._action_size, "action").copy()
+        self.mdp.action_mode.check(checked)
+        return checked
+
     def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
         """Sets the actuators' targets for the whole control step.
 
@@ -241,8 +247,7 @@ class SuiteTask(composer.Task):
           ValueError: the action has another shape than its spec, holds NaN or inf, or has no meaning.
         """
         self._random, mdp = random_state, self.mdp
-        self._action = checks.vector(action, self._action_size, "action").copy()
-        mdp.action_mode.check(self._action)
+        self._action = self.checked_action(action)
         if mdp.action_mode.stage and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mdp.action_mode.draws else MEDIAN

@@ -80,6 +80,10 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "task_kwargs": Option(
             "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'."
         ),
+        "control_mode": Option(
+            "Meaning of the action, such as joint_position or ee_delta_pose; see docs/control_modes.md.",
+            unset="the domain's",
+        ),
         "policy": Option(
             "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
             "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\"."

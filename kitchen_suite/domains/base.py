@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 # Arguments of tasks that the builders set.
 SET_BY_BUILDERS = ("scene",)
 
+# Arguments of the Gymnasium environments on which the meaning of the action depends, in every domain.
+CONTROL_OPTIONS = ("control_mode", "linear_speed", "angular_speed", "joint_speed", "frame")
+
 # Arguments of `Environment` that the builders set.
 _SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -92,7 +92,7 @@ KITCHEN = Domain(
     replaceable=("tasks_to_complete",),
     array_options=MappingProxyType({"info_format": "arrays"}),
     flat_options=MappingProxyType({"goal_format": "flat"}),
-    cloning_options=("tasks_to_complete", "goals", "velocity_scale", "feedback"),
+    cloning_options=("tasks_to_complete", "goals", "velocity_scale", "feedback", *CONTROL_OPTIONS),
     hyperparameters=MappingProxyType(
         {
             "num_envs": 32,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -65,5 +65,5 @@ MICROWAVE_TABLE = Domain(
     env="kitchen_suite.gymnasium_env.microwave_table:FrankaMicrowaveTableEnv",
     vector_env="kitchen_suite.vector_env.microwave_table:FrankaMicrowaveTableVectorEnv",
     episode_steps=500,
-    cloning_options=("gripper",),
+    cloning_options=("gripper", *CONTROL_OPTIONS),
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import CabinetConfig
@@ -69,7 +69,7 @@ OPEN_CABINET = Domain(
     vector_env="kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
     episode_steps=700,
     task_id="KitchenSuite/{}-v1",
-    cloning_options=("gripper",),
+    cloning_options=("gripper", *CONTROL_OPTIONS),
     expert="kitchen_suite.policies.experts.open_cabinet:DrawerExpert",
     benchmark="kitchen_suite.benchmarks.open_cabinet:OPEN_CABINET",
 )

@@ -216,7 +216,6 @@ def _import_policy(name: str) -> Policy:
 
 def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> Policy:
     """Wraps a policy so that it returns valid actions in fresh arrays, or raises a PolicyError that names it."""
-    (size,) = environment.action_spec().shape
 
     def checked(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         try:
@@ -224,7 +223,7 @@ def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> 
         except (Exception, SystemExit) as error:
             raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_location(error)})") from error
         try:
-            return checks.vector(action, size, "action").copy()
+            return environment.task.checked_action(action)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {name!r} returned a bad action: {error}") from error
 

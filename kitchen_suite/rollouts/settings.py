@@ -7,12 +7,33 @@ from typing import Any
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EpisodeSettings:
+class TaskSettings:
+    """The task of a command; each is the flag of its name."""
+
+    domain_name: str
+    task_name: str | None = None
+    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    control_mode: str | None = None
+
+    @property
+    def environment_kwargs(self) -> dict[str, Any]:
+        """Arguments of the task's Gymnasium environment.
+
+        Raises:
+          ValueError: the control mode is given twice, with different values.
+        """
+        if self.control_mode is None:
+            return dict(self.task_kwargs)
+        if (other := self.task_kwargs.get("control_mode", self.control_mode)) != self.control_mode:
+            raise ValueError(f"control_mode is {self.control_mode!r}, but {other!r} in the task_kwargs")
+        return {**self.task_kwargs, "control_mode": self.control_mode}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeSettings(TaskSettings):
     """The episodes of a task that a command plays, and the processes that play them; each is the flag of its name."""
 
     domain_name: str = "kitchen"
-    task_name: str | None = None
-    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     policy: str = "random"
     seed: int = 0
     max_episode_steps: int | None = None

@@ -62,7 +62,7 @@ class RecordingSpec:
         return cls.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,
-            task_kwargs=settings.task_kwargs,
+            task_kwargs=settings.environment_kwargs,
             policy=settings.policy,
             seed=settings.seed,
             seeding=seeding,

@@ -74,7 +74,9 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
     environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
-    default = {name: inspect.signature(environment).parameters[name].default}
+    parameters = inspect.signature(environment).parameters
+    # Arguments of all domains are None by default, and in the signature of the base.
+    default = {name: parameters[name].default if name in parameters else None}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
 

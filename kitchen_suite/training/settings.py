@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from kitchen_suite.rollouts.settings import TaskSettings
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TrainSettings:
+class TrainSettings(TaskSettings):
     """Settings of `kitchen-train`; each is the flag of its name.
 
     Steps are control steps over all environments.
@@ -15,8 +17,6 @@ class TrainSettings:
 
     output: Path
     domain_name: str = "open_cabinet"
-    task_name: str | None = None
-    task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     demonstrations: Path | None = None
     num_steps: int = 49_000_000

@@ -65,7 +65,7 @@ class TrainJob:
         self._metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
-            "task_kwargs": dict(settings.task_kwargs),
+            "task_kwargs": settings.environment_kwargs,
             "hyperparameters": dataclasses.asdict(self._config),
         }
         self._environments = self._make_environments(self._config.num_envs, AutoresetMode.SAME_STEP)
@@ -157,7 +157,7 @@ class TrainJob:
         spec = RecordingSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,
-            task_kwargs=settings.task_kwargs,
+            task_kwargs=settings.environment_kwargs,
             policy="zero",
             seed=settings.seed,
             seeding="gymnasium",

@@ -173,9 +173,8 @@ class EndEffectorPose(EndEffectorMode):
         return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
 
     def check(self, action: NDArray[np.float64]) -> None:
-        norms = poses.length(np.clip(action[..., 3:7], -1.0, 1.0))
-        if (norms < _LEAST_NORM).any():
-            raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {action}")
+        if (least := poses.length(np.clip(action[..., 3:7], -1.0, 1.0)).min()) < _LEAST_NORM:
+            raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {least:g}")
 
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         base, base_orientation = self._arm.base_pose(simulation)

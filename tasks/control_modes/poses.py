@@ -1,11 +1,12 @@
 """Rotations as quaternions w, x, y, z and as rotation vectors [rad], on arrays with any leading axes `(...)`."""
 
 import numpy as np
-from dm_control.utils.transformations import quat_conj, quat_mul
 from numpy.typing import NDArray
 
 # Below this angle [rad] a rotation vector is twice the vector part of its quaternion.
 _SMALL = 1e-9
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -38,12 +39,21 @@ def rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the rotations `(..., 4)` that turn by `second`, then by `first`."""
-    return quat_mul(first, second)
+    # Element by element: the matrix products of dm_control's `quat_mul` round differently for one and for many.
+    w, x, y, z = (first[..., i] for i in range(4))
+    a, b, c, d = (second[..., i] for i in range(4))
+    parts = (
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    )
+    return np.stack(parts, axis=-1)
 
 
 def difference(target: NDArray[np.float64], present: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the rotation vectors `(..., 3)`, about the world's axes, from one orientation to another."""
-    return rotation_vector(quat_mul(target, quat_conj(present)))
+    return rotation_vector(product(target, inverse(present)))
 
 
 def rotated(quaternion: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,4 +65,4 @@ def rotated(quaternion: NDArray[np.float64], vectors: NDArray[np.float64]) -> ND
 
 def inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the inverse rotations `(..., 4)` of unit quaternions."""
-    return quat_conj(quaternion)
+    return quaternion * _CONJUGATE

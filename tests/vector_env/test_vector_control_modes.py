@@ -1,0 +1,64 @@
+"""In every control mode, vectorised environments equal Gymnasium's vector of single ones to the bit."""
+
+import gymnasium
+import numpy as np
+import pytest
+from control_cases import CASES, walk
+from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, many, pair
+
+from kitchen_suite import suite
+
+STEPS = 24
+DRAWS = {
+    "kitchen": {},
+    "open_cabinet": {"observation_noise": {"handle_offset": 0.01}, "randomization": "moderate"},
+    "microwave_table": {},
+}
+
+
+def actions_for(domain, mode, **settings):
+    env = gymnasium.make(suite.DOMAINS[domain].env_id, control_mode=mode, **settings).unwrapped
+    return walk(env.environment.action_spec(), STEPS, COUNT)
+
+
+# The others differ from these in a few lines, or are played by other tests.
+BRIEF = (
+    *(("kitchen", mode) for mode in ("joint_delta", "joint_position", "ee_delta_pose")),
+    *(("open_cabinet", mode) for mode in ("joint_delta", "joint_position", "ee_delta_position", "ee_pose")),
+    ("microwave_table", "ee_delta_pose"),
+)
+
+
+@pytest.mark.parametrize(
+    ("domain", "mode"), [case if case in BRIEF else pytest.param(*case, marks=pytest.mark.slow) for case in CASES]
+)
+def test_every_control_mode(domain, mode):
+    autoreset = MODES[CASES.index((domain, mode)) % len(MODES)]
+    settings = {"control_mode": mode, **DRAWS[domain]}
+    ours, theirs = pair(suite.DOMAINS[domain].env_id, autoreset, max_episode_steps=9, **settings)
+    assert sum(assert_equal_for_ever(ours, theirs, actions_for(domain, mode))) >= 3
+
+
+@pytest.mark.parametrize("autoreset", MODES)
+@pytest.mark.parametrize("domain", [pytest.param("kitchen", marks=pytest.mark.slow), "open_cabinet"])
+def test_every_autoreset_mode(domain, autoreset):
+    settings = {"control_mode": "ee_delta_pose", "frame": "hand", **DRAWS[domain]}
+    ours, theirs = pair(suite.DOMAINS[domain].env_id, autoreset, max_episode_steps=9, **settings)
+    assert_equal_for_ever(ours, theirs, actions_for(domain, "ee_delta_pose"))
+
+
+@pytest.mark.parametrize(("domain", "mode"), [("kitchen", "ee_pose"), ("open_cabinet", "joint_delta")])
+def test_the_number_of_threads_changes_nothing(domain, mode):
+    env_id, actions = suite.DOMAINS[domain].env_id, actions_for(domain, mode)
+    one, three = (many(env_id, "SameStep", threads, max_episode_steps=7, control_mode=mode) for threads in (1, 3))
+    for env in (one, three):
+        env.reset(seed=1)
+    for action in actions:
+        np.testing.assert_equal(three.step(action)[:4], one.step(action)[:4])
+
+
+@pytest.mark.slow
+def test_resting_objects_may_sleep():
+    settings = {"control_mode": "ee_delta_pose", "sleep": True}
+    ours, theirs = pair(suite.DOMAINS["kitchen"].env_id, "NextStep", max_episode_steps=9, **settings)
+    assert_equal_for_ever(ours, theirs, actions_for("kitchen", "ee_delta_pose"))
