@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+from control_tables import CONTROL_TABLES
 from dm_control import mjcf
 from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
@@ -235,6 +236,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "hyperparameters": hyperparameter_table,
     "my_task": my_task,
     **ENTITY_TABLES,
+    **CONTROL_TABLES,
 }
 
 

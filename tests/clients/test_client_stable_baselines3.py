@@ -224,6 +224,31 @@ def test_ppo_learns_in_the_vectorised_environments(env_id):
     environments.close()
 
 
+def test_sac_learns_changes_of_the_end_effectors_position():
+    from stable_baselines3 import SAC
+
+    environment = gymnasium.make(KITCHEN, control_mode="ee_delta_position", goal_format="flat")
+    model = SAC(
+        "MultiInputPolicy", environment, learning_starts=100, buffer_size=1_000, train_freq=4, seed=0, device="cpu"
+    )
+    model.learn(1_000)
+    assert model.num_timesteps == 1_000
+    action, _ = model.predict(environment.reset(seed=0)[0])
+    assert action.shape == (4,)
+    environment.close()
+
+
+@pytest.mark.parametrize(("env_id", "mode", "size"), [(KITCHEN, "joint_delta", 8), (CABINET, "ee_delta_pose", 7)])
+def test_the_vectorised_environments_have_control_modes(env_id, mode, size):
+    from stable_baselines3 import SAC
+
+    environments = make_fast(env_id, 2, control_mode=mode)
+    policy = "MultiInputPolicy" if env_id == KITCHEN else "MlpPolicy"
+    model = SAC(policy, environments, learning_starts=20, buffer_size=100, seed=0, device="cpu").learn(60)
+    assert model.predict(environments.reset())[0].shape == (2, size)
+    environments.close()
+
+
 @pytest.mark.parametrize("copy_info_dict", [False, True])
 def test_hindsight_relabelling_in_the_vectorised_environments(copy_info_dict):
     from stable_baselines3 import SAC, HerReplayBuffer
