@@ -12,8 +12,9 @@ from kitchen_suite.rendering import gl
 
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders; `render` raises a RuntimeError that names the remedy where nothing
-    can be rendered.
+    """`mjcf.Physics` that keeps the scenes it renders.
+
+    Where nothing can be rendered, `render` raises a RuntimeError that names the remedy.
     """
 
     def render(
@@ -21,8 +22,8 @@ class Physics(mjcf.Physics):
     ) -> NDArray:
         """Returns an image as `mjcf.Physics.render` does.
 
-        dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the scenes
-        of the model's cameras are kept until the GL context is freed.
+        dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
+        scenes of the model's cameras are kept until the GL context is freed.
         """
         if camera_id == -1 or options.get("scene_callback"):
             return super().render(height, width, camera_id, *arguments, **options)

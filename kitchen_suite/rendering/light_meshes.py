@@ -1,6 +1,7 @@
 """Lighter versions of large STL meshes, made once and kept in the user's cache folder; needs the extra `pixels`.
 
-The folder is `kitchen-suite/light-meshes` below `$XDG_CACHE_HOME`, by default `~/.cache`. It can be removed at any time.
+The folder is `kitchen-suite/light-meshes` below `$XDG_CACHE_HOME`, by default `~/.cache`. It can be removed at any
+time.
 """
 
 import contextlib
@@ -17,8 +18,8 @@ from kitchen_suite import files
 # Number of faces of a light mesh. Frames with 800 and with 1,400 faces for each link of the robot take the same time.
 MAX_FACES = 1_400
 
-# Of fast-simplification, from 0 to 10: with 3, the bounding boxes of the robot's meshes change by 1 mm at most; with its
-# default of 7 by 3 mm, and curved surfaces get visible edges.
+# Of fast-simplification, from 0 to 10: with 3, the bounding boxes of the robot's meshes change by 1 mm at most; with
+# its default of 7 by 3 mm, and curved surfaces get visible edges.
 _AGGRESSION = 3
 
 _PACKAGES = ("fast-simplification", "trimesh")
@@ -62,7 +63,9 @@ def _decimate(stl: bytes) -> bytes:
     import trimesh  # Only installed with the extra.
 
     mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
-    light: bytes = mesh.simplify_quadric_decimation(face_count=MAX_FACES, aggression=_AGGRESSION).export(file_type="stl")
+    light: bytes = mesh.simplify_quadric_decimation(face_count=MAX_FACES, aggression=_AGGRESSION).export(
+        file_type="stl"
+    )
     return light
 
 

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 RENDER_QUALITIES = ("high", "fast")
 
-# Faces around a cylinder, capsule or sphere, and along it, of `fast`; MuJoCo's own, 28 and 16, are most faces of a scene
-# beside the robot's.
-_NUM_SLICES, _NUM_STACKS = 20, 4
+# Faces around a cylinder, capsule or sphere, faces along it, and squares along each side of a box, of `fast`. With
+# MuJoCo's own, 28, 16 and 4, these shapes have most of a scene's faces beside the robot's.
+_NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:
@@ -23,8 +23,8 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
     Args:
       root: of the model, with all that is attached to it.
       quality: `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
-        multisampling, which take most of the time where there is no graphics card; round shapes have fewer faces, and,
-        with the extra `pixels`, so have large meshes of visual geoms.
+        multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces,
+        and so have large meshes of visual geoms with the extra `pixels`.
       is_visual: returns whether a geom is only for rendering.
 
     Raises:
@@ -34,7 +34,9 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
     if checks.choice(quality, RENDER_QUALITIES, "render_quality") == "high":
         return
     # A shadow map of size 0 is none.
-    root.visual.quality.set_attributes(shadowsize=0, offsamples=0, numslices=_NUM_SLICES, numstacks=_NUM_STACKS)
+    root.visual.quality.set_attributes(
+        shadowsize=0, offsamples=0, numslices=_NUM_SLICES, numstacks=_NUM_STACKS, numquads=_NUM_QUADS
+    )
     for material in root.find_all("material"):
         material.reflectance = 0
     for texture in root.find_all("texture"):
@@ -43,9 +45,7 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
     _lighten(_large_visual_meshes(root, is_visual))
 
 
-def _large_visual_meshes(
-    root: "mjcf.RootElement", is_visual: "Callable[[mjcf.Element], bool]"
-) -> "list[mjcf.Element]":
+def _large_visual_meshes(root: "mjcf.RootElement", is_visual: "Callable[[mjcf.Element], bool]") -> "list[mjcf.Element]":
     """Returns the meshes with more faces than a light mesh that only visual geoms have."""
     geoms = root.find_all("geom")
     of_visual = {geom.mesh for geom in geoms if is_visual(geom)}
