@@ -63,10 +63,9 @@ def _decimate(stl: bytes) -> bytes:
     import trimesh  # Only installed with the extra.
 
     mesh = trimesh.load_mesh(io.BytesIO(stl), file_type="stl")
-    light: bytes = mesh.simplify_quadric_decimation(face_count=MAX_FACES, aggression=_AGGRESSION).export(
-        file_type="stl"
-    )
-    return light
+    light = mesh.simplify_quadric_decimation(face_count=MAX_FACES, aggression=_AGGRESSION)
+    contents: bytes = light.export(file_type="stl")
+    return contents
 
 
 def _cache_path(stl: bytes) -> Path | None:

@@ -47,6 +47,7 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
 
 def _large_visual_meshes(root: "mjcf.RootElement", is_visual: "Callable[[mjcf.Element], bool]") -> "list[mjcf.Element]":
     """Returns the meshes with more faces than a light mesh that only visual geoms have."""
+    root.resolve_references()  # Elements and names of meshes would be told apart.
     geoms = root.find_all("geom")
     of_visual = {geom.mesh for geom in geoms if is_visual(geom)}
     of_others = {geom.mesh for geom in geoms if not is_visual(geom)}
@@ -62,7 +63,7 @@ def _lighten(meshes: "list[mjcf.Element]") -> None:
         warnings.warn(
             f"render_quality 'fast' is about twice as fast with lighter meshes, which need {' and '.join(missing)}: "
             "pip install 'kitchen-suite[pixels]'",
-            stacklevel=4,
+            stacklevel=3,
         )
         return
     from dm_control import mjcf
