@@ -51,8 +51,8 @@ class FrameTimer:
         self._renderer, self._model = renderer, renderer.model
         renderer.render("rgb_array")
         self._viewer: Any = renderer.viewer
-        self._rgb = np.empty((renderer.height, renderer.width, 3), np.uint8)
-        self._depth = np.empty((renderer.height, renderer.width), np.float32)
+        size = self._viewer.viewport.height, self._viewer.viewport.width
+        self._rgb, self._depth = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
 
     @property
     def num_faces(self) -> int:

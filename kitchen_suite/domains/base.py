@@ -133,7 +133,8 @@ def build_environment(
       task: in a scene of its own.
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or random state to draw from.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
+        faces; see `rendering.quality.set_render_quality`.
       environment_kwargs: further arguments of `Environment`.
 
     Raises:
