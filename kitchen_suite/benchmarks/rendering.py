@@ -1,7 +1,6 @@
 """Measures frames per second of renderers, and what a frame consists of."""
 
 import contextlib
-import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -13,7 +12,6 @@ from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from tqdm import tqdm
 
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
-from kitchen_suite.benchmarks.speed import named_ratios
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import light_meshes
 
@@ -145,9 +143,11 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
 def measure(domain: BenchmarkDomain, *, rounds: int) -> list[dict[str, Any]]:
     """Measures all renderers of a domain in every round; returns the results by size of the images.
 
+    The best of the rounds counts, since other programs only make a frame slower.
+
     Args:
       domain: has the renderers.
-      rounds: number of rounds; the results are medians over these.
+      rounds: number of rounds.
     """
     return [_measure_size(domain, size, rounds) for size in SIZES]
 
@@ -164,25 +164,21 @@ def _measure_size(domain: BenchmarkDomain, size: int, rounds: int) -> dict[str, 
     finally:
         for timer in timers.values():
             timer.close()
-    rates = {name: [1.0 / each[name]["times"]["frame"] for each in measured] for name in timers}
-    ratios = named_ratios(rates, {name: (name, next(iter(timers))) for name in timers})
+    best = {name: {key: min(each[name][key] for each in measured) for key in measured[0][name]} for name in timers}
+    first = best[next(iter(timers))]
     renderers = {
         name: {
+            "ratio": first["frame"] / times["frame"],
             "num_faces": faces[name],
-            **ratios[name],
-            **{kind: _medians([each[name][kind] for each in measured]) for kind in ("times", "contents")},
+            "times": {key: times[key] for key in times if key not in contents},
+            "contents": {content: times["frame"] - times[content] for content in contents},
         }
-        for name in timers
+        for name, times in best.items()
     }
     return {"size": size, "renderers": renderers}
 
 
-def _round(timer: FrameTimer, contents: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Returns the time of a frame, those of its parts, and by how much it is shorter without some contents [s]."""
-    frame = timer.frame()
-    contents_of = {content: frame - timer.without(content) for content in contents}
-    return {"times": {"frame": frame, **timer.parts()}, "contents": contents_of}
-
-
-def _medians(measured: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    return {name: statistics.median(each[name] for each in measured) for name in measured[0]}
+def _round(timer: FrameTimer, contents: Sequence[str]) -> dict[str, float]:
+    """Returns the times of a frame, of its parts, and of frames without some contents [s]."""
+    without = {content: timer.without(content) for content in contents}
+    return {"frame": timer.frame(), **timer.parts(), **without}

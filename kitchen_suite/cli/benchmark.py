@@ -8,7 +8,8 @@
 
 Machines are shared and noisy, so only ratios are comparable: in every round each case plays one episode with the same
 actions, and its rate is divided by that of bare MuJoCo in the same round. The table has the median over the rounds.
-Frames are compared with those of the original's renderer, or of `high` where a domain has no original.
+Frames are compared with those of the original's renderer, or of `high` where a domain has no original; the best of
+the rounds counts.
 Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupted.
 """
 
