@@ -2,8 +2,8 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
 from unittest import mock
 
 import mujoco
@@ -48,7 +48,7 @@ class FrameTimer:
         """Renders the first frame, for which the renderer makes its GL context."""
         self._renderer, self._model = renderer, renderer.model
         renderer.render("rgb_array")
-        self._viewer: Any = renderer.viewer
+        self._viewer = cast(Any, renderer.viewer)
         size = self._viewer.viewport.height, self._viewer.viewport.width
         self._rgb, self._depth = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
 
