@@ -114,4 +114,6 @@ def split_visual_geoms(model: mjcf.RootElement) -> None:
 
 def is_visual(geom: mjcf.Element) -> bool:
     """Whether a geom is only for rendering: the name of its default class begins with `visual`."""
-    return geom.dclass is not None and geom.dclass.dclass.startswith("visual")
+    # A string where the model has no such class.
+    name = getattr(geom.dclass, "dclass", geom.dclass)
+    return name is not None and name.startswith("visual")

@@ -9,13 +9,13 @@ import platform
 from typing import Any
 
 from kitchen_suite import checks, suite
-from kitchen_suite.benchmarks import baselines, memory, report, speed
+from kitchen_suite.benchmarks import baselines, memory, rendering, report, speed
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.versions import installed_versions
 
-_DEFAULT_NUM_ENVS = {"speed": (32,), "scaling": (1, 8, 32, 128, 512), "soak": (32,)}
-_DEFAULT_NUM_STEPS = {"speed": 0, "scaling": 10_000, "soak": 1_000_000}
+_DEFAULT_NUM_ENVS = {"speed": (32,), "scaling": (1, 8, 32, 128, 512), "soak": (32,), "rendering": (1,)}
+_DEFAULT_NUM_STEPS = {"speed": 0, "scaling": 10_000, "soak": 1_000_000, "rendering": 0}
 
 
 class BenchmarkJob:
@@ -53,7 +53,12 @@ class BenchmarkJob:
 
     def measure(self) -> dict[str, Any]:
         """Measures; returns the results with the command and the versions, as JSON represents them."""
-        measures = {"speed": self._speed, "scaling": self._scaling, "soak": self._soak}
+        measures = {
+            "speed": self._speed,
+            "scaling": self._scaling,
+            "soak": self._soak,
+            "rendering": self._rendering,
+        }
         return {
             "measure": self._settings.measure,
             "command": command_line(self._settings),
@@ -78,6 +83,9 @@ class BenchmarkJob:
     def _soak(self) -> dict[str, Any]:
         (num_envs,) = self._num_envs
         return {"results": memory.soak(self._domain, num_envs=num_envs, num_steps=self._num_steps)}
+
+    def _rendering(self) -> dict[str, Any]:
+        return {"results": rendering.measure(self._domain, rounds=self._settings.rounds)}
 
 
 def find_cases(domain_name: str) -> BenchmarkDomain:

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import Environment
@@ -51,6 +52,8 @@ class BenchmarkDomain:
       ratios: named ratios as (numerator case, denominator case), for `num_envs` environments.
       environments: builds the suite's environment and a Gymnasium environment, both without a time limit.
       vector_envs: name -> f(num_envs, num_threads); the suite's first.
+      renderers: builds renderers of square images of `size` pixels, by name; the first is the denominator of every
+        renderer's ratio.
     """
 
     max_episode_steps: int
@@ -59,6 +62,7 @@ class BenchmarkDomain:
     ratios: Callable[[int], dict[str, tuple[str, str]]]
     environments: Callable[[], tuple[Environment, SuiteEnv]]
     vector_envs: Mapping[str, VectorEnvFactory]
+    renderers: Callable[[int], Mapping[str, MujocoRenderer]]
 
 
 def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 1) -> Case:

@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from dm_control import composer, mjcf
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
@@ -21,6 +22,7 @@ from kitchen_suite.benchmarks.cases import (
     vector_case_name,
     vector_cases,
 )
+from kitchen_suite.benchmarks.rendering import suite_renderers
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
@@ -40,9 +42,9 @@ def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np
     return rng.uniform(-1.0, 1.0, (*shape, _ACTION_SIZE))
 
 
-def load(*, visuals: bool) -> Environment:
+def load(**options: Any) -> Environment:
     """Builds the suite's environment, without a time limit."""
-    task_kwargs = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, "visuals": visuals}
+    task_kwargs = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, **options}
     return suite.load("kitchen", "all", task_kwargs)
 
 
@@ -144,6 +146,15 @@ def ratios(num_envs: int) -> dict[str, tuple[str, str]]:
     return named
 
 
+def renderers(size: int) -> dict[str, MujocoRenderer]:
+    """Builds Gymnasium-Robotics' own renderer, with its default camera, and those of the suite's environment."""
+    with baselines.patched_kitchen_env() as kitchen_env:
+        original = kitchen_env.KitchenEnv(render_mode="rgb_array", width=size, height=size)
+        original.reset(seed=0)
+    suite_own = suite_renderers(lambda quality: load(render_quality=quality), size)
+    return {"Gymnasium-Robotics": original.robot_env.mujoco_renderer, **suite_own}
+
+
 KITCHEN = BenchmarkDomain(
     max_episode_steps=_MAX_EPISODE_STEPS,
     draw_actions=draw_actions,
@@ -151,4 +162,5 @@ KITCHEN = BenchmarkDomain(
     ratios=ratios,
     environments=environments,
     vector_envs=VECTOR_ENVS,
+    renderers=renderers,
 )

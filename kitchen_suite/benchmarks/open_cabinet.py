@@ -1,10 +1,12 @@
 """Benchmark cases of open_cabinet."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
 from dm_control import composer, mjcf
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
@@ -20,6 +22,7 @@ from kitchen_suite.benchmarks.cases import (
     vector_case_name,
     vector_cases,
 )
+from kitchen_suite.benchmarks.rendering import suite_renderers
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv
@@ -37,9 +40,9 @@ def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np
     return rng.normal(0.0, 0.01, (*shape, ACTION_SIZE))
 
 
-def load(*, visuals: bool) -> Environment:
+def load(**options: Any) -> Environment:
     """Builds the suite's environment, without a time limit."""
-    return suite.load("open_cabinet", "top_drawer", {"random": 0, "time_limit": None, "visuals": visuals})
+    return suite.load("open_cabinet", "top_drawer", {"random": 0, "time_limit": None, **options})
 
 
 def environments() -> tuple[Environment, FrankaOpenCabinetEnv]:
@@ -124,6 +127,11 @@ def ratios(num_envs: int) -> dict[str, tuple[str, str]]:
     return {"Gymnasium adapter / suite.load": (ADAPTER, SUITE), "vectorised, two threads / one": (two, one)}
 
 
+def renderers(size: int) -> dict[str, MujocoRenderer]:
+    """Builds the renderers of the suite's environment."""
+    return suite_renderers(lambda quality: load(render_quality=quality), size)
+
+
 OPEN_CABINET = BenchmarkDomain(
     max_episode_steps=_MAX_EPISODE_STEPS,
     draw_actions=draw_actions,
@@ -131,4 +139,5 @@ OPEN_CABINET = BenchmarkDomain(
     ratios=ratios,
     environments=environments,
     vector_envs=VECTOR_ENVS,
+    renderers=renderers,
 )

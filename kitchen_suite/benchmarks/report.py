@@ -59,11 +59,37 @@ def soak_tables(results: Mapping[str, Any]) -> list[Table]:
     return [Table(("control steps", "MiB"), [(f"{steps:.0f}", f"{memory:.1f}") for steps, memory in samples])]
 
 
+def rendering_tables(results: Mapping[str, Any]) -> list[Table]:
+    """Returns tables of frames per second, of the parts of a frame's time, and of what that time is spent on."""
+    by_size = {f"{each['size']} x {each['size']}": each["renderers"] for each in results["results"]}
+    rows = [(f"{name}, {size}", row) for size, renderers in by_size.items() for name, row in renderers.items()]
+    size, renderers = next(iter(by_size.items()))
+    first = next(iter(renderers))
+    frames = [
+        (name, f"{row['ratio']:.1f}", f"{1 / row['times']['frame']:.1f}", str(row["num_faces"])) for name, row in rows
+    ]
+    parts = [(name, *map(_milliseconds, row["times"].values())) for name, row in rows]
+    contents = [
+        (content, *(_milliseconds(row["contents"][content]) for row in renderers.values()))
+        for content in renderers[first]["contents"]
+    ]
+    return [
+        Table(("frames", f"ratio to {first}", "frames/s", "faces of meshes"), frames),
+        Table(("parts of a frame [ms]", *rows[0][1]["times"]), parts),
+        Table((f"saved where left out, {size} [ms]", *renderers), contents),
+    ]
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.1f}"
+
+
 # By measure.
 TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
     "speed": speed_tables,
     "scaling": scaling_tables,
     "soak": soak_tables,
+    "rendering": rendering_tables,
 }
 
 

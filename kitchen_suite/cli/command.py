@@ -94,6 +94,7 @@ class Command:
         """Runs the command as a process of its own; returns the exit status."""
         process.open_closed_streams()
         process.raise_interrupts()
+        process.shorten_warnings()
         status = SUCCESS
         try:
             status = self.main()

@@ -72,8 +72,8 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "list": Option("List all domains with their tasks and cameras, and exit."),
         "measure": Option(
             "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
-            "soak: memory in the course of a long run.",
-            choices=("speed", "scaling", "soak"),
+            "soak: memory in the course of a long run; rendering: frames per second, and what a frame costs.",
+            choices=("speed", "scaling", "soak", "rendering"),
         ),
         "domain_name": Option("Domain of the task; kitchen-rollout --list shows all."),
         "task_name": Option("Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"),
@@ -141,7 +141,8 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000),
         "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000),
         "render_quality": Option(
-            "high; or fast: a video without shadows, reflections, sky and multisampling.", choices=("high", "fast")
+            "high; or fast: a video without shadows, reflections, sky and multisampling, and with fewer faces.",
+            choices=("high", "fast"),
         ),
         "camera": Option("Camera of the video, by name or number."),
         "width": Option("Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=_check_even),

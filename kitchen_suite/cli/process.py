@@ -4,6 +4,7 @@ import contextlib
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator
 from io import TextIOWrapper
 from types import FrameType
@@ -59,6 +60,17 @@ def open_closed_streams() -> None:
     sys.stdout = sys.stdout or os.fdopen(1, "w")
     sys.stderr = sys.stderr or os.fdopen(2, "w")
     cast(TextIOWrapper, sys.stdout).reconfigure(errors="backslashreplace")
+
+
+def shorten_warnings() -> None:
+    """Lets each Python warning take one line, without the line of code that it is about."""
+    warnings.formatwarning = _format_warning
+
+
+def _format_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    return f"{category.__name__}: {message}\n"
 
 
 def discard_stdout() -> None:

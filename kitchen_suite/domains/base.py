@@ -136,20 +136,22 @@ def build_environment(
       task: in a scene of its own.
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or random state to draw from.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
+        faces; see `rendering.quality.set_render_quality`.
       environment_kwargs: further arguments of `Environment`.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: an unknown render quality, or the time limit is not positive and finite.
     """
+    from kitchen_suite.entities.assets import is_visual
     from kitchen_suite.environment import Environment
     from kitchen_suite.rendering.quality import set_render_quality
 
     limit = math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
     takers = Environment, *Environment.__bases__
     checks.keywords(environment_kwargs or {}, *takers, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
-    set_render_quality(task.root_entity.mjcf_model, render_quality)
+    set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
     settings = {
         "strip_singleton_obs_buffer_dim": True,
         "recompile_mjcf_every_episode": False,

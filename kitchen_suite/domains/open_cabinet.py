@@ -32,7 +32,8 @@ def open_cabinet(
       time_limit: length of an episode [s]; `None` for no limit.
       random: seed, or random state to draw from.
       visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
+      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
+        faces; see `rendering.quality.set_render_quality`.
       cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
       environment_kwargs: further arguments of `Environment`.
       **task_options: further arguments of `OpenCabinetTask`.

@@ -29,7 +29,12 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "_substep",
             "_task",
         ),
-        "dm_control.mujoco.engine:Physics": ("_contexts", "_free_rendering_contexts", "_make_rendering_contexts"),
+        "dm_control.mujoco.engine:Physics": (
+            "_contexts",
+            "_free_rendering_contexts",
+            "_make_rendering_contexts",
+            "_reload_from_data",
+        ),
         "dm_control.composer.environment:_EnvironmentHooks": ("_after_substep", "_before_substep"),
         "dm_control.composer.environment:_Hook": ("entity_hooks", "extra_hooks"),
         "dm_control.composer.observation.updater:Updater": (

@@ -7,14 +7,16 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import benchmark_job, report, speed
+from kitchen_suite.benchmarks import benchmark_job, rendering, report, speed
 from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.cli import benchmark
+from kitchen_suite.rendering import light_meshes
 
 SMALL = {"rounds": 1, "max_episode_steps": 2, "num_envs": (2,)}
 
@@ -165,3 +167,74 @@ def test_the_summary_takes_medians_of_ratios_round_by_round():
         "steps_per_second": 200.0,
     }
     assert speed.named_ratios(rates, {"slower": (BARE, "other")}) == {"slower": {"ratio": 1.0, "min": 0.5, "max": 2.0}}
+
+
+@pytest.fixture
+def small_frames(monkeypatch, tmp_path):
+    """Benchmarks of rendering that take one tiny frame of each kind."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(rendering, "SIZES", (16, 24))
+    monkeypatch.setattr(rendering, "_SECONDS", 0.0)
+
+
+RENDERERS = ("high", "fast, without light meshes", "fast")
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize(("domain", "baseline"), [("kitchen", ("Gymnasium-Robotics",)), ("open_cabinet", ())])
+def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baseline, small_frames, capsys):
+    flags = [f"--domain_name={domain}", "--measure=rendering", "--rounds=1"]
+    assert benchmark.main([*flags, "--json"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    assert [each["size"] for each in results["results"]] == [16, 24]
+    for each in results["results"]:
+        assert (*each["renderers"],) == (*baseline, *RENDERERS)
+        for row in each["renderers"].values():
+            assert row["ratio"] > 0
+            assert min(row["times"].values()) > 0
+        assert each["renderers"][[*baseline, "high"][0]]["ratio"] == 1.0
+        *full, light = (row["num_faces"] for row in each["renderers"].values())
+        assert len(set(full)) == 1
+        assert min(full) > 130_000 > 25_000 > light
+    first, second = (each["renderers"]["fast"]["contents"] for each in results["results"])
+    assert {*first} == {*rendering.CONTENTS}
+    assert second == {}
+    lines = report.plain(results).splitlines()
+    for name in (*baseline, *RENDERERS):
+        for size in (16, 24):
+            assert len([line for line in lines if line.startswith(f"{name}, {size} x {size} ")]) == 2
+    for content in rendering.CONTENTS:
+        (row,) = [line for line in lines if line.startswith(f"{content} ")]
+        assert len(row.removeprefix(content).split()) == len(baseline) + len(RENDERERS)
+
+
+@pytest.mark.rendering
+def test_frames_are_measured_without_what_they_consist_of(small_frames):
+    timers = {name: rendering.FrameTimer(each) for name, each in find_cases("kitchen").renderers(96).items()}
+    for name, timer in timers.items():
+        timer.frame()
+        picture = timer._renderer.render("rgb_array").copy()
+        for content in rendering.CONTENTS:
+            seen = []
+            with timer._leaving_out(content):
+                timer._mean(lambda seen=seen, timer=timer: seen.append(timer._renderer.render("rgb_array").copy()))
+            # The floor reflects, but is not in the picture; `fast` has no shadows, sky or reflections.
+            absent = ("reflections",) if name in ("Gymnasium-Robotics", "high") else tuple(rendering._FLAGS)
+            assert (seen[-1] != picture).any() or content in absent, (name, content)
+        timer.frame()
+        np.testing.assert_array_equal(timer._renderer.render("rgb_array"), picture)
+    for timer in timers.values():
+        timer.close()
+
+
+@pytest.mark.rendering
+def test_rendering_without_the_extra_leaves_light_meshes_out(small_frames, monkeypatch):
+    monkeypatch.setattr(light_meshes, "_PACKAGES", ("no-such-package",))
+    (each, _) = rendering.measure(find_cases("open_cabinet"), rounds=1)
+    assert (*each["renderers"],) == RENDERERS[:2]
+
+
+def test_rendering_without_a_gl_library_ends_with_one_line(monkeypatch, capsys):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    assert benchmark.main(["--measure=rendering"]) == 2
+    assert "rendering is disabled by MUJOCO_GL=disable" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -16,7 +17,7 @@ import pytest
 
 import kitchen_suite
 from kitchen_suite import checks
-from kitchen_suite.cli import benchmark, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, play, process, record, replay, rollout, train
 from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
 
@@ -449,3 +450,12 @@ def test_a_reader_who_leaves_before_the_help_is_no_usage_error(name, monkeypatch
     monkeypatch.setattr("builtins.print", leave)
     with pytest.raises(BrokenPipeError):
         COMMANDS[name].main(["--help"])
+
+
+def test_a_warning_of_python_takes_one_line(monkeypatch):
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+    process.shorten_warnings()
+    assert (
+        warnings.formatwarning(UserWarning("no light meshes"), UserWarning, "a.py", 3)
+        == "UserWarning: no light meshes\n"
+    )

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
+from dm_control.mujoco import engine
 
 from kitchen_suite import entities, suite
 
@@ -31,6 +32,47 @@ def test_every_camera_sees_a_lit_and_varied_scene(physics, camera):
     assert (picture.shape, picture.dtype) == ((HEIGHT, WIDTH, 3), np.uint8)
     assert picture.std() > 20
     assert 40 < picture.mean() < 230
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS, 3, -1])
+@pytest.mark.parametrize("options", [{}, {"depth": True}, {"segmentation": True}, {"scene_callback": None}])
+def test_images_are_those_of_dm_control(physics, camera, options):
+    expected = mjcf.Physics.render(physics, HEIGHT, WIDTH, camera, **options)
+    for _ in range(2):
+        np.testing.assert_array_equal(physics.render(HEIGHT, WIDTH, camera, **options), expected)
+
+
+def test_an_image_outlives_the_next_ones(physics):
+    state = physics.get_state()
+    first = physics.render(HEIGHT, WIDTH, "overview")
+    kept = first.copy()
+    physics.data.qpos[0] += 0.5
+    physics.forward()
+    later = physics.render(HEIGHT, WIDTH, "overview")
+    physics.set_state(state)
+    physics.forward()
+    np.testing.assert_array_equal(first, kept)
+    assert (later != kept).any()
+
+
+def test_scenes_are_kept_between_images_until_the_context_is_freed(physics, monkeypatch):
+    made = []
+    monkeypatch.setattr("kitchen_suite.environment.physics.Camera", lambda *a: made.append(a) or engine.Camera(*a))
+    physics.free_context()
+    for camera in ("overview", "overview", "left", "overview"):
+        first = physics.render(HEIGHT, WIDTH, camera)
+    assert [camera for *_, camera in made] == ["overview", "left"]
+    physics.free_context()
+    np.testing.assert_array_equal(physics.render(HEIGHT, WIDTH, "overview"), first)
+    assert len(made) == 3
+
+
+def test_a_scene_callback_still_adds_geoms(physics):
+    def add(physics, scene):
+        scene.ngeom = 0
+
+    plain, empty = (physics.render(HEIGHT, WIDTH, "overview", scene_callback=each) for each in (None, add))
+    assert (plain != empty).mean() > 0.5
 
 
 @pytest.mark.parametrize("camera", CAMERAS)

@@ -1,0 +1,184 @@
+"""Measures frames per second of renderers, and what a frame consists of."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, cast
+from unittest import mock
+
+import mujoco
+import numpy as np
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+from tqdm import tqdm
+
+from kitchen_suite.benchmarks.cases import BenchmarkDomain
+from kitchen_suite.environment import Environment
+from kitchen_suite.rendering import light_meshes
+
+HIGH, FAST, LIGHT = "high", "fast, without light meshes", "fast"
+
+SIZES = (128, 480)  # Width and height of images [pixels].
+
+# Time that one measurement takes, at least one frame [s].
+_SECONDS = 0.2
+
+# A geom group that is not drawn by default.
+_HIDDEN = 5
+
+_FLAG, _GEOM = mujoco.mjtRndFlag, mujoco.mjtGeom
+
+# What frames consist of, by name: flags of the scene, or types of geoms.
+_FLAGS = {
+    "shadows": (_FLAG.mjRND_SHADOW,),
+    "reflections": (_FLAG.mjRND_REFLECTION,),
+    "sky and haze": (_FLAG.mjRND_SKYBOX, _FLAG.mjRND_HAZE),
+}
+_GEOMS = {
+    "meshes": (_GEOM.mjGEOM_MESH,),
+    "cylinders, capsules, spheres": (_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_SPHERE),
+    "boxes, floor": (_GEOM.mjGEOM_BOX, _GEOM.mjGEOM_PLANE),
+}
+CONTENTS = (*_FLAGS, *_GEOMS)
+
+
+class FrameTimer:
+    """Times the frames of one of Gymnasium's renderers, of which several may exist."""
+
+    def __init__(self, renderer: MujocoRenderer) -> None:
+        """Renders the first frame, for which the renderer makes its GL context."""
+        self._renderer, self._model = renderer, renderer.model
+        renderer.render("rgb_array")
+        self._viewer = cast(Any, renderer.viewer)
+        size = self._viewer.viewport.height, self._viewer.viewport.width
+        self._rgb, self._depth = np.empty((*size, 3), np.uint8), np.empty(size, np.float32)
+
+    @property
+    def num_faces(self) -> int:
+        """Number of faces of all meshes that are drawn."""
+        drawn = (self._model.geom_type == _GEOM.mjGEOM_MESH) & (self._model.geom_group < 3)
+        return int(self._model.mesh_facenum[self._model.geom_dataid[drawn]].sum())
+
+    def frame(self) -> float:
+        """Returns the mean time of an image, as an environment returns it [s]."""
+        return self._mean(lambda: self._renderer.render("rgb_array"))
+
+    def parts(self) -> dict[str, float]:
+        """Returns the mean times of the calls of MuJoCo that make an image [s]."""
+        view = self._viewer
+        scene = view.model, view.data, view.vopt, view.pert, view.cam, mujoco.mjtCatBit.mjCAT_ALL, view.scn
+        calls: dict[str, Callable[[], object]] = {
+            "scene": lambda: mujoco.mjv_updateScene(*scene),
+            "drawing": lambda: mujoco.mjr_render(view.viewport, view.scn, view.con),
+            # Software may still draw when mjr_render has returned.
+            "reading": lambda: mujoco.mjr_readPixels(self._rgb, self._depth, view.viewport, view.con),
+        }
+        times = dict.fromkeys(calls, 0.0)
+        count = 0
+
+        def frame() -> None:
+            nonlocal count
+            count += 1
+            for name, call in calls.items():
+                started = time.perf_counter()
+                call()
+                times[name] += time.perf_counter() - started
+
+        self._mean(frame)
+        return {name: seconds / count for name, seconds in times.items()}
+
+    def without(self, content: str) -> float:
+        """Returns the mean time of an image without one of `CONTENTS` [s]."""
+        with self._leaving_out(content):
+            return self.frame()
+
+    def close(self) -> None:
+        """Frees the GL context, and before that what MuJoCo has in it, which would free the names of another one's."""
+        self._viewer.make_context_current()
+        self._viewer.con.free()
+        self._renderer.close()
+
+    def _mean(self, frame: Callable[[], object]) -> float:
+        self._viewer.make_context_current()
+        frame()  # Whatever ran before has emptied the processor's caches.
+        count, started = 0, time.perf_counter()
+        while (elapsed := time.perf_counter() - started) < _SECONDS or not count:
+            frame()
+            count += 1
+        return elapsed / count
+
+    @contextlib.contextmanager
+    def _leaving_out(self, content: str) -> Iterator[None]:
+        flags, groups = self._viewer.scn.flags.copy(), self._model.geom_group.copy()
+        for flag in _FLAGS.get(content, ()):
+            self._viewer.scn.flags[flag] = 0
+        for kind in _GEOMS.get(content, ()):
+            self._model.geom_group[self._model.geom_type == kind] = _HIDDEN
+        try:
+            yield
+        finally:
+            self._viewer.scn.flags[:], self._model.geom_group[:] = flags, groups
+
+
+def suite_renderers(load: Callable[[str], Environment], size: int) -> dict[str, MujocoRenderer]:
+    """Builds renderers of the suite's environments, camera `overview`; without the extra `pixels` none of light meshes.
+
+    Args:
+      load: builds an environment of a render quality.
+      size: width and height of the images [pixels].
+    """
+    environments = {HIGH: load("high")}
+    with mock.patch.object(light_meshes, "is_large", return_value=False):
+        environments[FAST] = load("fast")
+    if not light_meshes.missing_packages():
+        environments[LIGHT] = load("fast")
+    return {name: _renderer(environment, size) for name, environment in environments.items()}
+
+
+def _renderer(environment: Environment, size: int) -> MujocoRenderer:
+    environment.reset()
+    physics = environment.physics
+    return MujocoRenderer(physics.model.ptr, physics.data.ptr, width=size, height=size, camera_name="overview")
+
+
+def measure(domain: BenchmarkDomain, *, rounds: int) -> list[dict[str, Any]]:
+    """Measures all renderers of a domain in every round; returns the results by size of the images.
+
+    The best of the rounds counts, since other programs only make a frame slower.
+
+    Args:
+      domain: has the renderers.
+      rounds: number of rounds.
+    """
+    return [_measure_size(domain, size, rounds) for size in SIZES]
+
+
+def _measure_size(domain: BenchmarkDomain, size: int, rounds: int) -> dict[str, Any]:
+    contents = CONTENTS if size == SIZES[0] else ()
+    timers = {name: FrameTimer(renderer) for name, renderer in domain.renderers(size).items()}
+    try:
+        measured = [
+            {name: _round(timer, contents) for name, timer in timers.items()}
+            for _ in tqdm(range(rounds), f"{size} pixels", disable=None)
+        ]
+        faces = {name: timer.num_faces for name, timer in timers.items()}
+    finally:
+        for timer in timers.values():
+            timer.close()
+    best = {name: {key: min(each[name][key] for each in measured) for key in measured[0][name]} for name in timers}
+    first = best[next(iter(timers))]
+    renderers = {
+        name: {
+            "ratio": first["frame"] / times["frame"],
+            "num_faces": faces[name],
+            "times": {key: times[key] for key in times if key not in contents},
+            "contents": {content: times["frame"] - times[content] for content in contents},
+        }
+        for name, times in best.items()
+    }
+    return {"size": size, "renderers": renderers}
+
+
+def _round(timer: FrameTimer, contents: Sequence[str]) -> dict[str, float]:
+    """Returns the times of a frame, of its parts, and of frames without some contents [s]."""
+    without = {content: timer.without(content) for content in contents}
+    return {"frame": timer.frame(), **timer.parts(), **without}
