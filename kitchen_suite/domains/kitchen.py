@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -35,7 +35,7 @@ def kitchen(
       sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
         `build_kitchen_scene`.
       environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `KitchenTask`.
+      **task_options: further arguments of `KitchenTask`, among them the observables that `SuiteTask` adds.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -44,8 +44,8 @@ def kitchen(
     from kitchen_suite.entities import build_kitchen_scene
     from kitchen_suite.tasks import KitchenTask
 
-    checks.keywords(task_options, kitchen, KitchenTask, what="argument", exclude=SET_BY_BUILDERS)
-    scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
+    check_task_options(task_options, kitchen, KitchenTask)
+    scene = build_kitchen_scene(visuals=checked_visuals(visuals, task_options), sleep=checks.boolean(sleep, "sleep"))
     return build_environment(
         KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options),
         time_limit=time_limit,

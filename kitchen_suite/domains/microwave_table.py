@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -30,7 +30,7 @@ def microwave_table(
       visuals: `False` omits geoms and textures that only rendering needs; trajectories are the same to the bit.
       render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
       environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `MicrowaveTableTask`.
+      **task_options: further arguments of `MicrowaveTableTask`, among them the observables that `SuiteTask` adds.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -39,8 +39,8 @@ def microwave_table(
     from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
     from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 
-    checks.keywords(task_options, microwave_table, MicrowaveTableTask, what="argument", exclude=SET_BY_BUILDERS)
-    scene = build_microwave_table_scene(visuals=checks.boolean(visuals, "visuals"))
+    check_task_options(task_options, microwave_table, MicrowaveTableTask)
+    scene = build_microwave_table_scene(visuals=checked_visuals(visuals, task_options))
     return build_environment(
         MicrowaveTableTask(scene, **task_options),
         time_limit=time_limit,

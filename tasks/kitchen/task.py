@@ -60,6 +60,7 @@ class KitchenTask(SuiteTask):
         goals: Mapping[str, ArrayLike] | None = None,
         threshold: float = THRESHOLD,
         feedback: str = "observed",
+        **observables: Any,
     ) -> None:
         """Sets the task up in a kitchen.
 
@@ -76,6 +77,7 @@ class KitchenTask(SuiteTask):
           feedback: positions from which the action's velocities are integrated: the positions last `observed`, with
             their noise (as in the reference); the `true` positions; or the last `target`, with which the robot stands
             still under zero actions.
+          **observables: further ones, and pictures; see `SuiteTask`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -100,8 +102,9 @@ class KitchenTask(SuiteTask):
             terminate_on_tasks_completed=checks.boolean(terminate_on_tasks_completed, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
         )
+        super().__init__(scene, **observables)
         self._scene = scene
-        self._observables = KitchenObservables(scene, self._mdp.goals)
+        self._observables = KitchenObservables(scene, self._mdp.goals, self.extra_observables)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -179,7 +182,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return self._mdp.noise_scale.size + 2 * self._mdp.goals.desired.size
+        return self._mdp.noise_scale.size + self.extra_size + 2 * self._mdp.goals.desired.size
 
     @property
     def policy_key(self) -> str:

@@ -49,13 +49,16 @@ class MicrowaveTableTask(SuiteTask):
 
     domain_name = "microwave_table"
 
-    def __init__(self, scene: Scene, *, gripper: str = "deterministic", threshold: float = 0.3) -> None:
+    def __init__(
+        self, scene: Scene, *, gripper: str = "deterministic", threshold: float = 0.3, **observables: Any
+    ) -> None:
         """Sets the task up in a scene.
 
         Args:
           scene: robot and microwave in their arena; each task needs a scene of its own.
           gripper: as of `OpenCabinetTask`; `deterministic` draws nothing.
           threshold: distance from the goal below which the door counts as open [rad].
+          **observables: further ones, and pictures; see `SuiteTask`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -75,6 +78,8 @@ class MicrowaveTableTask(SuiteTask):
         )
         for part in self._observables.values():
             part.enabled = True
+        super().__init__(scene, **observables)
+        self._observables |= self.extra_observables
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -107,7 +112,7 @@ class MicrowaveTableTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return SIZE
+        return SIZE + self.extra_size
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""

@@ -66,6 +66,7 @@ class OpenCabinetTask(SuiteTask):
         reward: str = "original",
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
+        **observables: Any,
     ) -> None:
         """Sets the task up in a scene.
 
@@ -79,6 +80,7 @@ class OpenCabinetTask(SuiteTask):
             noise when omitted.
           randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
             omitted.
+          **observables: further ones, and pictures; see `SuiteTask`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -96,6 +98,7 @@ class OpenCabinetTask(SuiteTask):
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
         self._reward_name = reward
+        super().__init__(scene, **observables)
         self._scene = scene
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -140,7 +143,7 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return self._observables.by_name.copy()
+        return collections.OrderedDict({**self._observables.by_name, **self.extra_observables})
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -169,7 +172,7 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return observation.SIZE
+        return observation.SIZE + self.extra_size
 
     @property
     def policy_key(self) -> str:
