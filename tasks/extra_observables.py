@@ -1,4 +1,4 @@
-"""Further state observables, which tasks enable by name: the end effector, the gripper's width, positions of handles."""
+"""Further state observables, which tasks enable by name: end effector, width of the gripper, positions of handles."""
 
 import collections
 import dataclasses
@@ -91,7 +91,7 @@ class ExtraObservables:
     Attributes:
       by_name: an enabled observable for each, by observation key; those of the robot first.
       size: number of elements.
-      robot_size: number of the first elements, which are the robot's.
+      of_robot: names of those that belong to the robot's part of the observation.
       stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `read`.
     """
 
@@ -118,7 +118,7 @@ class ExtraObservables:
                     self._sensors.add_frame(f"{name} {number}", kind, element)
         self._wanted = wanted
         self.size = sum(extra.size for extra in wanted.values())
-        self.robot_size = sum(extra.size for extra in wanted.values() if extra.of_robot)
+        self.of_robot = tuple(name for name, extra in wanted.items() if extra.of_robot)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             (name, observable.Generic(functools.partial(self._observe, name))) for name in wanted
         )
@@ -129,6 +129,11 @@ class ExtraObservables:
         """Looks up the sensors in a compiled scene."""
         self._sensors.bind(physics)
         self._simulation = PhysicsSimulation(physics)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Present values `(size,)` in the scene that it is bound to."""
+        return self.read(self._simulation)
 
     def refresh(self, physics: mjcf.Physics) -> None:
         """Evaluates a single physics up to `stage`."""
@@ -153,6 +158,6 @@ def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str,
     """Returns the quantities of some names, those of the robot first."""
     if isinstance(names, Sequence) and not len(names) and not isinstance(names, str):
         return {}
-    wanted = [checks.choice(name, choices, "extra observable") for name in checks.unique_names(names, "extra_observables")]
-    wanted.sort(key=lambda name: not choices[name].of_robot)
-    return {name: choices[name] for name in wanted}
+    unique = checks.unique_names(names, "extra_observables")
+    wanted = [checks.choice(name, choices, "extra observable") for name in unique]
+    return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kitchen_suite import checks
 from kitchen_suite.domains.base import Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:

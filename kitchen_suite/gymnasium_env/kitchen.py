@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import goal_rewards
+from kitchen_suite.gymnasium_env import goal_rewards, layouts
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD
 from kitchen_suite.tasks.kitchen.state import KitchenState
@@ -25,7 +25,7 @@ with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
     from gymnasium_robotics.core import GoalEnv
 
-_STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
+_GOALS = ("achieved_goal", "desired_goal")
 
 
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
@@ -43,6 +43,10 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
+    obs_types = layouts.GOAL_LAYOUTS
+    default_cameras = ("workspace",)
+    robot_keys = ("franka/joint_positions", "franka/joint_velocities")
+    flat_dtype = np.float64
 
     def __init__(
         self,
@@ -78,8 +82,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
-          **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
+          **settings: of rendering and of the observation type, such as `render_mode` and `obs_type`, and
+            `max_episode_steps`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -100,20 +104,13 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "sleep": sleep,
         }
         super().__init__(task_options=task_options, **settings)
-        self._task = self._environment.task
-        self._goals = self._task.mdp.goals
         self.action_space = spaces.Box(-1.0, 1.0, self._environment.action_spec().shape, np.float32)
-        self.observation_space = spaces.Dict(
-            observation=_unbounded(self._task.mdp.noise_scale.shape),
-            achieved_goal=self._goal_space(),
-            desired_goal=self._goal_space(),
-        )
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         environment = suite.kitchen(**task_options)
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in environment.task.task_observables.items():
-            part.enabled = key in _STATE_KEYS
+            part.enabled = not key.startswith(_GOALS)
         return environment
 
     def _default_camera_config(self) -> dict[str, Any]:
@@ -129,25 +126,39 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Returns concatenated goals `(..., k)` in the `goal_format`."""
         return self._goals.split(flat) if self._goal_format == "dict" else flat
 
+    def suite_layout(self, flat: NDArray, state: KitchenState, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
+        observed = super().suite_layout(flat, state, pictures)
+        taken = {key: observed.pop(key) for key in self._task.pictures.by_name}
+        return {**observed, **self._by_task(self._goals_of(state)), **taken}
+
     def suite_observation(self, observation: Mapping[str, Any]) -> dict[str, NDArray]:
-        parts = zip(_STATE_KEYS, noise.SLICES, strict=True)
-        view = {key: observation["observation"][part].copy() for key, part in parts}
-        for kind in ("achieved_goal", "desired_goal"):
-            goal = observation[kind]
-            by_task = goal if self._goal_format == "dict" else self._goals.split(goal)
+        return {
+            **self._split(observation["observation"]),
+            **self._by_task({kind: observation[kind] for kind in _GOALS}),
+        }
+
+    def _goals_of(self, state: KitchenState) -> dict[str, NDArray]:
+        """Returns the achieved and the desired goals `(..., k)` of a state, in fresh arrays."""
+        desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
+        return dict(zip(_GOALS, (state.achieved.copy(), desired.copy()), strict=True))
+
+    def _by_task(self, goals: Mapping[str, Any]) -> dict[str, NDArray]:
+        """Returns copies of achieved and desired goals, flat or by task, by their names in the suite's observation."""
+        view = {}
+        for kind, goal in goals.items():
+            by_task = goal if isinstance(goal, Mapping) else self._goals.split(goal)
             view |= {f"{kind}/{task}": by_task[task].copy() for task in self._goals.tasks}
         return view
 
-    def _get_obs(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
-        return self.layout(np.concatenate([observation[key] for key in _STATE_KEYS]), self._task.state)
+    def _make_goals(self) -> layouts.Goals:
+        return layouts.Goals(space=self._goal_space(), lay_out=self._lay_goals_out)
 
-    def layout(self, flat: NDArray, state: KitchenState) -> dict[str, Any]:
-        desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
-        return {
-            "observation": flat,
-            "achieved_goal": self.format_goal(state.achieved.copy()),
-            "desired_goal": self.format_goal(desired.copy()),
-        }
+    def _lay_goals_out(self, state: KitchenState) -> dict[str, Any]:
+        return {kind: self.format_goal(goal) for kind, goal in self._goals_of(state).items()}
+
+    @property
+    def _goals(self) -> GoalSet:
+        return self._task.mdp.goals
 
     def _get_info(self) -> dict[str, Any]:
         task = self._task

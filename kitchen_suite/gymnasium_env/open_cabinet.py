@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
@@ -27,6 +26,7 @@ class FrankaOpenCabinetEnv(FlatEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": round(1 / CONTROL_TIMESTEP)}
+    flat_limit = drawer_observation.LIMIT
 
     def __init__(
         self,
@@ -54,8 +54,8 @@ class FrankaOpenCabinetEnv(FlatEnv):
           cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
           action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
             space is unbounded when omitted.
-          **settings: `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
+          **settings: of rendering and of the observation type, such as `render_mode` and `obs_type`, and
+            `max_episode_steps`; see `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -70,8 +70,6 @@ class FrankaOpenCabinetEnv(FlatEnv):
             "cabinet_config": cabinet_config,
         }
         super().__init__(action_limit=action_limit, task_options=task_options, **settings)
-        bound = drawer_observation.LIMIT
-        self.observation_space = spaces.Box(-bound, bound, (drawer_observation.SIZE,), np.float32)
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         return suite.open_cabinet(**task_options)

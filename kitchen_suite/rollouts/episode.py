@@ -181,7 +181,7 @@ class EpisodeBuffer:
 
     def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
         """Returns the present time step as the suite's own environment would."""
-        observation = environment.suite_observation(self.observation)
+        observation = environment.present_observation
         if not self._steps:
             return dm_env.restart(observation)
         return dm_env.transition(self._steps[-1][1], observation)

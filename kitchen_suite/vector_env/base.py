@@ -17,6 +17,7 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes
+from kitchen_suite.vector_env.pictures import BatchPictures
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
@@ -72,6 +73,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
         self._template_env.reset()
         self._copy_spaces()
         self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
+        self._pictures = BatchPictures(self._template_env.environment, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
         self._process = os.getpid()
@@ -106,7 +108,12 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.layout(self._episodes.observation(), self._episodes.state)
+        return self._template_env.layout(self._episodes.observation(), self._episodes.state, self._pictures.take())
+
+    def suite_observations(self) -> dict[str, NDArray]:
+        """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
+        episodes = self._episodes
+        return self._template_env.suite_layout(episodes.observation(), episodes.state, self._pictures.take())
 
     def _get_info(self) -> dict[str, NDArray]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""
@@ -250,7 +257,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
     def close_extras(self, **kwargs: Any) -> None:
         self._template_env.close()
         # The batch's threads end with the last reference to it.
-        del self._episodes
+        del self._episodes, self._pictures
 
     @contextlib.contextmanager
     def _all_or_nothing(self) -> Iterator[None]:
