@@ -2,19 +2,18 @@
 
 import abc
 import copy
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Self
 
 import dm_env
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import layouts, rendering
+from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -26,18 +25,10 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     `copy.deepcopy` or pickle continues from the state of the original.
 
     Attributes:
-      obs_types: observation types by name; the first is the default.
-      default_cameras: cameras of the observation types with pictures where none are named.
-      robot_keys: parts of the flat observation that are the robot's, by their names in the suite's own observation.
-      flat_limit: bound of the flat observation.
-      flat_dtype: its type.
+      observed: what the environments of the domain observe.
     """
 
-    obs_types: ClassVar[Mapping[str, type[layouts.Layout]]] = layouts.LAYOUTS
-    default_cameras: ClassVar[Sequence[str]] = ("overview",)
-    robot_keys: ClassVar[Sequence[str]] = ("joint_positions", "joint_velocities")
-    flat_limit: ClassVar[float] = math.inf
-    flat_dtype: ClassVar[type[np.floating]] = np.float32
+    observed: ClassVar[ObservationConfig] = ObservationConfig()
 
     metadata = {"render_modes": list(rendering.RENDER_MODES)}
 
@@ -55,14 +46,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         render_quality: str = "high",
-        obs_type: str | None = None,
-        cameras: Sequence[str] | None = None,
-        image_size: Sequence[int] | None = None,
-        depth: bool = False,
-        segmentation: bool = False,
-        extra_observables: Sequence[str] = (),
         task_options: Mapping[str, Any],
-        **unknown: Any,
+        **observation: Any,
     ) -> None:
         """Builds the environment.
 
@@ -78,25 +63,18 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           visual_options: values of MuJoCo's visualisation flags (`mujoco.mjtVisFlag`).
           max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
             separately.
-          visuals: whether to build geoms and textures that only rendering needs; when omitted, only with a render mode
-            or an observation type with pictures.
+          visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
-          obs_type: observation type, a key of `obs_types`; the domain's default when omitted.
-          cameras: names of the cameras whose pictures are observed, with a type that has pictures; `default_cameras`
-            when omitted.
-          image_size: height and width of observed pictures [pixels]; 128 x 128 when omitted.
-          depth: whether each camera also measures depth [m].
-          segmentation: whether each camera also returns the object that each pixel shows.
-          extra_observables: further quantities of the flat observation, such as `franka/end_effector_pose`; see
-            `tasks.extra_observables`.
           task_options: arguments of the domain's builder in `kitchen_suite.suite`.
-          **unknown: refused.
+          **observation: attributes of `ObservationSettings`, such as `obs_type` and `cameras`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        self.check_keywords(unknown)
+        self.check_keywords(observation)
+        settings = ObservationSettings(**observation)
+        layout, observables = settings.layout(self.observed), settings.task_options(self.observed)
         camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
         self._renderer = rendering.Renderer(
             width=width,
@@ -111,20 +89,14 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         self._max_episode_steps = max_episode_steps
-        self._obs_type = next(iter(self.obs_types)) if obs_type is None else obs_type
-        layout = self.obs_types[checks.choice(self._obs_type, self.obs_types.keys(), "obs_type")]
-        pictures = {"cameras": cameras, "image_size": image_size, "depth": depth, "segmentation": segmentation}
-        observables = self._picture_options(pictures)
-        if extra_observables != ():
-            observables["extra_observables"] = extra_observables
         with_pictures = render_mode is not None or layout.has_pictures
         with_visuals = with_pictures if visuals is None else checks.boolean(visuals, "visuals")
         options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None}
         self._environment = self._make_environment({**options, **observables, **task_options})
         self._renderer.check_camera(self._environment)
         self._task = self._environment.task
-        self._layout = layout(self._make_parts())
-        self.observation_space = self._layout.space
+        self._observations = Observations(self._environment, self.observed, layout, self._make_goals())
+        self.observation_space = self._observations.layout.space
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -146,6 +118,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
           TypeError: there is no such argument.
         """
         constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
+        constructors.append(ObservationSettings)
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         others = {"self", "task_options", *exclude}
         checks.keywords(names, *constructors, what="keyword argument", exclude=others)
@@ -158,38 +131,6 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def _default_camera_config(self) -> dict[str, Any]:
         """Returns the attributes of the free camera."""
 
-    def _picture_options(self, pictures: Mapping[str, Any]) -> dict[str, Any]:
-        """Returns the settings of pictures as arguments of the task; none for an observation type without pictures."""
-        given = {name: value for name, value in pictures.items() if value is not None and value is not False}
-        if self.obs_types[self._obs_type].has_pictures:
-            if "cameras" in given:
-                checks.unique_names(given["cameras"], "cameras")
-            return {"cameras": self.default_cameras, **given}
-        if given:
-            name, value = next(iter(given.items()))
-            types = [each for each, layout in self.obs_types.items() if layout.has_pictures]
-            raise ValueError(f"{name}={value!r} needs an obs_type with pictures, {types}, not {self._obs_type!r}")
-        return {}
-
-    def _make_parts(self) -> layouts.Parts:
-        """Returns the parts of the observation, and stores where they are in the suite's own."""
-        extras, pictures = self._task.extras, self._task.pictures
-        spec, observables = self._environment.observation_spec(), self._task.observables
-        # The spec may have observables that have been disabled since.
-        keys = [key for key in spec if observables[key].enabled and key not in pictures.by_name]
-        sizes = {key: spec[key].shape[0] for key in keys}
-        self._flat_stops = dict(zip(sizes, np.cumsum([*sizes.values()]).tolist(), strict=True))
-        of_robot = {*self.robot_keys, *(extras.of_robot if extras else ())}
-        robot = [np.arange(stop - sizes[key], stop) for key, stop in self._flat_stops.items() if key in of_robot]
-        added = {*self._task.extra_observables}
-        limits = np.repeat([math.inf if key in added else self.flat_limit for key in sizes], [*sizes.values()])
-        return layouts.Parts(
-            flat=spaces.Box(-limits.astype(self.flat_dtype), limits.astype(self.flat_dtype), dtype=self.flat_dtype),
-            robot=np.concatenate([*robot, np.zeros(0, np.int64)]),
-            goals=self._make_goals(),
-            pictures=pictures,
-        )
-
     def _make_goals(self) -> layouts.Goals | None:
         """Returns the layout of the goals; None in a domain without goals."""
         return None
@@ -197,11 +138,8 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Converts an observation of the suite's environment to the observation space."""
         self._observation = observation
-        return self.layout(self._flat(observation), self._task.state, observation)
-
-    def _flat(self, observation: Mapping[str, np.ndarray]) -> NDArray:
-        parts = [observation[key] for key in self._flat_stops]
-        return np.concatenate(parts, dtype=self.flat_dtype, casting="same_kind")
+        own = self._observations
+        return own.layout(own.flat(observation), self._task.state, observation)
 
     @abc.abstractmethod
     def _get_info(self) -> dict[str, Any]:
@@ -211,46 +149,16 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         """Returns actions `(..., k)` as they are applied."""
         return actions
 
-    def layout(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
-        """Lays an observation out as in the observation space.
-
-        Args:
-          flat: `(..., m)`, from `MDP.observation`, and the extra observables; a fresh array.
-          state: the MDP's state, from which goals are read.
-          pictures: `(..., height, width, channels)` each, by the names of the suite's own observation.
-        """
-        return self._layout(flat, state, pictures)
-
-    def flat_observation(self, observation: Any) -> NDArray | None:
-        """Returns the flat observation `(..., m)` in an observation; None if its type does not hold it as a whole."""
-        return self._layout.flat(observation)
-
-    def suite_layout(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        """Lays an observation out as the suite's own, which policies expect; arguments as of `layout`.
-
-        It has the keys and the order of `task.task_observables`, followed by the pictures.
-        """
-        del state
-        return {**self._split(flat), **{key: pictures[key] for key in self._task.pictures.by_name}}
-
-    def _split(self, flat: NDArray) -> dict[str, NDArray]:
-        """Returns copies of the parts of the flat observation by their names in the suite's own."""
-        stops = [*self._flat_stops.values()]
-        slices = zip(self._flat_stops, [0, *stops[:-1]], stops, strict=True)
-        return {key: flat[..., start:stop].copy() for key, start, stop in slices}
+    @property
+    def observations(self) -> Observations:
+        """Converts between the forms of observations."""
+        return self._observations
 
     @property
     def present_observation(self) -> dict[str, NDArray]:
-        """The present observation as the suite's own; see `suite_layout`."""
-        observation = self._observation
-        return self.suite_layout(self._flat(observation), self._task.state, observation)
-
-    @abc.abstractmethod
-    def suite_observation(self, observation: Any) -> dict[str, np.ndarray]:
-        """Converts an observation of the default type to the suite's own, in fresh arrays.
-
-        It has the keys and the order of `task.task_observables`.
-        """
+        """The present observation as the suite's own, which policies expect, whatever the observation type."""
+        own, present = self._observations, self._observation
+        return own.suite_layout(own.flat(present), self._task.state, present)
 
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
@@ -280,7 +188,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        state = self._checked_options(options).get("state")
+        state = checks.reset_options(options, ("state",)).get("state")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
         if state is not None:
@@ -348,7 +256,7 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
 
     def close(self) -> None:
         self._renderer.close()
-        if self._layout.has_pictures:
+        if self._observations.layout.has_pictures:
             self._environment.physics.free_context()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -383,14 +291,6 @@ class SuiteEnv(gymnasium.Env, abc.ABC):
     def _render_window(self) -> None:
         if self.render_mode == "human":
             self.render()
-
-    @staticmethod
-    def _checked_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
-        if options is not None and not isinstance(options, Mapping):
-            raise TypeError(f"options must be a dict, got {options!r}")
-        for name in options or {}:
-            checks.choice(name, ("state",), "option")
-        return options or {}
 
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:

@@ -47,8 +47,5 @@ class FlatEnv(SuiteEnv):
         """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
         return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
 
-    def suite_observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
-        return self._split(observation)
-
     def _get_info(self) -> dict[str, Any]:
         return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

@@ -15,6 +15,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import goal_rewards, layouts
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_env.observations import ObservationConfig
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
@@ -43,10 +44,12 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
-    obs_types = layouts.GOAL_LAYOUTS
-    default_cameras = ("workspace",)
-    robot_keys = ("franka/joint_positions", "franka/joint_velocities")
-    flat_dtype = np.float64
+    observed = ObservationConfig(
+        obs_types=layouts.GOAL_LAYOUTS,
+        default_cameras=("workspace",),
+        robot_keys=("franka/joint_positions", "franka/joint_velocities"),
+        dtype=np.float64,
+    )
 
     def __init__(
         self,
@@ -126,32 +129,17 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Returns concatenated goals `(..., k)` in the `goal_format`."""
         return self._goals.split(flat) if self._goal_format == "dict" else flat
 
-    def suite_layout(self, flat: NDArray, state: KitchenState, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        observed = super().suite_layout(flat, state, pictures)
-        taken = {key: observed.pop(key) for key in self._task.pictures.by_name}
-        return {**observed, **self._by_task(self._goals_of(state)), **taken}
-
-    def suite_observation(self, observation: Mapping[str, Any]) -> dict[str, NDArray]:
-        return {
-            **self._split(observation["observation"]),
-            **self._by_task({kind: observation[kind] for kind in _GOALS}),
-        }
-
     def _goals_of(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the achieved and the desired goals `(..., k)` of a state, in fresh arrays."""
         desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
         return dict(zip(_GOALS, (state.achieved.copy(), desired.copy()), strict=True))
 
-    def _by_task(self, goals: Mapping[str, Any]) -> dict[str, NDArray]:
-        """Returns copies of achieved and desired goals, flat or by task, by their names in the suite's observation."""
-        view = {}
-        for kind, goal in goals.items():
-            by_task = goal if isinstance(goal, Mapping) else self._goals.split(goal)
-            view |= {f"{kind}/{task}": by_task[task].copy() for task in self._goals.tasks}
-        return view
+    def _goals_by_key(self, state: KitchenState) -> dict[str, NDArray]:
+        split, goals = self._goals.split, self._goals_of(state)
+        return {f"{kind}/{task}": part for kind, flat in goals.items() for task, part in split(flat).items()}
 
     def _make_goals(self) -> layouts.Goals:
-        return layouts.Goals(space=self._goal_space(), lay_out=self._lay_goals_out)
+        return layouts.Goals(space=self._goal_space(), lay_out=self._lay_goals_out, by_key=self._goals_by_key)
 
     def _lay_goals_out(self, state: KitchenState) -> dict[str, Any]:
         return {kind: self.format_goal(goal) for kind, goal in self._goals_of(state).items()}

@@ -24,10 +24,12 @@ class Goals:
     Attributes:
       space: of the achieved and of the desired goal.
       lay_out: returns both for a state of the MDP, by key, in fresh arrays.
+      by_key: returns both in fresh arrays as the suite's own observation has them.
     """
 
     space: spaces.Space
     lay_out: Callable[[Any], dict[str, Any]]
+    by_key: Callable[[Any], dict[str, NDArray]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.flat import FlatEnv
+from kitchen_suite.gymnasium_env.observations import ObservationConfig
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
@@ -26,7 +27,7 @@ class FrankaOpenCabinetEnv(FlatEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": round(1 / CONTROL_TIMESTEP)}
-    flat_limit = drawer_observation.LIMIT
+    observed = ObservationConfig(limit=drawer_observation.LIMIT)
 
     def __init__(
         self,

@@ -108,12 +108,15 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv, abc.ABC):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.layout(self._episodes.observation(), self._episodes.state, self._pictures.take())
+        return self._template_env.observations.layout(*self._parts())
 
     def suite_observations(self) -> dict[str, NDArray]:
         """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
-        episodes = self._episodes
-        return self._template_env.suite_layout(episodes.observation(), episodes.state, self._pictures.take())
+        return self._template_env.observations.suite_layout(*self._parts())
+
+    def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
+        """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
+        return self._episodes.observation(), self._episodes.state, self._pictures.take()
 
     def _get_info(self) -> dict[str, NDArray]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""

@@ -9,7 +9,7 @@ from kitchen_suite import entities, suite
 
 pytestmark = pytest.mark.rendering
 
-CAMERAS = ("left_cap", "right_cap", "overview", "left", "right", "franka/wrist")
+CAMERAS = ("left_cap", "right_cap", "overview", "left", "right", "franka/wrist", "franka/hand", "workspace")
 HEIGHT, WIDTH = 96, 128
 
 
