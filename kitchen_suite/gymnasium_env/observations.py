@@ -97,6 +97,7 @@ class Observations:
 
     Attributes:
       layout: the observation type.
+      space: of the flat observation.
     """
 
     def __init__(
@@ -126,14 +127,9 @@ class Observations:
         robot = [np.arange(part.start, part.stop) for key, part in self._slices.items() if key in of_robot]
         limits = [math.inf if key in task.extra_observables else config.limit for key in keys]
         bound = np.repeat(limits, sizes).astype(config.dtype)
-        self.layout = layout(
-            layouts.Parts(
-                flat=spaces.Box(-bound, bound, dtype=config.dtype),
-                robot=np.concatenate([*robot, np.zeros(0, np.int64)]),
-                goals=goals,
-                pictures=self._pictures,
-            )
-        )
+        self.space = spaces.Box(-bound, bound, dtype=config.dtype)
+        indices = np.concatenate([*robot, np.zeros(0, np.int64)])
+        self.layout = layout(layouts.Parts(flat=self.space, robot=indices, goals=goals, pictures=self._pictures))
 
     def flat(self, observation: Mapping[str, NDArray]) -> NDArray:
         """Returns the flat observation `(m,)` in one of the suite's own, in a fresh array."""

@@ -215,13 +215,19 @@ class KitchenTask(SuiteTask):
         changed[robot] = observation[robot] - self._state.positions
         self._set_state(self._state._replace(noise=changed))
 
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]]:
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        distances = self._recorded_distances(arrays)
+        return None if distances is None else (self._mdp.goals.tasks, distances < self._mdp.threshold)
+
+    def _recorded_distances(self, arrays: Mapping[str, NDArray]) -> NDArray[np.float64] | None:
+        """Returns the distances `(T + 1, n)` in a recording: from achieved goals where it has them, or from infos."""
         key, goals = "observation/achieved_goal", self._mdp.goals
+        by_task = [f"{key}/{task}" for task in goals.tasks]
         if key in arrays:
-            achieved = arrays[key]
-        else:
-            achieved = np.concatenate([arrays[f"{key}/{task}"] for task in goals.tasks], axis=1)
-        return goals.tasks, goals.distances(achieved) < self._mdp.threshold
+            return goals.distances(arrays[key])
+        if arrays.keys() >= {*by_task}:
+            return goals.distances(np.concatenate([arrays[name] for name in by_task], axis=1))
+        return arrays.get("info/task_distances")
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
