@@ -12,6 +12,7 @@ import numpy as np
 from dm_control import mjcf
 from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
+from observation_tables import OBSERVATION_TABLES
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import report as benchmark_report
@@ -217,6 +218,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "hyperparameters": hyperparameter_table,
     "my_task": my_task,
     **ENTITY_TABLES,
+    **OBSERVATION_TABLES,
 }
 
 

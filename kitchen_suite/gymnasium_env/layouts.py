@@ -135,7 +135,7 @@ class Pixels(Layout):
     def __init__(self, parts: Parts) -> None:
         self._kinds = _by_kind(parts.pictures)
         by_kind = {kind: _picture_space(pictures) for kind, pictures in self._kinds.items()}
-        self.space = by_kind["pixels"] if len(by_kind) == 1 else spaces.Dict(**by_kind)
+        self.space = by_kind["pixels"] if len(by_kind) == 1 else spaces.Dict([*by_kind.items()])
 
     def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
         by_kind = _lay_pictures_out(self._kinds, pictures)
@@ -150,7 +150,7 @@ class PixelsAgentPos(Layout):
     def __init__(self, parts: Parts) -> None:
         self._kinds, self._robot = _by_kind(parts.pictures), parts.robot
         by_kind = {kind: _picture_space(pictures) for kind, pictures in self._kinds.items()}
-        self.space = spaces.Dict(**by_kind, agent_pos=_columns(parts.flat, parts.robot))
+        self.space = spaces.Dict([*by_kind.items(), ("agent_pos", _columns(parts.flat, parts.robot))])
 
     def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, Any]:
         return {**_lay_pictures_out(self._kinds, pictures), "agent_pos": flat.take(self._robot, axis=-1)}
@@ -188,7 +188,7 @@ def _by_kind(pictures: Pictures) -> dict[str, list[Picture]]:
 def _picture_space(pictures: list[Picture]) -> spaces.Space:
     """Returns the space of the pictures of one kind: an array of one camera, or a dict by camera."""
     by_camera = {picture_key(each.camera): _box(each) for each in pictures}
-    return next(iter(by_camera.values())) if len(by_camera) == 1 else spaces.Dict(**by_camera)
+    return next(iter(by_camera.values())) if len(by_camera) == 1 else spaces.Dict([*by_camera.items()])
 
 
 def _box(picture: Picture) -> spaces.Box:

@@ -107,8 +107,9 @@ def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | No
     layout = suite_env(environment).observations.layout
     try:
         states = layout.flat(unflatten(recorded.arrays, "observation"))
+        has_other_type = isinstance(states, Mapping)
     except (IndexError, KeyError, TypeError):
-        states = {}
-    if isinstance(states, Mapping):
+        has_other_type = True
+    if has_other_type:
         raise ValueError(f"episode {recorded.index} has no observations of the state")
     return states

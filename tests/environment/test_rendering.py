@@ -67,7 +67,7 @@ def test_the_workspace_camera_shows_the_change_that_each_task_is_about(goal):
 
 @pytest.mark.parametrize("width", [0.0, 0.04])
 @pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table"])
-def test_the_hand_camera_shows_both_finger_tips_near_its_centre(domain, width):
+def test_the_hand_camera_shows_both_finger_tips_and_little_of_the_hand(domain, width):
     environment = suite.load(domain, suite.default_task(domain), {"random": 0})
     environment.reset()
     physics, robot = environment.physics, environment.task.robot
@@ -77,12 +77,12 @@ def test_the_hand_camera_shows_both_finger_tips_near_its_centre(domain, width):
     offset = physics.bind(robot.end_effector).xpos - camera.xpos
     x, y, z = offset @ np.asarray(camera.xmat).reshape(3, 3)
     # The tangent of half the field of view is 0.84.
-    assert max(abs(x), abs(y)) / -z < 0.35
+    assert max(abs(x), abs(y)) / -z < 0.5
     segmentation = physics.render(128, 128, camera_id="franka/hand", segmentation=True)
     names = {physics.model.geom(int(geom)).name for geom in np.unique(segmentation[..., 0]) if geom >= 0}
     assert {"franka/left_finger_visual", "franka/right_finger_visual"} <= names
     is_hand = np.isin(segmentation[..., 0], [physics.model.geom("franka/hand_visual").id])
-    assert is_hand.mean() < 0.3
+    assert is_hand.mean() < 0.2
     environment.close()
 
 
