@@ -3,11 +3,16 @@
 from pathlib import Path
 
 import numpy as np
+from dm_control import mjcf
 from PIL import Image
 
 from kitchen_suite import suite
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.rendering.cameras import camera_names
+from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.microwave_table.task import GOAL
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.pictures import DEFAULT_SIZE
 
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
@@ -24,6 +29,8 @@ def write_pictures() -> None:
     write_kitchen_pictures()
     write_cabinet_picture()
     write_microwave_picture()
+    write_camera_sheets()
+    write_goal_sheet()
 
 
 def write_cabinet_picture() -> None:
@@ -83,3 +90,41 @@ def class_picture(segmentation: np.ndarray) -> np.ndarray:
     colours = np.random.default_rng(1).integers(40, 256, (segmentation[..., 0].max() + 2, 3), dtype=np.uint8)
     colours[-1] = 0
     return colours[segmentation[..., 0]]
+
+
+def write_camera_sheets() -> None:
+    """Renders each domain from the cameras for learning, as small as agents see it."""
+    for domain in suite.DOMAINS:
+        environment = suite.load(domain, suite.default_task(domain), {"random": 0})
+        environment.reset()
+        names = [name for name in camera_names(environment.physics) if not name.endswith("_cap")]
+        save_sheet([small_picture(environment.physics, name) for name in names], f"cameras_{domain}")
+
+
+def write_goal_sheet() -> None:
+    """Renders the kitchen before and after each task from `workspace`, as small as agents see it."""
+    environment = suite.load("kitchen", "all", {"random": 0})
+    environment.reset()
+    physics = environment.physics
+    state, pictures = physics.get_state(), [small_picture(physics, "workspace")]
+    for goal in GOALS.values():
+        with physics.reset_context():
+            physics.set_state(state)
+            qpos, _ = addresses(physics, goal.joints_in(environment.task.scene))
+            physics.data.qpos[qpos] = goal.value
+        pictures.append(small_picture(physics, "workspace"))
+    save_sheet(pictures, "workspace_goals")
+
+
+def small_picture(physics: mjcf.Physics, camera: str) -> np.ndarray:
+    """Returns a picture of 128 x 128 pixels, each as two by two."""
+    return physics.render(*DEFAULT_SIZE, camera_id=camera).repeat(2, axis=0).repeat(2, axis=1)
+
+
+def save_sheet(pictures: list[np.ndarray], name: str) -> None:
+    """Writes pictures in rows of four."""
+    gap = np.full_like(pictures[0], 255)
+    rows = [pictures[i : i + 4] for i in range(0, len(pictures), 4)]
+    width = len(rows[0])
+    sheet = np.vstack([np.hstack([*row, *[gap] * (width - len(row))]) for row in rows])
+    Image.fromarray(sheet).save(DOCS / "pictures" / f"{name}.png", optimize=True)

@@ -13,6 +13,7 @@ from control_tables import CONTROL_TABLES
 from dm_control import mjcf
 from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
+from observation_tables import OBSERVATION_TABLES
 
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import report as benchmark_report
@@ -237,6 +238,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "my_task": my_task,
     **ENTITY_TABLES,
     **CONTROL_TABLES,
+    **OBSERVATION_TABLES,
 }
 
 

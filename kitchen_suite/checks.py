@@ -112,6 +112,20 @@ def boolean(value: object, name: str) -> bool:
     return bool(value)
 
 
+def reset_options(value: object, names: Collection[str]) -> Mapping[str, Any]:
+    """Returns the options of a reset, an empty dict for None, if they are among `names`.
+
+    Raises:
+      TypeError: they are no dict.
+      ValueError: one is unknown.
+    """
+    if value is not None and not isinstance(value, Mapping):
+        raise TypeError(f"options must be a dict, got {value!r}")
+    for name in value or {}:
+        choice(name, names, "option")
+    return value or {}
+
+
 def unique_names(values: object, name: str) -> tuple[object, ...]:
     """Returns `values` as a tuple if it is an ordered collection of at least one element without repetitions.
 

@@ -1,20 +1,25 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
-from collections.abc import Mapping
+import collections
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 import tree
 from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks import instructions
+from kitchen_suite.tasks.extra_observables import ExtraObservables
 from kitchen_suite.tasks.mdp import MDP, MEDIAN
+from kitchen_suite.tasks.pictures import NO_PICTURES, Pictures
 from kitchen_suite.tasks.randomizer import Randomizer
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
@@ -40,6 +45,49 @@ class SuiteTask(composer.Task):
     _state: Any = None
     _command: Any = ()
     _visualize_reward = False
+    _extras: ExtraObservables | None = None
+    _pictures = NO_PICTURES
+
+    def __init__(self, scene: Scene, *, extra_observables: Sequence[str] = (), **pictures: Any) -> None:
+        """Adds observables to those that the task has itself; a task that adds none need not call this.
+
+        Args:
+          scene: of the task; not yet compiled.
+          extra_observables: further quantities to observe, by the names of `extra_observables.offered`.
+          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures.build`.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown or repeated name, or a size out of range.
+        """
+        extras = ExtraObservables(scene, extra_observables)
+        self._extras = extras if extras.size else None
+        self._pictures = Pictures.build(scene.arena.mjcf_model, **pictures)
+
+    @property
+    def extras(self) -> ExtraObservables | None:
+        """Quantities that are observed beside the task's own; None if there are none."""
+        return self._extras
+
+    @property
+    def extra_observables(self) -> dict[str, observable.Observable]:
+        """Their observables by observation key."""
+        return {} if self._extras is None else dict(self._extras.by_name)
+
+    @property
+    def extra_size(self) -> int:
+        """Number of their elements."""
+        return 0 if self._extras is None else self._extras.size
+
+    @property
+    def pictures(self) -> Pictures:
+        """The pictures of cameras that are observed."""
+        return self._pictures
+
+    @property
+    def observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        """All observables: those of the task, of its entities, and the pictures."""
+        return collections.OrderedDict({**super().observables, **self._pictures.by_name})
 
     @property
     def random(self) -> np.random.RandomState:
@@ -224,6 +272,8 @@ class SuiteTask(composer.Task):
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
+        if self._extras is not None:
+            self._extras.bind(physics)
         (self._action_size,) = self.action_spec(physics).shape
         self._bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
@@ -261,6 +311,8 @@ class SuiteTask(composer.Task):
         if not physics.legacy_step:
             # MuJoCo's own step leaves kinematics and sensors as they were before it.
             mdp.sensors.refresh(physics)
+            if self._extras is not None:
+                self._extras.refresh(physics)
         state = mdp.step(
             self._state,
             action=self._action,

@@ -18,3 +18,8 @@ class Prop(assets.NamedEntity):
     def joints(self) -> tuple[mjcf.Element, ...]:
         """The joints, in the order in which scenes observe them; none unless a prop says otherwise."""
         return ()
+
+    @property
+    def handles(self) -> tuple[mjcf.Element, ...]:
+        """The sites at its handles, knobs and switches."""
+        return tuple(self.mjcf_model.find_all("site", exclude_attachments=True))

@@ -117,6 +117,7 @@ class Franka(assets.NamedEntity):
         )
         body.add("site", size=(0.01,), group=3, **specification.end_effector)
         body.add("camera", name="wrist", **specification.wrist_camera)
+        body.add("camera", name="hand", **specification.hand_camera)
 
     def _add_finger(self, finger: Finger) -> None:
         specification = self._specification

@@ -119,4 +119,6 @@ KITCHEN_FRANKA = FrankaSpec(
     end_effector={"name": "end_effector", "pos": (0, 0, 0.21), "euler": (0, 0, -0.785398)},
     # Beside the hand, above the fingers' plane, looking along the fingers.
     wrist_camera={"pos": (0.06, -0.06, 0.09), "xyaxes": (1, 1, 0, 0.64, -0.64, 0.427), "fovy": 75},
+    # 0.11 m before the hand, looking at a point 0.08 m beyond the finger tips, with the hand at the lower edge.
+    hand_camera={"pos": (0.0778, -0.0778, 0.137), "xyaxes": (1, 1, 0, 0.57, -0.57, 0.59), "fovy": 80},
 )

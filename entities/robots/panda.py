@@ -166,4 +166,6 @@ PANDA = FrankaSpec(
     end_effector={"name": "gripper", "pos": (0, 0, _HAND_Z + _TOOL_Z), "quat": _HAND_QUAT},
     # Beside the hand, looking along the fingers, upright while the left finger is above the right one.
     wrist_camera={"pos": (0.08, -0.08, 0.11), "xyaxes": (-0.64, 0.64, -0.427, 1, 1, 0), "fovy": 75},
+    # 0.11 m before the hand, looking at a point 0.08 m beyond the finger tips; upright as the camera above.
+    hand_camera={"pos": (0.0778, -0.0778, 0.137), "xyaxes": (-0.57, 0.57, -0.59, 1, 1, 0), "fovy": 80},
 )

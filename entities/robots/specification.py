@@ -103,7 +103,10 @@ class FrankaSpec:
       finger_scale: scale of the finger's visual mesh.
       finger_contact: MJCF attributes that all colliding geoms of the fingers share.
       end_effector: MJCF attributes of the site between the fingers, in the frame of link 7, name included.
-      wrist_camera: MJCF attributes of the camera beside the hand, in the frame of link 7.
+      wrist_camera: MJCF attributes of the camera `wrist` beside the hand, in the frame of link 7; it shows much of the
+        hand.
+      hand_camera: MJCF attributes of the camera `hand` before the hand, in the frame of link 7; it looks at the finger
+        tips.
     """
 
     base_inertia: Inertia
@@ -117,6 +120,7 @@ class FrankaSpec:
     finger_contact: Attributes
     end_effector: Attributes
     wrist_camera: Attributes
+    hand_camera: Attributes
 
     @property
     def joint_actuators(self) -> tuple[JointActuator, ...]:

@@ -55,7 +55,7 @@ class Command:
       settings: dataclass of the command's settings; each field is a flag, those without a default are required.
       job: `module:callable` that returns a `Job` for the settings. The module is imported after the GL library has been
         chosen, since dm_control chooses one when it is imported.
-      renders: whether pictures will be rendered with given settings.
+      renders: whether pictures will be rendered with given settings; None where the job will find out.
       positional: the field that is given without a flag, if any.
       needs: packages that the job imports, and the extra that installs them.
     """
@@ -64,7 +64,7 @@ class Command:
     description: str | None
     settings: type
     job: str
-    renders: Callable[[Any], bool] = lambda settings: False
+    renders: Callable[[Any], bool | None] = lambda settings: False
     positional: str | None = None
     needs: tuple[tuple[str, ...], str] = ((), "")
 

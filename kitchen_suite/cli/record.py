@@ -22,6 +22,7 @@ COMMAND = Command(
     description=__doc__,
     settings=RecordSettings,
     job="kitchen_suite.recordings.record_job:RecordJob",
+    renders=lambda settings: settings.observes_pictures,
 )
 main, console_main = COMMAND.main, COMMAND.console_main
 

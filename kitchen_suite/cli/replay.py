@@ -20,7 +20,8 @@ COMMAND = Command(
     description=__doc__,
     settings=ReplaySettings,
     job="kitchen_suite.recordings.replay_job:ReplayJob",
-    renders=lambda settings: settings.video is not None,
+    # A recording may hold pictures, which its replay renders again.
+    renders=lambda settings: True if settings.video else None,
     positional="source",
 )
 main, console_main = COMMAND.main, COMMAND.console_main

@@ -23,7 +23,7 @@ COMMAND = Command(
     description=__doc__,
     settings=RolloutSettings,
     job="kitchen_suite.rollouts.rollout_job:make_job",
-    renders=lambda settings: settings.video is not None and not settings.list,
+    renders=lambda settings: (settings.video is not None or settings.observes_pictures) and not settings.list,
 )
 main, console_main = COMMAND.main, COMMAND.console_main
 

@@ -122,6 +122,36 @@ def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
         raise ValueError(f"{what} {text!r} is not well-formed; it must match {form.pattern}")
 
 
+def check_task_options(
+    options: Mapping[str, Any],
+    builder: Callable[..., Any],
+    task: "type[SuiteTask]",
+    modes: Mapping[str, Callable[..., Any]],
+) -> None:
+    """Checks that a builder, its task, the base of all tasks or a control mode has keyword arguments of given names.
+
+    Raises:
+      TypeError: there is no such argument.
+    """
+    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.pictures import Pictures
+
+    takers: list[Callable[..., Any]] = [builder, task, SuiteTask, Pictures.build, *modes.values()]
+    checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))
+
+
+def checked_visuals(visuals: object, task_options: Mapping[str, Any]) -> bool:
+    """Returns `visuals` if it is a bool, and not False where the task observes pictures.
+
+    Raises:
+      TypeError: it is no bool.
+      ValueError: pictures need visuals.
+    """
+    if not checks.boolean(visuals, "visuals") and task_options.get("cameras"):
+        raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
+    return bool(visuals)
+
+
 def build_environment(
     task: "SuiteTask",
     *,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -36,7 +36,7 @@ def kitchen(
       sleep: whether MuJoCo may put resting objects to sleep: faster, but trajectories are only nearly the same; see
         `build_kitchen_scene`.
       environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `KitchenTask`.
+      **task_options: further arguments of `KitchenTask`, among them the observables that `SuiteTask` adds.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -46,10 +46,8 @@ def kitchen(
     from kitchen_suite.tasks import KitchenTask
     from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 
-    checks.keywords(
-        task_options, kitchen, KitchenTask, *CONTROL_MODES.values(), what="argument", exclude=SET_BY_BUILDERS
-    )
-    scene = build_kitchen_scene(visuals=checks.boolean(visuals, "visuals"), sleep=checks.boolean(sleep, "sleep"))
+    check_task_options(task_options, kitchen, KitchenTask, CONTROL_MODES)
+    scene = build_kitchen_scene(visuals=checked_visuals(visuals, task_options), sleep=checks.boolean(sleep, "sleep"))
     return build_environment(
         KitchenTask(scene, tasks_to_complete=tasks_to_complete, **task_options),
         time_limit=time_limit,

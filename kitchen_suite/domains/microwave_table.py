@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kitchen_suite import checks
-from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -31,7 +30,7 @@ def microwave_table(
       render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
         faces; see `rendering.quality.set_render_quality`.
       environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `MicrowaveTableTask`.
+      **task_options: further arguments of `MicrowaveTableTask`, among them the observables that `SuiteTask` adds.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -40,15 +39,8 @@ def microwave_table(
     from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
     from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, MicrowaveTableTask
 
-    checks.keywords(
-        task_options,
-        microwave_table,
-        MicrowaveTableTask,
-        *CONTROL_MODES.values(),
-        what="argument",
-        exclude=SET_BY_BUILDERS,
-    )
-    scene = build_microwave_table_scene(visuals=checks.boolean(visuals, "visuals"))
+    check_task_options(task_options, microwave_table, MicrowaveTableTask, CONTROL_MODES)
+    scene = build_microwave_table_scene(visuals=checked_visuals(visuals, task_options))
     return build_environment(
         MicrowaveTableTask(scene, **task_options),
         time_limit=time_limit,

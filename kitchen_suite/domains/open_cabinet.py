@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kitchen_suite import checks
-from kitchen_suite.domains.base import CONTROL_OPTIONS, SET_BY_BUILDERS, Domain, build_environment
+from kitchen_suite.domains.base import CONTROL_OPTIONS, Domain, build_environment, check_task_options, checked_visuals
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import CabinetConfig
@@ -36,7 +35,7 @@ def open_cabinet(
         faces; see `rendering.quality.set_render_quality`.
       cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
       environment_kwargs: further arguments of `Environment`.
-      **task_options: further arguments of `OpenCabinetTask`.
+      **task_options: further arguments of `OpenCabinetTask`, among them the observables that `SuiteTask` adds.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
@@ -46,12 +45,10 @@ def open_cabinet(
     from kitchen_suite.tasks import OpenCabinetTask
     from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 
-    checks.keywords(
-        task_options, open_cabinet, OpenCabinetTask, *OFFSET_MODES.values(), what="argument", exclude=SET_BY_BUILDERS
-    )
+    check_task_options(task_options, open_cabinet, OpenCabinetTask, OFFSET_MODES)
     if not isinstance(cabinet_config, CabinetConfig | None):
         raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
-    scene = build_open_cabinet_scene(cabinet_config, visuals=checks.boolean(visuals, "visuals"))
+    scene = build_open_cabinet_scene(cabinet_config, visuals=checked_visuals(visuals, task_options))
     return build_environment(
         OpenCabinetTask(scene, drawer=drawer, **task_options),
         time_limit=time_limit,

@@ -2,22 +2,26 @@
 
 import abc
 import copy
+import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import dm_env
 import gymnasium
 import numpy as np
-from dm_env import specs
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import rendering
+from kitchen_suite.gymnasium_env import layouts, rendering
+from kitchen_suite.gymnasium_env.control import ControlSettings, action_space
 from kitchen_suite.gymnasium_env.instructed import InstructedEnv
+from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
+
+# Classes whose attributes are keyword arguments of every environment.
+_CHOICES = (ObservationSettings, ControlSettings)
 
 
 class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
@@ -25,7 +29,12 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
 
     The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
     `copy.deepcopy` or pickle continues from the state of the original.
+
+    Attributes:
+      observed: what the environments of the domain observe.
     """
+
+    observed: ClassVar[ObservationConfig] = ObservationConfig()
 
     metadata = {"render_modes": list(rendering.RENDER_MODES)}
 
@@ -43,13 +52,8 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         render_quality: str = "high",
-        control_mode: str | None = None,
-        linear_speed: float | None = None,
-        angular_speed: float | None = None,
-        joint_speed: float | None = None,
-        frame: str | None = None,
         task_options: Mapping[str, Any],
-        **unknown: Any,
+        **choices: Any,
     ) -> None:
         """Builds the environment.
 
@@ -65,22 +69,20 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
           visual_options: values of MuJoCo's visualisation flags (`mujoco.mjtVisFlag`).
           max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
             separately.
-          visuals: whether to build geoms and textures that only rendering needs; when omitted, only with a render mode.
-          render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling.
-          control_mode: meaning of the action, such as `ee_delta_pose`; the domain's own when omitted. See
-            docs/control_modes.md for all modes, and for the arguments that belong to each.
-          linear_speed: speed that a unit of action stands for in the modes of the end effector [m/s].
-          angular_speed: angular speed that a unit of action stands for in `ee_delta_pose` [rad/s].
-          joint_speed: joint speed that a unit of action stands for in `joint_delta` [rad/s].
-          frame: `base` or `hand`: the axes of changes in the modes of the end effector.
+          visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
+          render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
+            faces; see `rendering.quality.set_render_quality`.
           task_options: arguments of the domain's builder in `kitchen_suite.suite`.
-          **unknown: refused.
+          **choices: attributes of `ObservationSettings`, such as `obs_type` and `cameras`, and of `ControlSettings`,
+            such as `control_mode`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        self.check_keywords(unknown)
+        self.check_keywords(choices)
+        settings, control = (_among(choices, kind) for kind in _CHOICES)
+        layout, observables = settings.layout(self.observed), settings.task_options(self.observed)
         camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
         self._renderer = rendering.Renderer(
             width=width,
@@ -95,19 +97,16 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         if max_episode_steps is not None:
             checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
         self._max_episode_steps = max_episode_steps
-        with_visuals = render_mode is not None if visuals is None else checks.boolean(visuals, "visuals")
-        control = {
-            "control_mode": control_mode,
-            "linear_speed": linear_speed,
-            "angular_speed": angular_speed,
-            "joint_speed": joint_speed,
-            "frame": frame,
-        }
-        given = {name: value for name, value in control.items() if value is not None}
-        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None, **given}
-        self._environment = self._make_environment({**options, **task_options})
-        self.action_space = self._make_action_space()
+        with_pictures = render_mode is not None or layout.has_pictures
+        with_visuals = with_pictures if visuals is None else checks.boolean(visuals, "visuals")
+        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None}
+        added = {**control.task_options(), **observables}
+        self._environment = self._make_environment({**options, **added, **task_options})
+        self.action_space = action_space(self._environment.action_spec())
         self._renderer.check_camera(self._environment)
+        self._task = self._environment.task
+        self._observations = Observations(self._environment, self.observed, layout, self._make_goals())
+        self.observation_space = self._observations.layout.space
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
 
@@ -131,14 +130,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         others = {"self", "task_options", *exclude}
-        checks.keywords(names, *constructors, what="keyword argument", exclude=others)
-
-    def _make_action_space(self) -> spaces.Box:
-        """Returns the space of the task's actions, in single precision."""
-        spec = self._environment.action_spec()
-        bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-np.inf, np.inf)
-        low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
-        return spaces.Box(low, high, dtype=np.float32)
+        checks.keywords(names, *constructors, *_CHOICES, what="keyword argument", exclude=others)
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
@@ -148,9 +140,15 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
     def _default_camera_config(self) -> dict[str, Any]:
         """Returns the attributes of the free camera."""
 
-    @abc.abstractmethod
+    def _make_goals(self) -> layouts.Goals | None:
+        """Returns the layout of the goals; None in a domain without goals."""
+        return None
+
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Converts an observation of the suite's environment to the observation space."""
+        self._observation = observation
+        own = self._observations
+        return own.layout(own.flat(observation), self._task.state, observation)
 
     @abc.abstractmethod
     def _get_info(self) -> dict[str, Any]:
@@ -160,22 +158,16 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         """Returns actions `(..., k)` as they are applied."""
         return actions
 
-    def layout(self, flat: NDArray, state: Any) -> Any:
-        """Lays the MDP's flat observation out as in the observation space.
+    @property
+    def observations(self) -> Observations:
+        """Converts between the forms of observations."""
+        return self._observations
 
-        Args:
-          flat: `(..., m)`, from `MDP.observation`; a fresh array.
-          state: the MDP's state, from which goals are read.
-        """
-        del state
-        return flat
-
-    @abc.abstractmethod
-    def suite_observation(self, observation: Any) -> dict[str, np.ndarray]:
-        """Converts an observation of this environment's observation space to the suite's own, in fresh arrays.
-
-        It has the keys and the order of `task.task_observables`, which policies expect.
-        """
+    @property
+    def present_observation(self) -> dict[str, NDArray]:
+        """The present observation as the suite's own, which policies expect, whatever the observation type."""
+        own, present = self._observations, self._observation
+        return own.suite_layout(own.flat(present), self._task.state, present)
 
     def __repr__(self) -> str:
         settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
@@ -205,12 +197,13 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        state = self._checked_options(options).get("state")
+        state = checks.reset_options(options, ("state",)).get("state")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
         if state is not None:
             observation = self.set_state(state)
-        super().reset(seed=seed)
+        # Not that of gymnasium-robotics' GoalEnv, which refuses observations without goals.
+        gymnasium.Env.reset(self, seed=seed)
         self._bind_random_state()
         if state is None:
             self._episode_step = 0
@@ -272,6 +265,8 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
 
     def close(self) -> None:
         self._renderer.close()
+        if self._observations.layout.has_pictures:
+            self._environment.physics.free_context()
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -306,17 +301,14 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         if self.render_mode == "human":
             self.render()
 
-    @staticmethod
-    def _checked_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
-        if options is not None and not isinstance(options, Mapping):
-            raise TypeError(f"options must be a dict, got {options!r}")
-        for name in options or {}:
-            checks.choice(name, ("state",), "option")
-        return options or {}
-
 
 def suite_env(environment: gymnasium.Env) -> SuiteEnv:
     """Returns the suite's environment within Gymnasium's wrappers."""
     inner = environment.unwrapped
     assert isinstance(inner, SuiteEnv)
     return inner
+
+
+def _among(choices: Mapping[str, Any], kind: type[Any]) -> Any:
+    """Returns an instance of a dataclass, with those of the choices that are its attributes."""
+    return kind(**{field.name: choices[field.name] for field in dataclasses.fields(kind) if field.name in choices})

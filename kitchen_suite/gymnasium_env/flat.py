@@ -34,7 +34,6 @@ class FlatEnv(SuiteEnv):
         """
         limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
         super().__init__(task_options=task_options, **settings)
-        self._task = self._environment.task
         (self._action_size,) = self._environment.action_spec().shape
         # Modes with bounds of their own need no other.
         has_bounds = isinstance(self._environment.action_spec(), specs.BoundedArray)
@@ -52,14 +51,6 @@ class FlatEnv(SuiteEnv):
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
         return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
-
-    def suite_observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
-        spec = self._environment.observation_spec()
-        ends = np.cumsum([part.shape[0] for part in spec.values()])
-        return dict(zip(spec, np.split(observation.copy(), ends[:-1]), strict=True))
-
-    def _get_obs(self, observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-        return np.concatenate([*observation.values()])
 
     def _get_info(self) -> dict[str, Any]:
         return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import goal_rewards
+from kitchen_suite.gymnasium_env import goal_rewards, layouts
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_env.observations import ObservationConfig
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD
 from kitchen_suite.tasks.kitchen.state import KitchenState
@@ -28,7 +29,7 @@ with contextlib.redirect_stderr(io.StringIO()):
 # Key of the task's sentence in infos.
 INSTRUCTION = "instruction"
 
-_STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
+_GOALS = ("achieved_goal", "desired_goal")
 
 
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
@@ -47,6 +48,12 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
+    observed = ObservationConfig(
+        obs_types=layouts.GOAL_LAYOUTS,
+        default_cameras=("workspace",),
+        robot_keys=("franka/joint_positions", "franka/joint_velocities"),
+        dtype=np.float64,
+    )
 
     def __init__(
         self,
@@ -85,9 +92,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
           instructions: whether infos have the task's sentence as `instruction`; with `info_format="lists"` only.
-          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
-            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
+          **settings: of rendering, of the observation type and of the control mode, such as `render_mode`, `obs_type`
+            and `control_mode`; and `max_episode_steps`. See `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -111,22 +117,15 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "sleep": sleep,
         }
         super().__init__(task_options=task_options, **settings)
-        self._task = self._environment.task
         if self._instructed and not self.instruction:
             name = type(self._task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
-        self._goals = self._task.mdp.goals
-        self.observation_space = spaces.Dict(
-            observation=_unbounded(self._task.mdp.noise_scale.shape),
-            achieved_goal=self._goal_space(),
-            desired_goal=self._goal_space(),
-        )
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         environment = suite.kitchen(**task_options)
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in environment.task.task_observables.items():
-            part.enabled = key in _STATE_KEYS
+            part.enabled = not key.startswith(_GOALS)
         return environment
 
     def _default_camera_config(self) -> dict[str, Any]:
@@ -147,25 +146,24 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Returns concatenated goals `(..., k)` in the `goal_format`."""
         return self._goals.split(flat) if self._goal_format == "dict" else flat
 
-    def suite_observation(self, observation: Mapping[str, Any]) -> dict[str, NDArray]:
-        parts = zip(_STATE_KEYS, noise.SLICES, strict=True)
-        view = {key: observation["observation"][part].copy() for key, part in parts}
-        for kind in ("achieved_goal", "desired_goal"):
-            goal = observation[kind]
-            by_task = goal if self._goal_format == "dict" else self._goals.split(goal)
-            view |= {f"{kind}/{task}": by_task[task].copy() for task in self._goals.tasks}
-        return view
-
-    def _get_obs(self, observation: Mapping[str, NDArray]) -> dict[str, Any]:
-        return self.layout(np.concatenate([observation[key] for key in _STATE_KEYS]), self._task.state)
-
-    def layout(self, flat: NDArray, state: KitchenState) -> dict[str, Any]:
+    def _goals_of(self, state: KitchenState) -> dict[str, NDArray]:
+        """Returns the achieved and the desired goals `(..., k)` of a state, in fresh arrays."""
         desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
-        return {
-            "observation": flat,
-            "achieved_goal": self.format_goal(state.achieved.copy()),
-            "desired_goal": self.format_goal(desired.copy()),
-        }
+        return dict(zip(_GOALS, (state.achieved.copy(), desired.copy()), strict=True))
+
+    def _goals_by_key(self, state: KitchenState) -> dict[str, NDArray]:
+        split, goals = self._goals.split, self._goals_of(state)
+        return {f"{kind}/{task}": part for kind, flat in goals.items() for task, part in split(flat).items()}
+
+    def _make_goals(self) -> layouts.Goals:
+        return layouts.Goals(space=self._goal_space(), lay_out=self._lay_goals_out, by_key=self._goals_by_key)
+
+    def _lay_goals_out(self, state: KitchenState) -> dict[str, Any]:
+        return {kind: self.format_goal(goal) for kind, goal in self._goals_of(state).items()}
+
+    @property
+    def _goals(self) -> GoalSet:
+        return self._task.mdp.goals
 
     def _get_info(self) -> dict[str, Any]:
         task = self._task

@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from kitchen_suite.domains.microwave_table import microwave_table
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.flat import FlatEnv
-from kitchen_suite.tasks.microwave_table.mdp import CONTROL_TIMESTEP, SIZE
+from kitchen_suite.tasks.microwave_table.mdp import CONTROL_TIMESTEP
 
 
 class FrankaMicrowaveTableEnv(FlatEnv):
@@ -40,9 +39,8 @@ class FrankaMicrowaveTableEnv(FlatEnv):
             action's last element is positive; `sampled` with the probability of that logit.
           threshold: distance from the goal below which the door counts as open [rad].
           action_limit: bound of the action space, to which actions are clipped; without bounds when None.
-          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
-            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
+          **settings: of rendering, of the observation type and of the control mode, such as `render_mode`, `obs_type`
+            and `control_mode`; and `max_episode_steps`. See `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -50,7 +48,6 @@ class FrankaMicrowaveTableEnv(FlatEnv):
         """
         task_options = {"gripper": gripper, "threshold": threshold}
         super().__init__(action_limit=action_limit, task_options=task_options, **settings)
-        self.observation_space = spaces.Box(-np.inf, np.inf, (SIZE,), np.float32)
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         return microwave_table(**task_options)

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.flat import FlatEnv
+from kitchen_suite.gymnasium_env.observations import ObservationConfig
 from kitchen_suite.tasks import Randomization
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
@@ -27,6 +27,7 @@ class FrankaOpenCabinetEnv(FlatEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": round(1 / CONTROL_TIMESTEP)}
+    observed = ObservationConfig(limit=drawer_observation.LIMIT)
 
     def __init__(
         self,
@@ -54,9 +55,8 @@ class FrankaOpenCabinetEnv(FlatEnv):
           cabinet_config: dimensions and joint resistances of the cabinet; the default cabinet when omitted.
           action_limit: bound of the action space, for agents that need a finite one; actions are clipped to it. The
             space is unbounded when omitted.
-          **settings: `control_mode` with `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
-            `max_episode_steps`, `render_mode`, `width`, `height`, `camera_id`, `camera_name`,
-            `default_camera_config`, `max_geom`, `visual_options`, `visuals` and `render_quality`; see `SuiteEnv`.
+          **settings: of rendering, of the observation type and of the control mode, such as `render_mode`, `obs_type`
+            and `control_mode`; and `max_episode_steps`. See `SuiteEnv`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
@@ -71,8 +71,6 @@ class FrankaOpenCabinetEnv(FlatEnv):
             "cabinet_config": cabinet_config,
         }
         super().__init__(action_limit=action_limit, task_options=task_options, **settings)
-        bound = drawer_observation.LIMIT
-        self.observation_space = spaces.Box(-bound, bound, (drawer_observation.SIZE,), np.float32)
 
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
         return suite.open_cabinet(**task_options)

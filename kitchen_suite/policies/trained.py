@@ -197,8 +197,8 @@ def flat(observations: Any) -> NDArray:
 
 
 def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
-    """Returns the observation `(m,)` of a dm_env time step, in the order of the observation's keys."""
-    return np.concatenate([np.ravel(array) for array in timestep.observation.values()])
+    """Returns the observation `(m,)` of a dm_env time step without pictures, in the order of the observation's keys."""
+    return np.concatenate([np.ravel(array) for array in timestep.observation.values() if np.ndim(array) < 3])
 
 
 def shipped(task: "SuiteTask") -> Path:

@@ -85,7 +85,8 @@ def _difference(one: Mapping[str, NDArray], other: Mapping[str, NDArray], name: 
         return 0.0
     if name not in one or name not in other or one[name].shape != other[name].shape:
         return math.inf
-    return float(np.abs(one[name] - other[name]).max())
+    # Pictures are unsigned.
+    return float(np.abs(np.subtract(one[name], other[name], dtype=np.float64)).max())
 
 
 def _compare_completions(

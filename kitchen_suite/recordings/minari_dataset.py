@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium
 
 from kitchen_suite import files
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -27,6 +28,11 @@ INSTRUCTION_KEY = "instruction"
 _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
 _CHUNK = 20
+
+# Dimensions of a camera's pictures: time, height, width, channels.
+_PICTURES_NDIM = 4
+# Name of Minari's file of all episodes.
+_DATA_FILE = "main_data.hdf5"
 
 _ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 
@@ -81,13 +87,18 @@ class DatasetPlan:
           folder: of the recording.
           indices: numbers of the episodes.
         """
+        has_pictures = suite_env(environment).observations.layout.has_pictures
         with minari_root(self._root), self._write_elsewhere():
-            dataset = self._create(environment)
+            # Minari's JPEG would change pictures.
+            dataset = self._create(environment, **({"jpeg_encoding": False} if has_pictures else {}))
             for start in range(0, len(indices), _CHUNK):
                 episodes = [folder.load(index) for index in indices[start : start + _CHUNK]]
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
                 metadata = [{INSTRUCTION_KEY: episode.instruction} for episode in episodes]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
+            if has_pictures:
+                _compress(dataset.storage.data_path / _DATA_FILE)
+                dataset.storage.update_metadata({"dataset_size": dataset.storage.get_size()})
             dataset.storage.update_metadata({SPEC_KEY: self._spec.as_json(), _COUNT_KEY: self._count})
 
     def _check_same(self, present: dict[str, Any]) -> None:
@@ -118,8 +129,8 @@ class DatasetPlan:
         if namespace not in self._minari.namespace.list_local_namespaces():
             self._minari.namespace.create_namespace(namespace)
 
-    def _create(self, environment: gymnasium.Env) -> Any:
-        """Returns a new dataset without episodes."""
+    def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
+        """Returns a new dataset without episodes; `options` are further ones of Minari."""
         spec = self._spec
         with warnings.catch_warnings():
             # About optional metadata: author, permalink, and another environment for evaluation.
@@ -133,6 +144,7 @@ class DatasetPlan:
                 "reset with an episode's seed, the recovered environment plays it again.",
                 # Another version computes other last bits.
                 requirements=[f"mujoco=={spec.versions['mujoco']}"],
+                **options,
             )
 
     def _buffer(self, episode: EpisodeArrays) -> Any:
@@ -146,6 +158,27 @@ class DatasetPlan:
             truncations=arrays["truncation"],
             infos={name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
         )
+
+
+def _compress(path: Path) -> None:
+    """Compresses the pictures in an HDF5 file, each by itself and without loss; readers need not know."""
+    h5py, compressed = importlib.import_module("h5py"), path.with_suffix(".compressed")
+    with h5py.File(path, "r") as source, h5py.File(compressed, "w") as target:
+
+        def copy(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Group):
+                made = target.create_group(name)
+            elif item.ndim < _PICTURES_NDIM:
+                source.copy(item, target, name)
+                return
+            else:
+                options = {"chunks": (1, *item.shape[1:]), "compression": "gzip", "shuffle": True}
+                made = target.create_dataset(name, data=item[()], maxshape=item.maxshape, **options)
+            made.attrs.update(item.attrs)
+
+        source.visititems(copy)
+        target.attrs.update(source.attrs)
+    os.replace(compressed, path)
 
 
 @contextlib.contextmanager
@@ -193,7 +226,7 @@ def check_size(data_path: Path, index: int) -> None:
     Raises:
       OSError: the episode declares more, or the file cannot be read.
     """
-    path = data_path / "main_data.hdf5"
+    path = data_path / _DATA_FILE
     if not path.exists():  # Minari's other formats.
         return
     h5py, sizes = importlib.import_module("h5py"), []

@@ -12,7 +12,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.recordings.minari_dataset import DatasetPlan
 from kitchen_suite.recordings.settings import RecordSettings
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.runners import VectorRunner, play_many
@@ -45,6 +45,7 @@ class RecordJob:
         self._settings = settings
         self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
+        check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
         self._spec.check_policy(self._template_env)
         self._wanted = range(settings.num_episodes)
         self._plan = self._plan_dataset()

@@ -1,6 +1,6 @@
 """Replays recorded actions."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import gymnasium
@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.single_rollout import Actions, play
 from kitchen_suite.rollouts.spec import reset_to_seed
-
-_STATE = "observation/observation"
 
 
 def replay(
@@ -52,19 +50,24 @@ def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
     """Checks the actions and states of an episode.
 
     Raises:
-      ValueError: their shapes are not the environment's, or it begins with positions that MuJoCo does not simulate.
+      ValueError: their shapes are not the environment's, it begins with positions that MuJoCo does not simulate, or it
+        has neither a seed nor states.
     """
-    space = environment.observation_space
-    state = space["observation"] if isinstance(space, gymnasium.spaces.Dict) else space
-    pairs = {"action": (recorded.arrays["action"], environment.action_space), "observation": (_state(recorded), state)}
-    for name, (array, expected) in pairs.items():
-        if array.shape[1:] != expected.shape:
-            raise ValueError(
-                f"episode {recorded.index} has {name}s of shape {array.shape[1:]}, the environment {expected.shape}"
-            )
-    if np.abs(_state(recorded)[0]).max() > mujoco.mjMAXVAL:
+    _check_shape(recorded, "action", recorded.arrays["action"], environment.action_space.shape)
+    states = _states(environment, recorded)
+    if states is None:
+        if recorded.seed is None:
+            raise ValueError(f"episode {recorded.index} has no observations of the state")
+        return
+    _check_shape(recorded, "observation", states, suite_env(environment).observations.space.shape)
+    if np.abs(states[0]).max() > mujoco.mjMAXVAL:
         limit = f"{mujoco.mjMAXVAL:g}, the greatest that MuJoCo simulates"
         raise ValueError(f"episode {recorded.index} begins with positions beyond {limit}")
+
+
+def _check_shape(recorded: EpisodeArrays, name: str, array: NDArray, expected: tuple[int, ...] | None) -> None:
+    if array.shape[1:] != expected:
+        raise ValueError(f"episode {recorded.index} has {name}s of shape {array.shape[1:]}, the environment {expected}")
 
 
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
@@ -72,7 +75,10 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
     inner = suite_env(environment)
     observation, info = reset_to_seed(environment, recorded.seed or 0, seeding)
     task, physics = inner.environment.task, inner.environment.physics
-    first = _state(recorded)[0]
+    states = _states(environment, recorded)
+    if states is None:
+        return observation, info
+    first = states[0]
     if recorded.seed is None:
         task.set_observed_positions(first)
     if np.isfinite(first).all() and not task.is_initial(physics, first):
@@ -86,17 +92,27 @@ def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Ac
 
     def actions(buffer: EpisodeBuffer) -> Iterator[NDArray]:
         del buffer
-        for action, observation in zip(recorded.arrays["action"], _state(recorded)[:-1], strict=True):
-            if recorded.seed is None:
-                inner.environment.task.set_observed_positions(observation)
+        states = _states(environment, recorded)
+        for step, action in enumerate(recorded.arrays["action"]):
+            if recorded.seed is None and states is not None:
+                inner.environment.task.set_observed_positions(states[step])
             yield action
 
     return actions
 
 
-def _state(recorded: EpisodeArrays) -> NDArray[np.float64]:
-    """Returns the observations `(T + 1, ...)` of a recording without its goals."""
-    for name in (_STATE, "observation"):
-        if name in recorded.arrays:
-            return recorded.arrays[name]
-    raise ValueError(f"episode {recorded.index} has no observations of the state")
+def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
+    """Returns the flat observations `(T + 1, ...)` of a recording; None if it does not hold them as a whole.
+
+    Raises:
+      ValueError: it lacks arrays of the environment's observation type.
+    """
+    layout = suite_env(environment).observations.layout
+    try:
+        states = layout.flat(unflatten(recorded.arrays, "observation"))
+        has_other_type = isinstance(states, Mapping)
+    except (IndexError, KeyError, TypeError):
+        has_other_type = True
+    if has_other_type:
+        raise ValueError(f"episode {recorded.index} has no observations of the state")
+    return states

@@ -53,8 +53,11 @@ class ReplayJob:
             self._source = sources.find(settings.source)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
         self._environment = self._source.make_environment(**settings.rendering)
-        # The first reset compiles the model, and the size of its pictures with it.
-        self._environment.reset()
+        try:
+            # The first reset compiles the model, and the size of its pictures with it.
+            self._environment.reset()
+        except RuntimeError as error:
+            raise OSError(f"the recording holds pictures: {error}") from error
         self._inner = suite_env(self._environment).environment
         limit = self._environment.spec.max_episode_steps if self._environment.spec else None
         self._film = Film(settings, self._inner, num_episodes=len(self._indices), max_steps=limit)

@@ -108,7 +108,7 @@ class MinariSource(Source):
         arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
         # -1: no limit.
         limit = env_spec.max_episode_steps or -1
-        return gymnasium.make(env_id, max_episode_steps=limit, **{**arguments, **rendering})
+        return gymnasium.make(env_id, max_episode_steps=limit, **{**rendering, **arguments})
 
     def load(self, index: int) -> EpisodeArrays:
         with self._reading(f"episode {index}"):

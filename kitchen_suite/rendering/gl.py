@@ -37,18 +37,21 @@ class ContextOwner(Protocol):
         """Frees the GL context."""
 
 
-def prepare(*, rendering: bool) -> None:
+def prepare(*, rendering: bool | None) -> None:
     """Imports dm_control for a command. If images will be rendered, a GL library is tried and chosen before.
 
     Sets `MUJOCO_GL` if it is unset and images will be rendered.
 
     Args:
-      rendering: whether images will be rendered; otherwise no GL library is loaded.
+      rendering: whether images will be rendered; otherwise no GL library is loaded. With None, for images that may be
+        rendered, one is loaded where that is possible, as `import_dm_control` does.
 
     Raises:
       OSError: images will be rendered, but neither the library that `MUJOCO_GL` names nor, where it is unset, any
         headless one works; or dm_control cannot be imported.
     """
+    if rendering is None:
+        import_dm_control()
     if rendering:
         os.environ[_VARIABLE] = find_library()
     try:

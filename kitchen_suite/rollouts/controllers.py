@@ -8,10 +8,9 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.spec import policy_generator
-from kitchen_suite.vector_env import batching
+from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
 class BatchStep(NamedTuple):
@@ -43,30 +42,30 @@ class Controller(Protocol):
 class PolicyController:
     """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
 
-    def __init__(self, template: SuiteEnv, build_policy: PolicyBuilder) -> None:
+    def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
         """Prepares to build policies.
 
         Args:
-          template: a single environment of the same kind; it is not stepped.
+          environments: in which they act.
           build_policy: builds the policy of an episode.
         """
-        self._template, self._build_policy = template, build_policy
-        assert isinstance(template.action_space, gymnasium.spaces.Box)
-        self._space = template.action_space
+        self._environments, self._build_policy = environments, build_policy
+        assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
+        self._space = environments.single_action_space
         self._policies: dict[int, Policy] = {}
 
     def start(self, i: int, seed: int) -> None:
-        self._policies[i] = self._build_policy(self._template.environment, policy_generator(seed))
+        self._policies[i] = self._build_policy(self._environments.template_env.environment, policy_generator(seed))
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
+        # Policies act on the time steps of dm_env, in rollouts as in recordings.
+        observations = self._environments.suite_observations()
         for i in np.flatnonzero(step.is_playing).tolist():
-            actions[i] = self._action(i, step)
+            actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
         return actions
 
-    def _action(self, i: int, step: BatchStep) -> NDArray:
-        # Policies act on the time steps of dm_env, in rollouts as in recordings.
-        observation = self._template.suite_observation(batching.row(step.observations, i))
+    def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
         # Clipped here, so that the recorded action is the applied one.
         action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)

@@ -8,13 +8,16 @@ The names, for an episode of `T` control steps:
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import dm_env
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
+from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks.base import Metrics
 
@@ -26,7 +29,7 @@ _LAYOUT = {
     "reward": ("f", 0, 1),
     "termination": ("b", 0, 1),
     "truncation": ("b", 0, 1),
-    "observation": ("f", 1, 0),
+    "observation": ("uif", 1, 0),
     "info": ("biuf", 1, 0),
 }
 
@@ -148,6 +151,22 @@ def unflatten(arrays: Mapping[str, NDArray], name: str) -> Any:
     return nested
 
 
+def check_file_size(observation_space: spaces.Space, steps: int) -> None:
+    """Checks that the observations of `steps` control steps can be read again from an episode's file.
+
+    Raises:
+      ValueError: they are larger than `files.MAX_ARRAY_BYTES`.
+    """
+    parts = flatten(observation_space, "observation").values()
+    size = (steps + 1) * sum(part.dtype.itemsize * math.prod(part.shape) for part in parts)
+    if size > files.MAX_ARRAY_BYTES:
+        raise ValueError(
+            f"the observations of {steps} control steps take {size / 2**20:.0f} MiB, more than the "
+            f"{files.MAX_ARRAY_BYTES / 2**20:.0f} MiB of an episode's file: choose a smaller image_size, fewer cameras "
+            "or fewer control steps"
+        )
+
+
 class EpisodeBuffer:
     """The steps of an episode in progress."""
 
@@ -183,7 +202,7 @@ class EpisodeBuffer:
 
     def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
         """Returns the present time step as the suite's own environment would."""
-        observation = environment.suite_observation(self.observation)
+        observation = environment.present_observation
         if not self._steps:
             return dm_env.restart(observation)
         return dm_env.transition(self._steps[-1][1], observation)

@@ -13,7 +13,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.film import Film
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
@@ -50,6 +50,8 @@ class RolloutJob:
         self._spec = RecordingSpec.of(settings, seeding="dm_control")
         self._rollout = SingleRollout(self._spec, **settings.rendering)
         self._environment = suite_env(self._rollout.environment).environment
+        if settings.output:
+            check_file_size(self._rollout.environment.observation_space, self._spec.max_episode_steps)
         self._environment.task.visualize_reward = settings.visualize_reward
         steps = self._spec.max_episode_steps
         self._film = Film(settings, self._environment, num_episodes=settings.num_episodes, max_steps=steps)

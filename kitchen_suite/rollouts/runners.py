@@ -26,7 +26,7 @@ def play_many(
       num_threads: number of threads that step them.
     """
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
-        controller = PolicyController(environments.template_env, spec.find_policy())
+        controller = PolicyController(environments, spec.find_policy())
         for index, episode in VectorRollout(environments, controller).play(waiting):
             yield index, episode.collect() if episode else None
 

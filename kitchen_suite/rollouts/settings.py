@@ -5,6 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+# Beginning of the names of the observation types with pictures; a GL library is chosen before these can be imported.
+PICTURES_PREFIX = "pixels"
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TaskSettings:
@@ -40,6 +43,11 @@ class EpisodeSettings(TaskSettings):
     workers: int | None = None
     ray_address: str | None = None
 
+    @property
+    def observes_pictures(self) -> bool:
+        """Whether observations hold pictures, so that playing needs a GL library."""
+        return str(self.task_kwargs.get("obs_type")).startswith(PICTURES_PREFIX)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FilmSettings:
@@ -55,8 +63,8 @@ class FilmSettings:
 
     @property
     def rendering(self) -> dict[str, Any]:
-        """Arguments of the filmed environment; without a video it is built without visuals, and steps faster."""
-        return {"visuals": self.video is not None, "render_quality": self.render_quality}
+        """Arguments of the filmed environment; without pictures it is built without visuals, and steps faster."""
+        return {"visuals": True if self.video else None, "render_quality": self.render_quality}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

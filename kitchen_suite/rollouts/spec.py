@@ -13,12 +13,13 @@ from gymnasium.vector import AutoresetMode
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.gymnasium_env.observations import ObservationSettings
 from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
 # Arguments of the environments that a recording sets itself.
-_RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "render_quality", "time_limit", "visuals"}
+_RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
 _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 
 # How a seed starts the random stream of an episode: as `reset(seed=...)` of a Gymnasium environment does, or as the
@@ -97,13 +98,16 @@ class RecordingSpec:
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
         domain = suite.DOMAINS[domain_name]
         # Gymnasium takes some names itself, such as `disable_env_checker`.
-        env_class = cast(type[SuiteEnv], load_env_creator(domain.env))
+        env_class = _env_class(domain)
         env_class.check_keywords(task_kwargs, exclude=_RESERVED)
+        settings = ObservationSettings(obs_type=task_kwargs.get("obs_type"))
+        # The quality of observed pictures must not depend on that of a video.
+        quality = {"render_quality": "high"} if settings.layout(env_class.observed).has_pictures else {}
         policies.find(policy)
         return cls(
             domain_name=domain_name,
             task_name=task_name,
-            task_kwargs=dict(task_kwargs),
+            task_kwargs={**quality, **task_kwargs},
             policy=policy,
             seed=seed,
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
@@ -133,9 +137,15 @@ class RecordingSpec:
         record = json.loads(json.dumps(dataclasses.asdict(self)))
         return {name: value for name, value in record.items() if value is not None}
 
+    @property
+    def env_class(self) -> type[SuiteEnv]:
+        """Class of the single environment."""
+        return _env_class(suite.DOMAINS[self.domain_name])
+
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
-        arguments = {"max_episode_steps": self.max_episode_steps, **self._arguments(), **extra}
+        # Those of the recording are of its observations.
+        arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments()}
         try:
             return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
         except TypeError as error:
@@ -177,6 +187,10 @@ class RecordingSpec:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
         return {**arguments, **suite.DOMAINS[self.domain_name].array_options}
+
+
+def _env_class(domain: suite.Domain) -> type[SuiteEnv]:
+    return cast(type[SuiteEnv], load_env_creator(domain.env))
 
 
 def _policy_digest(policy: str) -> str | None:

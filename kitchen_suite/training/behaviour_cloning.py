@@ -62,6 +62,9 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
     found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
+    for name in ("obs_type", "extra_observables"):
+        if recorded.task_kwargs.get(name) != wanted.task_kwargs.get(name):
+            raise ValueError(f"{folder} was recorded with another {name}: pass the same --task_kwargs to both commands")
     for name in suite.DOMAINS[wanted.domain_name].cloning_options:
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:

@@ -163,6 +163,12 @@ class TrainJob:
             seeding="gymnasium",
             max_episode_steps=None,
         )
+        default = spec.env_class.observed.default_type
+        if spec.task_kwargs.get("obs_type") not in (None, default):
+            raise ValueError(
+                f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "
+                f"default, {default!r}; leave obs_type out"
+            )
         spec.make_environment().close()
         return spec
 

@@ -18,6 +18,7 @@ from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.attributes import SharedAttributes
 from kitchen_suite.vector_env.episodes import BatchEpisodes
+from kitchen_suite.vector_env.pictures import BatchPictures
 
 
 class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
@@ -73,6 +74,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         self._template_env.reset()
         self._copy_spaces()
         self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
+        self._pictures = BatchPictures(self._template_env.environment, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._needs_reset = True
         self._process = os.getpid()
@@ -107,7 +109,15 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.layout(self._episodes.observation(), self._episodes.state)
+        return self._template_env.observations.layout(*self._parts())
+
+    def suite_observations(self) -> dict[str, NDArray]:
+        """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
+        return self._template_env.observations.suite_layout(*self._parts())
+
+    def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
+        """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
+        return self._episodes.observation(), self._episodes.state, self._pictures.take()
 
     def _get_info(self) -> dict[str, NDArray]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""
@@ -252,7 +262,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
     def close_extras(self, **kwargs: Any) -> None:
         self._template_env.close()
         # The batch's threads end with the last reference to it.
-        del self._episodes
+        del self._episodes, self._pictures
 
     @contextlib.contextmanager
     def _all_or_nothing(self) -> Iterator[None]:

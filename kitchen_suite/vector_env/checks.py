@@ -61,10 +61,7 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool
       TypeError: the options are no dict, or the mask is no array of bools.
       ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
     """
-    if options is not None and not isinstance(options, Mapping):
-        raise TypeError(f"options must be a dict, got {options!r}")
-    for name in options or {}:
-        checks.choice(name, ("reset_mask",), "option")
+    options = checks.reset_options(options, ("reset_mask",))
     if not options:
         return np.full(count, True)
     mask = options["reset_mask"]

@@ -27,6 +27,7 @@ class BatchEpisodes:
       command: what the control mode remembers of earlier actions; leading axis `(n,)`.
       streams: random streams of the episodes.
       steps: `(n,)`, control steps of the episodes.
+      has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
     """
 
     def __init__(self, environment: Environment, count: int, threads: int) -> None:
@@ -42,7 +43,10 @@ class BatchEpisodes:
         self._mdp = environment.task.mdp
         self._physics_steps = environment.task.physics_steps_per_control_step
         self._control_stage = int(self._mdp.action_mode.stage)
-        self._stage = max(int(self._mdp.sensors.stage), self._control_stage)
+        self._extras = environment.task.extras
+        self._extra_values = np.zeros((count, environment.task.extra_size))
+        stages = (self._mdp.sensors.stage, *([self._extras.stage] if self._extras else []))
+        self._stage = max(self._control_stage, *map(int, stages))
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
@@ -51,6 +55,7 @@ class BatchEpisodes:
         self.state: Any = batching.repeat(self._task.state, count)
         self.command: Any = batching.repeat(self._task.command, count)
         self.steps = np.zeros(count, np.int64)
+        self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
 
     def seed(self, seeds: Mapping[int, int]) -> None:
@@ -80,9 +85,12 @@ class BatchEpisodes:
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
             batching.put(arrays, i, (self._task.state, self._task.command))
+            if self._extras:
+                self._extra_values[i] = self._extras.values
         for name, values in carried.items():
             getattr(self.state, name)[indices] = values
         self.steps[mask] = 0
+        self.has_moved |= mask
         if self._control_stage:
             self.batch.forward(indices, self._control_stage)
 
@@ -107,10 +115,13 @@ class BatchEpisodes:
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
         self._draw_noise(alive)
+        if self._extras:
+            self._extra_values = self._extras.read(self._simulation)
         reading = mdp.sensors.read(self._simulation)
         state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=self._draws)
         self.state = state if everyone else self._carry(state, alive)
         self.steps += stepping
+        self.has_moved |= stepping
         return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
@@ -132,8 +143,11 @@ class BatchEpisodes:
         return state._replace(**kept) if kept else state
 
     def observation(self) -> NDArray:
-        """Returns the MDP's flat observations `(n, m)`, in a fresh array."""
-        return self._mdp.observation(self._simulation, self.state)
+        """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""
+        flat = self._mdp.observation(self._simulation, self.state)
+        if not self._extras:
+            return flat
+        return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
 
     def info(self) -> dict[str, NDArray]:
         """Returns the infos of the MDP, and the number of steps as `episode_step`, in fresh arrays `(n, ...)`."""

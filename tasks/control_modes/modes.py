@@ -31,6 +31,15 @@ OFFSET_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
 )
 
 
+def split_options(
+    options: Mapping[str, Any], modes: Mapping[str, Callable[..., ActionMode]]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Returns the options that are arguments of any of the modes, and the others."""
+    names = {name for mode in modes.values() for name in inspect.signature(mode).parameters}
+    control = {name: value for name, value in options.items() if name in names}
+    return control, {name: value for name, value in options.items() if name not in names}
+
+
 def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options: Mapping[str, Any]) -> ActionMode:
     """Builds a control mode.
 

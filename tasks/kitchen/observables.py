@@ -2,6 +2,7 @@
 
 import collections
 import functools
+from collections.abc import Mapping
 
 import numpy as np
 from dm_control import mjcf
@@ -32,8 +33,8 @@ class KitchenObservables:
       noise: `(59,)`, noise of the present observation.
     """
 
-    def __init__(self, scene: Scene, goals: GoalSet) -> None:
-        """Builds the observables."""
+    def __init__(self, scene: Scene, goals: GoalSet, extra: Mapping[str, observable.Observable]) -> None:
+        """Builds the observables; `extra` ones come between state and goals."""
         self.noise = np.zeros(noise.AMPLITUDES.size)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
         state = {
@@ -53,7 +54,7 @@ class KitchenObservables:
             for task, goal in goals.split(goals.desired).items()
         }
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
-            {**state, **achieved, **desired}
+            {**state, **extra, **achieved, **desired}
         )
         for part in self.by_name.values():
             part.enabled = True

@@ -14,7 +14,7 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.base import Metrics, SuiteTask
-from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
@@ -60,7 +60,7 @@ class KitchenTask(SuiteTask):
         goals: Mapping[str, ArrayLike] | None = None,
         threshold: float = THRESHOLD,
         control_mode: str = "joint_velocity",
-        **control_options: Any,
+        **options: Any,
     ) -> None:
         """Sets the task up in a kitchen.
 
@@ -74,11 +74,12 @@ class KitchenTask(SuiteTask):
           goals: goals that override the default ones, by task.
           threshold: distance from the goal below which a task is complete [rad, m].
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
-          **control_options: arguments of the control mode. `joint_velocity`: `velocity_scale`, velocity that a unit of
-            action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and `joint_position`: `feedback`,
-            positions from which the action starts: the positions last `observed`, with their noise (as in the
-            reference); the `true` positions; or the last `target`, with which the robot stands still under zero
-            actions. The others: `linear_speed`, `angular_speed`, `joint_speed`, `frame`; see `tasks.control_modes`.
+          **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
+            `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
+            and `joint_position` have `feedback`, positions from which the action starts: the positions last
+            `observed`, with their noise (as in the reference); the `true` positions; or the last `target`, with which
+            the robot stands still under zero actions. The others have `linear_speed`, `angular_speed`, `joint_speed`
+            and `frame`; see `tasks.control_modes`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -89,10 +90,11 @@ class KitchenTask(SuiteTask):
             "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
             "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
         }
+        control, observables = split_options(options, CONTROL_MODES)
         goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
         self._mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set),
-            action_mode=make_mode(control_mode, CONTROL_MODES, control_options),
+            action_mode=make_mode(control_mode, CONTROL_MODES, control),
             goals=goal_set,
             reward_terms=SparseReward(),
             noise_scale=noise.scale(**ratios),
@@ -100,8 +102,9 @@ class KitchenTask(SuiteTask):
             terminate_on_tasks_completed=checks.boolean(terminate_on_tasks_completed, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
         )
+        super().__init__(scene, **observables)
         self._scene = scene
-        self._observables = KitchenObservables(scene, self._mdp.goals)
+        self._observables = KitchenObservables(scene, self._mdp.goals, self.extra_observables)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -183,7 +186,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return self._mdp.noise_scale.size + 2 * self._mdp.goals.desired.size
+        return self._mdp.noise_scale.size + self.extra_size + 2 * self._mdp.goals.desired.size
 
     @property
     def policy_key(self) -> str:
@@ -217,13 +220,19 @@ class KitchenTask(SuiteTask):
         changed[robot] = observation[robot] - self._state.positions
         self._set_state(self._state._replace(noise=changed))
 
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]]:
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        distances = self._recorded_distances(arrays)
+        return None if distances is None else (self._mdp.goals.tasks, distances < self._mdp.threshold)
+
+    def _recorded_distances(self, arrays: Mapping[str, NDArray]) -> NDArray[np.float64] | None:
+        """Returns the distances `(T + 1, n)` in a recording: from achieved goals where it has them, or from infos."""
         key, goals = "observation/achieved_goal", self._mdp.goals
+        by_task = [f"{key}/{task}" for task in goals.tasks]
         if key in arrays:
-            achieved = arrays[key]
-        else:
-            achieved = np.concatenate([arrays[f"{key}/{task}"] for task in goals.tasks], axis=1)
-        return goals.tasks, goals.distances(achieved) < self._mdp.threshold
+            return goals.distances(arrays[key])
+        if arrays.keys() >= {*by_task}:
+            return goals.distances(np.concatenate([arrays[name] for name in by_task], axis=1))
+        return arrays.get("info/task_distances")
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)

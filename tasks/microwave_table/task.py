@@ -17,7 +17,7 @@ from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.base import Metrics, SuiteTask
 from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN, JointOffset
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
@@ -59,7 +59,7 @@ class MicrowaveTableTask(SuiteTask):
     domain_name = "microwave_table"
 
     def __init__(
-        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **control_options: Any
+        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
     ) -> None:
         """Sets the task up in a scene.
 
@@ -67,18 +67,19 @@ class MicrowaveTableTask(SuiteTask):
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
           control_mode: meaning of the action, one of `CONTROL_MODES`.
-          **control_options: arguments of the control mode, as of `OpenCabinetTask`; `gripper` is `deterministic` by
-            default.
+          **options: observables that `SuiteTask` adds, and arguments of the control mode, as of `OpenCabinetTask`;
+            `gripper` is `deterministic` by default.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a threshold that is negative or not finite.
         """
+        control, observables = split_options(options, CONTROL_MODES)
         self._scene = scene
         self._goals = GoalSet.build({"microwave": GOAL}, ["microwave"])
         self._mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
-            action_mode=make_mode(control_mode, CONTROL_MODES, control_options),
+            action_mode=make_mode(control_mode, CONTROL_MODES, control),
             reward_terms=OpenReward(),
             goal=GOAL.value[0],
             threshold=checks.number(threshold, "threshold"),
@@ -88,6 +89,8 @@ class MicrowaveTableTask(SuiteTask):
         )
         for part in self._observables.values():
             part.enabled = True
+        super().__init__(scene, **observables)
+        self._observables |= self.extra_observables
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -124,7 +127,7 @@ class MicrowaveTableTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return SIZE
+        return SIZE + self.extra_size
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""

@@ -16,7 +16,7 @@ from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
 from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
@@ -68,7 +68,7 @@ class OpenCabinetTask(SuiteTask):
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
         control_mode: str = "joint_offset",
-        **control_options: Any,
+        **options: Any,
     ) -> None:
         """Sets the task up in a scene.
 
@@ -81,17 +81,18 @@ class OpenCabinetTask(SuiteTask):
           randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
             omitted.
           control_mode: meaning of the action, one of `control_modes.modes.OFFSET_MODES`.
-          **control_options: arguments of the control mode. `joint_offset`: `gripper`, by default `sampled`, which
-            closes with the probability of the gripper logit, the action's last element; `deterministic` closes where
-            that probability is above one half, and draws nothing. The others: `linear_speed`, `angular_speed`,
-            `joint_speed`, `frame`; see `tasks.control_modes`.
+          **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_offset` has `gripper`,
+            by default `sampled`, which closes with the probability of the gripper logit, the action's last element;
+            `deterministic` closes where that probability is above one half, and draws nothing. The others have
+            `linear_speed`, `angular_speed`, `joint_speed` and `frame`; see `tasks.control_modes`.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a width that is negative or not finite.
         """
         self._drawer = checks.choice(drawer, DRAWERS, "drawer")
-        action_mode = make_mode(control_mode, OFFSET_MODES, control_options)
+        control, observables = split_options(options, OFFSET_MODES)
+        action_mode = make_mode(control_mode, OFFSET_MODES, control)
         (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
         wanted = Randomization.make(randomization).by_name
@@ -104,6 +105,7 @@ class OpenCabinetTask(SuiteTask):
             reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
         )
         self._reward_name = reward
+        super().__init__(scene, **observables)
         self._scene = scene
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -152,7 +154,7 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return self._observables.by_name.copy()
+        return collections.OrderedDict({**self._observables.by_name, **self.extra_observables})
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -181,7 +183,7 @@ class OpenCabinetTask(SuiteTask):
 
     @property
     def observation_size(self) -> int:
-        return observation.SIZE
+        return observation.SIZE + self.extra_size
 
     @property
     def policy_key(self) -> str:

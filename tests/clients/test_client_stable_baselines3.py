@@ -55,6 +55,32 @@ def test_ppo_learns_for_2000_steps_and_comes_back_from_disk(tmp_path):
     environments.close()
 
 
+@pytest.mark.rendering
+@pytest.mark.parametrize("bridge", [False, True], ids=["its own vector", "ours"])
+def test_ppo_learns_from_pictures_for_1000_steps(bridge):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    from kitchen_suite.bridges.stable_baselines3 import make_vec_env as make_ours
+
+    settings = {"obs_type": "pixels_agent_pos", "image_size": (40, 48), "render_quality": "fast"}
+    if bridge:
+        environments = make_ours(KITCHEN, 2, seed=0, **settings)
+    else:
+        environments = make_vec_env(KITCHEN, n_envs=2, seed=0, env_kwargs=settings)
+    model = PPO("MultiInputPolicy", environments, n_steps=250, batch_size=250, n_epochs=1, seed=0, device="cpu")
+    extractors = model.policy.features_extractor.extractors
+    assert {name: type(each).__name__ for name, each in extractors.items()} == {
+        "pixels": "NatureCNN",
+        "agent_pos": "Flatten",
+    }
+    before = weights(model)
+    model.learn(1000)
+    assert model.num_timesteps == 1000
+    assert not all(np.array_equal(old, new) for old, new in zip(before, weights(model), strict=True))
+    environments.close()
+
+
 @pytest.mark.parametrize(
     ("copy_info_dict", "info_format"),
     [(False, "lists"), (True, "lists"), (True, "arrays")],

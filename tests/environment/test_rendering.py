@@ -7,10 +7,12 @@ from dm_control import mjcf
 from dm_control.mujoco import engine
 
 from kitchen_suite import entities, suite
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.tasks import GOALS
 
 pytestmark = pytest.mark.rendering
 
-CAMERAS = ("left_cap", "right_cap", "overview", "left", "right", "franka/wrist")
+CAMERAS = ("left_cap", "right_cap", "overview", "left", "right", "franka/wrist", "franka/hand", "workspace")
 HEIGHT, WIDTH = 96, 128
 
 
@@ -87,6 +89,43 @@ def seen_bodies(physics, camera):
     segmentation = physics.render(HEIGHT, WIDTH, camera_id=camera, segmentation=True)
     geoms = np.unique(segmentation[segmentation[..., 1] == mujoco.mjtObj.mjOBJ_GEOM][:, 0])
     return {physics.model.body(physics.model.geom_bodyid[geom]).name.split("/")[0] for geom in geoms}
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_the_workspace_camera_shows_the_change_that_each_task_is_about(goal):
+    environment = suite.load("kitchen", "all", {"random": 0})
+    environment.reset()
+    physics, joints = environment.physics, GOALS[goal].joints_in(environment.task.scene)
+    before = physics.render(128, 128, camera_id="workspace")
+    state = physics.get_state()
+    with physics.reset_context():
+        physics.set_state(state)
+        qpos, _ = addresses(physics, joints)
+        physics.data.qpos[qpos] = GOALS[goal].value
+    changed = np.abs(physics.render(128, 128, camera_id="workspace").astype(int) - before).max(axis=-1) > 32
+    environment.close()
+    assert changed.sum() > 12
+
+
+@pytest.mark.parametrize("width", [0.0, 0.04])
+@pytest.mark.parametrize("domain", ["kitchen", "open_cabinet", "microwave_table"])
+def test_the_hand_camera_shows_both_finger_tips_and_little_of_the_hand(domain, width):
+    environment = suite.load(domain, suite.default_task(domain), {"random": 0})
+    environment.reset()
+    physics, robot = environment.physics, environment.task.robot
+    physics.bind(robot.joints[-2:]).qpos = width
+    physics.forward()
+    camera = physics.bind(robot.mjcf_model.find("camera", "hand"))
+    offset = physics.bind(robot.end_effector).xpos - camera.xpos
+    x, y, z = offset @ np.asarray(camera.xmat).reshape(3, 3)
+    # The tangent of half the field of view is 0.84.
+    assert max(abs(x), abs(y)) / -z < 0.5
+    segmentation = physics.render(128, 128, camera_id="franka/hand", segmentation=True)
+    names = {physics.model.geom(int(geom)).name for geom in np.unique(segmentation[..., 0]) if geom >= 0}
+    assert {"franka/left_finger_visual", "franka/right_finger_visual"} <= names
+    is_hand = np.isin(segmentation[..., 0], [physics.model.geom("franka/hand_visual").id])
+    assert is_hand.mean() < 0.2
+    environment.close()
 
 
 @pytest.mark.parametrize("camera", ["overview", "left", "right"])

@@ -44,9 +44,9 @@ def test_it_is_the_suites_environment_for_the_same_random_stream():
     timestep = plain.reset()
     for action in actions(50):
         np.testing.assert_array_equal(observation, np.concatenate([*timestep.observation.values()]))
-        assert_same(env.suite_observation(observation), dict(timestep.observation))
-        assert list(env.suite_observation(observation)) == list(timestep.observation)
-        assert not any(np.shares_memory(part, observation) for part in env.suite_observation(observation).values())
+        assert_same(env.present_observation, dict(timestep.observation))
+        assert list(env.present_observation) == list(timestep.observation)
+        assert not any(np.shares_memory(part, observation) for part in env.present_observation.values())
         observation, reward, terminated, _, info = env.step(action)
         timestep = plain.step(action)
         assert (reward, terminated) == (timestep.reward, timestep.last())

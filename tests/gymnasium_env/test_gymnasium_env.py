@@ -91,7 +91,7 @@ def test_the_suites_observation_follows_from_the_adapters(goal_format):
     plain = suite.load("kitchen", "all", {"visuals": False, **options})
     observation, timestep = env.reset(seed=5)[0], plain.reset()
     for action in actions(4):
-        view = env.suite_observation(observation)
+        view = env.present_observation
         assert list(view) == list(timestep.observation)
         for key, value in timestep.observation.items():
             np.testing.assert_array_equal(view[key], value)

@@ -211,7 +211,13 @@ def assert_replays_in_suite_load(spec, seed, arrays):
     assert arrays["info/episode_step"].tolist() == [*range(6)]
     single = RecordingSpec(**spec).make_environment().unwrapped
     for row, timestep in enumerate(timesteps):
-        observation = single.suite_observation(nested(arrays, "observation", row))
+        recorded = nested(arrays, "observation", row)
+        goals = {
+            f"{kind}/{task}": goal
+            for kind in ("achieved_goal", "desired_goal")
+            for task, goal in recorded[kind].items()
+        }
+        observation = {**single.observations.split(recorded["observation"]), **goals}
         assert list(observation) == list(environment.observation_spec())
         for key, part in environment.observation_spec().items():
             assert observation[key].dtype == part.dtype

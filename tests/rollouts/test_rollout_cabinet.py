@@ -65,7 +65,7 @@ def test_an_episode_file_holds_what_suite_load_returns_when_replayed(tmp_path, p
     assert metadata["total_reward"] == arrays["reward"].sum()
     assert metadata["results"] == environment.task.episode_metrics
     single = RecordingSpec.from_json(metadata["recording"]).make_environment().unwrapped
-    rows = [single.suite_observation(row) for row in arrays["observation"]]
+    rows = [single.observations.split(row) for row in arrays["observation"]]
     for row, timestep in zip(rows, timesteps, strict=True):
         assert_same_arrays(row, timestep.observation)
 

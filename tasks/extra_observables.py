@@ -1,0 +1,163 @@
+"""Further state observables, which tasks enable by name: end effector, width of the gripper, positions of handles."""
+
+import collections
+import dataclasses
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer.observation import observable
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.simulation import PhysicsSimulation, Simulation
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExtraObservable:
+    """A quantity that MuJoCo sensors measure.
+
+    Attributes:
+      content: quantity, frame and units.
+      size: number of elements.
+      sensors: kind of each sensor, such as `framepos`, and the joint or site that it is for.
+      of_robot: whether it belongs to the robot's part of the observation.
+      combine: computes the elements `(..., size)` from the values of all sensors, end to end.
+    """
+
+    content: str
+    size: int
+    sensors: tuple[tuple[str, mjcf.Element], ...]
+    of_robot: bool = False
+    combine: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda values: values
+
+
+def offered(scene: Scene) -> dict[str, ExtraObservable]:
+    """Returns the quantities of a scene's robot and props by observation key, those of the robot first."""
+    robot, hand = scene.robot.mjcf_model.full_identifier, scene.robot.end_effector
+    fingers = tuple(("jointpos", joint) for joint in scene.robot.joints[-2:])
+    of_robot = {
+        f"{robot}end_effector_pose": ExtraObservable(
+            content="position [m] and quaternion w, x, y, z of the point between the finger tips, in the world",
+            size=7,
+            sensors=(("framepos", hand), ("framequat", hand)),
+            of_robot=True,
+        ),
+        f"{robot}end_effector_velocity": ExtraObservable(
+            content="linear [m/s] and angular [rad/s] velocity of that point, along the axes of the world",
+            size=6,
+            sensors=(("framelinvel", hand), ("frameangvel", hand)),
+            of_robot=True,
+        ),
+        f"{robot}gripper_width": ExtraObservable(
+            content="distance between the fingers [m], the sum of their joint positions",
+            size=1,
+            sensors=fingers,
+            of_robot=True,
+            combine=lambda values: values[..., :1] + values[..., 1:],
+        ),
+    }
+    return {**of_robot, **dict(_handles(scene))}
+
+
+def _handles(scene: Scene) -> Iterator[tuple[str, ExtraObservable]]:
+    for name, prop in scene.props.items():
+        if handles := prop.handles:
+            content = f"positions in the world of {', '.join(f'`{site.name}`' for site in handles)} [m]"
+            sensors = tuple(("framepos", site) for site in handles)
+            yield f"{name}/handle_positions", ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
+
+
+class _Sensors(FeatureSensors):
+    """Sensors that also measure velocities in space."""
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Updates positions and velocities in space, and the sensors, from the joints' positions and velocities."""
+        model, data = physics.model.ptr, physics.data.ptr
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+
+class ExtraObservables:
+    """The quantities that a task observes beside its own, without noise.
+
+    Attributes:
+      by_name: an enabled observable for each, by observation key; those of the robot first.
+      size: number of elements.
+      of_robot: names of those that belong to the robot's part of the observation.
+      stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `read`.
+    """
+
+    stage = FeatureSensors.stage
+
+    def __init__(self, scene: Scene, names: Sequence[str]) -> None:
+        """Adds the sensors to a scene that is not yet compiled.
+
+        Args:
+          scene: with the robot and the props.
+          names: observation keys, as `offered` has them.
+
+        Raises:
+          TypeError: `names` is no sequence of strings.
+          ValueError: an unknown or repeated name.
+        """
+        wanted = _checked(names, offered(scene))
+        self._sensors = _Sensors(scene.arena.mjcf_model, scene.robot)
+        for name, extra in wanted.items():
+            for number, (kind, element) in enumerate(extra.sensors):
+                if element.tag == "joint":
+                    self._sensors.add_joints(f"{name} {number}", kind, (element,))
+                else:
+                    self._sensors.add_frame(f"{name} {number}", kind, element)
+        self._wanted = wanted
+        self.size = sum(extra.size for extra in wanted.values())
+        self.of_robot = tuple(name for name, extra in wanted.items() if extra.of_robot)
+        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
+            (name, observable.Generic(functools.partial(self._observe, name))) for name in wanted
+        )
+        for part in self.by_name.values():
+            part.enabled = True
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks up the sensors in a compiled scene."""
+        self._sensors.bind(physics)
+        self._simulation = PhysicsSimulation(physics)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Present values `(size,)` in the scene that it is bound to."""
+        return self.read(self._simulation)
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Evaluates a single physics up to `stage`."""
+        self._sensors.refresh(physics)
+
+    def read(self, simulation: Simulation) -> NDArray[np.float64]:
+        """Returns the present values `(..., size)`, in a fresh array; the sensors must be up to date."""
+        values = self._sensors.read(simulation)
+        return np.concatenate([self._part(name, values) for name in self._wanted], axis=-1)
+
+    def _part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the elements `(..., k)` of one quantity from the values of all sensors."""
+        indices = [self._sensors.indices[f"{name} {i}"] for i in range(len(self._wanted[name].sensors))]
+        return self._wanted[name].combine(values[..., indices[0].start : indices[-1].stop])
+
+    def _observe(self, name: str, physics: mjcf.Physics) -> NDArray[np.float64]:
+        del physics
+        return self._part(name, self._sensors.read(self._simulation))
+
+
+def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str, ExtraObservable]:
+    """Returns the quantities of some names, those of the robot first."""
+    if isinstance(names, Sequence) and not len(names) and not isinstance(names, str):
+        return {}
+    unique = checks.unique_names(names, "extra_observables")
+    wanted = [checks.choice(name, choices, "extra observable") for name in unique]
+    return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
