@@ -68,7 +68,8 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     """
     from kitchen_suite.policies import experts
 
-    takers = experts.MotionStyle, experts.expert_class(environment.task)
+    expert_class = experts.expert_class(environment.task)
+    takers = experts.MotionStyle, expert_class, *expert_class.control_modes.values()
     checks.keywords(options, *takers, what="option", exclude=("style",))
     names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}
