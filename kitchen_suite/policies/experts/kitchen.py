@@ -13,7 +13,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.kitchen_skills import SKILLS
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.control_modes.modes import make_mode
@@ -121,6 +121,7 @@ class KitchenExpert(Expert):
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
+        self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
 
@@ -143,12 +144,12 @@ class KitchenExpert(Expert):
         if task is None:
             return self._resume_from_rest(distances, objects, joints)
         if distances[task] < _DONE:
-            retreat = self._plan_retreat(SKILLS[task], joints)
+            retreat = self._plan_retreat(self._skills[task], joints)
             self._queue.complete()
             return self._then_current_task(retreat, objects)
         if self._has_ended(_SETTLE_STEPS):
             home = JointTrajectory.stationary(_HOME, OPEN)
-            retreat = self._plan_retreat(SKILLS[task], joints).then(home, self._limits)
+            retreat = self._plan_retreat(self._skills[task], joints).then(home, self._limits)
             self._queue.postpone()
             return self._then_current_task(retreat, objects)
         return None
@@ -175,7 +176,7 @@ class KitchenExpert(Expert):
         task = self._queue.current
         if task is None:
             return trajectory
-        return trajectory.then(self._plan(SKILLS[task], _achieved(task, objects)), self._limits)
+        return trajectory.then(self._plan(self._skills[task], _achieved(task, objects)), self._limits)
 
     def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
@@ -216,9 +217,7 @@ def _achieved(task: str, objects: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=1024)
-def _cached_plan(
-    skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits
-) -> JointTrajectory:
+def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
     return plan(_arm_model().kinematics, limits, skill, object_position=position)

@@ -133,6 +133,7 @@ class DrawerExpert(Expert):
                 return self._continue_pull(observation, joints)
 
     def _start(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
+        self._initial_rotation = self._kinematics.forward(joints).rotation()
         return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), self._limits)
 
     def _continue_approach(
@@ -145,7 +146,7 @@ class DrawerExpert(Expert):
         self._phase = _Phase.PULL
         mean = np.mean(self._handle_poses, axis=0)
         handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
-        pull = plan(self._kinematics, self._limits, self._skill, frame=handle)
+        pull = plan(self._kinematics, self._limits, self._skill_at(handle), frame=handle)
         return JointTrajectory.stationary(joints, OPEN).then(pull, self._limits)
 
     def _continue_pull(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
@@ -163,8 +164,16 @@ class DrawerExpert(Expert):
         self._phase = _Phase.APPROACH
         handle = self._handle_pose(observation, joints)
         self._handle_poses = [handle.wxyz_xyz]
-        approach = dataclasses.replace(self._skill, moves=self._skill.moves[:1])
+        skill = self._skill_at(handle)
+        approach = dataclasses.replace(skill, moves=skill.moves[:1])
         return plan(self._kinematics, self._limits, approach, frame=handle, offsets=self._draw_offsets(1))
+
+    def _skill_at(self, handle: mink.SE3) -> Skill:
+        """The skill for a handle's pose in the world."""
+        if self._encoder.turns_hand:
+            return self._skill
+        rotation = handle.rotation().inverse() @ self._initial_rotation
+        return self._skill.with_orientation(HandOrientation.from_rotation(rotation))
 
     def _handle_pose(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> mink.SE3:
         """Pose of the handle in the world, from its observed offset from the hand."""
