@@ -120,9 +120,9 @@ class Expert(abc.ABC):
         action = encoder.encode(positions, self._target, fingers)
         if self._style.action_noise:
             action[:size] += self._style.action_noise * self._generator.standard_normal(size)
-        action = np.clip(action, encoder.low, encoder.high).astype(np.float32)
-        encoder.applied(positions, action.astype(np.float64))
-        return action
+        bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
+        encoder.applied(positions, bounded.astype(np.float64))
+        return bounded
 
     @property
     def _current_trajectory(self) -> JointTrajectory:

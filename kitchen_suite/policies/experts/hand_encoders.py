@@ -3,6 +3,7 @@
 import abc
 from typing import NamedTuple
 
+import mink
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +37,11 @@ class _Pose(NamedTuple):
     position: NDArray[np.float64]
     orientation: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, transform: mink.SE3) -> "_Pose":
+        """The pose that a transform takes the world's frame to."""
+        return cls(position=transform.translation(), orientation=transform.wxyz_xyz[:4])
+
     def moved(self, offset: NDArray[np.float64], turn: NDArray[np.float64]) -> "_Pose":
         """This pose, displaced by an offset `(3,)` [m] and turned by a rotation vector `(3,)` of the world."""
         return _Pose(self.position + offset, poses.product(poses.quaternion(turn), self.orientation))
@@ -53,9 +59,12 @@ class _Pose(NamedTuple):
 class HandEncoder(ActionEncoder):
     """An encoder of a mode that commands the hand's pose; the mode chooses the posture of the arm."""
 
-    def __init__(self, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED):
+    def __init__(
+        self, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED
+    ) -> None:
         """Sets the speed limits [m/s, rad/s]."""
         super().__init__(arm)
+        self._base = _Pose.of(arm.kinematics.base)
         self.limits = hand_speed_limits(
             arm.kinematics,
             tuple(arm.joint_speed),
@@ -77,12 +86,7 @@ class HandEncoder(ActionEncoder):
 
     def _pose(self, joints: NDArray[np.float64]) -> _Pose:
         """Pose of the hand at joint positions `(7,)` [rad]."""
-        wxyz_xyz = self._arm.kinematics.forward(joints).wxyz_xyz
-        return _Pose(wxyz_xyz[4:], wxyz_xyz[:4])
-
-    def _base(self) -> _Pose:
-        wxyz_xyz = self._arm.kinematics.base.wxyz_xyz
-        return _Pose(wxyz_xyz[4:], wxyz_xyz[:4])
+        return _Pose.of(self._arm.kinematics.forward(joints))
 
     @abc.abstractmethod
     def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
@@ -99,9 +103,8 @@ class PoseEncoder(HandEncoder):
         super().__init__(arm)
 
     def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
-        base = self._base()
-        to_base = poses.inverse(base.orientation)
-        position = poses.rotated(to_base, pose.position - base.position) / REACH
+        to_base = poses.inverse(self._base.orientation)
+        position = poses.rotated(to_base, pose.position - self._base.position) / REACH
         return np.append(position, poses.product(to_base, pose.orientation))
 
 
@@ -119,7 +122,7 @@ class _DeltaEncoder(HandEncoder):
 
     def _axes(self) -> NDArray[np.float64]:
         """Orientation `(4,)` of the frame of the action."""
-        return self._base().orientation if self._frame == "base" else self._commanded.orientation
+        return self._base.orientation if self._frame == "base" else self._commanded.orientation
 
     def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
         return poses.rotated(poses.inverse(self._axes()), pose.position - self._commanded.position) / self._step

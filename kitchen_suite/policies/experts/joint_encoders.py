@@ -75,28 +75,12 @@ class VelocityEncoder(JointEncoder):
         return observed if self._commanded is None else self._commanded
 
 
-class KitchenPositionEncoder(JointEncoder):
-    """Encoder of the kitchen's `joint_position`."""
-
-    low, high = kitchen_action.POSITION_LOW, kitchen_action.POSITION_HIGH
-
-    def __init__(self, mode: kitchen_action.JointPosition, arm: ArmModel) -> None:
-        del mode
-        super().__init__(arm)
-
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
-        joints = positions[ARM]
-        return np.append(self._arm.led(joints, target) + self._arm.gravity_offset(joints), [fingers, fingers])
-
-
 class PositionEncoder(JointEncoder):
     """Encoder of `joint_position`."""
 
     low, high = JOINT_LOW, JOINT_HIGH
 
-    def __init__(self, mode: JointPosition, arm: ArmModel) -> None:
+    def __init__(self, mode: JointPosition | kitchen_action.JointPosition, arm: ArmModel) -> None:
         del mode
         super().__init__(arm)
 
@@ -104,7 +88,14 @@ class PositionEncoder(JointEncoder):
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
         joints = positions[ARM]
-        return np.append(self._arm.led(joints, target) + self._arm.gravity_offset(joints), fingers)
+        arm = self._arm.led(joints, target) + self._arm.gravity_offset(joints)
+        return np.append(arm, [fingers] * (self.low.size - arm.size))
+
+
+class KitchenPositionEncoder(PositionEncoder):
+    """Encoder of the kitchen's `joint_position`."""
+
+    low, high = kitchen_action.POSITION_LOW, kitchen_action.POSITION_HIGH
 
 
 class OffsetEncoder(JointEncoder):
