@@ -64,11 +64,12 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
     Args:
       environment: of the suite.
       generator: source of jitter and action noise.
-      **options: attributes of `experts.MotionStyle`, and arguments of `experts.make_policy`.
+      **options: attributes of `experts.MotionStyle`, and arguments of the expert.
     """
     from kitchen_suite.policies import experts
 
-    takers = experts.MotionStyle, experts.expert_class(environment.task)
+    expert_class = experts.expert_class(environment.task)
+    takers: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
     checks.keywords(options, *takers, what="option", exclude=("style",))
     names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
     style = {name: options.pop(name) for name in names if name in options}

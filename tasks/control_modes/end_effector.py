@@ -91,19 +91,19 @@ class _DeltaMode(EndEffectorMode):
     """A mode that changes the commanded pose."""
 
     def __init__(self, *, linear_speed: float, frame: str) -> None:
-        self._linear_speed = checks.number(linear_speed, "linear_speed", positive=True)
-        self._frame = checks.choice(frame, FRAMES, "frame")
+        self.linear_speed = checks.number(linear_speed, "linear_speed", positive=True)
+        self.frame = checks.choice(frame, FRAMES, "frame")
 
     def _moved(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         """Returns a command with the position that the first three elements of an action ask for."""
-        step = self._linear_speed * self._timestep * action[..., :3]
+        step = self.linear_speed * self._timestep * action[..., :3]
         return command._replace(position=command.position + self._in_world(simulation, command, step))
 
     def _in_world(
         self, simulation: Simulation, command: PoseCommand, vectors: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Returns vectors `(..., 3)` of the action's frame in the world."""
-        frame = self._arm.base_pose(simulation)[1] if self._frame == "base" else command.orientation
+        frame = self._arm.base_pose(simulation)[1] if self.frame == "base" else command.orientation
         return poses.rotated(frame, vectors)
 
 
@@ -151,7 +151,7 @@ class EndEffectorDeltaPose(_DeltaMode):
           ValueError: an unknown frame, or a speed that is not positive and finite.
         """
         super().__init__(linear_speed=linear_speed, frame=frame)
-        self._angular_speed = checks.number(angular_speed, "angular_speed", positive=True)
+        self.angular_speed = checks.number(angular_speed, "angular_speed", positive=True)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
@@ -159,7 +159,7 @@ class EndEffectorDeltaPose(_DeltaMode):
         return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
 
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
-        turn = self._in_world(simulation, command, self._angular_speed * self._timestep * action[..., 3:6])
+        turn = self._in_world(simulation, command, self.angular_speed * self._timestep * action[..., 3:6])
         moved = self._moved(simulation, command, action)
         return moved._replace(orientation=poses.product(poses.quaternion(turn), command.orientation))
 

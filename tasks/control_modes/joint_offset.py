@@ -30,6 +30,7 @@ class JointOffset(ActionMode):
     """`joint_offset`: offsets of the seven joints from their present positions, and log odds of closing the gripper.
 
     Attributes:
+      gripper: one of `GRIPPER_MODES`.
       draws: whether closing is sampled with the probability of the gripper logit, or decided by its sign.
     """
 
@@ -40,7 +41,8 @@ class JointOffset(ActionMode):
           TypeError: it is no string.
           ValueError: it is unknown.
         """
-        self.draws = checks.choice(gripper, GRIPPER_MODES, "gripper") == "sampled"
+        self.gripper = checks.choice(gripper, GRIPPER_MODES, "gripper")
+        self.draws = self.gripper == "sampled"
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
         del timestep

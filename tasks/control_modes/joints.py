@@ -74,7 +74,7 @@ class JointDelta(ActionMode):
           TypeError: it is no number.
           ValueError: it is not positive and finite.
         """
-        self._joint_speed = checks.number(joint_speed, "joint_speed", positive=True)
+        self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint velocities, as a share of `joint_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
@@ -83,7 +83,7 @@ class JointDelta(ActionMode):
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
         self._servos, self._gripper = ArmServos(physics, robot), Gripper(robot)
-        self._step = self._joint_speed * timestep
+        self._step = self.joint_speed * timestep
 
     def start(self, simulation: Simulation) -> JointCommand:
         return JointCommand(np.array(self._servos.positions(simulation)))

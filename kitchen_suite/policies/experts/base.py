@@ -2,16 +2,20 @@
 
 import abc
 import dataclasses
-from typing import Any, Self
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.policies.experts.encoders import ActionEncoder
+from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
+from kitchen_suite.tasks.control_modes.modes import mode_settings
+from kitchen_suite.tasks.mdp import ActionMode
 
-# A joint farther than this from its target [rad] halts the trajectory, which fails after this many control steps.
-_MAX_LAG = 0.25
+# A trajectory that the arm does not follow is halted, and fails after this many control steps.
 _MAX_HALTED_STEPS = 12
 
 
@@ -21,7 +25,7 @@ class MotionStyle:
 
     Attributes:
       speed: fraction of the expert's greatest speed, above 0 and at most 1.
-      action_noise: standard deviation of normal noise on the arm's seven elements of the action, in their unit.
+      action_noise: standard deviation of normal noise on the arm's elements of the action, in their unit.
       jitter: half width of the uniform displacement, along each axis, of the hand's poses in free space [m].
     """
 
@@ -39,22 +43,23 @@ class MotionStyle:
 class Expert(abc.ABC):
     """A policy on observations alone; one instance plays one episode at a time.
 
-    Subclasses read the observation, plan the trajectories, and compute the actions that follow them.
+    Subclasses read the observation and plan the trajectories; an encoder turns these into actions of a control mode.
+
+    Attributes:
+      control_modes: classes of the control modes by name; the first is the default.
+      observation_size: elements of an observation.
     """
 
-    # Elements of an observation, bounds of each element of the action.
-    observation_size: int
-    _low: float
-    _high: float
+    control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
+    observation_size: ClassVar[int]
 
-    def __init__(self, style: MotionStyle | None) -> None:
+    def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
         if not isinstance(style, MotionStyle | None):
             raise TypeError(f"style must be a MotionStyle, got {style!r}")
-        self._style = style or MotionStyle()
+        self._style, self._encoder = style or MotionStyle(), encoder
         self.reset(np.random.default_rng(0))
 
     @classmethod
-    @abc.abstractmethod
     def for_task(cls, task: Any, **options: Any) -> Self:
         """Builds the expert for a task from the task's settings; it never reads the physics.
 
@@ -66,6 +71,15 @@ class Expert(abc.ABC):
           TypeError: an argument is unknown or of the wrong type.
           ValueError: an option has a value that the expert rejects.
         """
+        name, settings = mode_settings(task.mdp.action_mode, cls.control_modes)
+        if options.get("control_mode", name) != name:
+            settings = {}
+        return cls(**{"control_mode": name, **settings, **cls._task_settings(task), **options})
+
+    @classmethod
+    @abc.abstractmethod
+    def _task_settings(cls, task: Any) -> dict[str, Any]:
+        """Returns the arguments of the class that a task sets, other than those of its control mode."""
 
     def reset(self, generator: np.random.Generator) -> None:
         """Begins an episode.
@@ -91,18 +105,24 @@ class Expert(abc.ABC):
           ValueError: it has the wrong shape, or is not finite.
         """
         observation = checks.vector(observation, self.observation_size, "observation")
-        joints = self._arm_positions(observation)
+        positions = self._robot_positions(observation)
+        joints = positions[ARM]
+        if self._trajectory is None:
+            self._encoder.reset(joints)
         if (trajectory := self._next_trajectory(observation, joints)) is not None:
             self._trajectory, self._time, self._halted_steps, self._target = trajectory, 0.0, 0, joints
-        if np.max(np.abs(self._target - joints)) < _MAX_LAG:
+        if self._encoder.follows(joints, self._target):
             self._time, self._halted_steps = self._time + self._style.speed, 0
         else:
             self._halted_steps += 1
         self._target, fingers = self._current_trajectory.at(self._time)
-        action = self._compute_action(observation, joints, self._target, fingers)
+        encoder, size = self._encoder, self._encoder.arm_size
+        action = encoder.encode(positions, self._target, fingers)
         if self._style.action_noise:
-            action[: joints.size] += self._style.action_noise * self._generator.standard_normal(joints.size)
-        return np.clip(action, self._low, self._high).astype(np.float32)
+            action[:size] += self._style.action_noise * self._generator.standard_normal(size)
+        bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
+        encoder.applied(positions, bounded.astype(np.float64))
+        return bounded
 
     @property
     def _current_trajectory(self) -> JointTrajectory:
@@ -126,18 +146,12 @@ class Expert(abc.ABC):
         return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
 
     @abc.abstractmethod
-    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the observed positions `(7,)` of the arm's joints [rad]."""
+    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the observed positions of the robot's joints, those of the arm first [rad, m]."""
 
     @abc.abstractmethod
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        """Returns a trajectory from the present joint positions, or None to continue the current one.
+        """Returns a trajectory from the present joint positions `(7,)`, or None to continue the current one.
 
         The first call of an episode must return one.
         """
-
-    @abc.abstractmethod
-    def _compute_action(
-        self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
-        """Returns the action that moves joints and fingers to their targets within a control step, before clipping."""

@@ -28,15 +28,20 @@ _HAND_DAMPING, _DAMPING = 1e-3, 1e-6
 
 
 @functools.cache
-def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tuple[mujoco.MjModel, str]:
-    """Model of a robot alone in an arena, and the name of the hand's site; shared by all instances."""
+def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tuple[mujoco.MjModel, str, str]:
+    """Model of a robot alone in an arena, names of the hand's site and of the base; shared by all instances."""
     arena, robot = build_arena(visuals=False), Franka(spec, visuals=False)
     arena.attach_at_site(robot)
-    return mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr, robot.end_effector.full_identifier
+    base = mjcf.get_attachment_frame(robot.mjcf_model).full_identifier
+    return mjcf.Physics.from_mjcf_model(arena.mjcf_model).model.ptr, robot.end_effector.full_identifier, base
 
 
 class ArmKinematics:
-    """Forward and inverse kinematics of the arm's seven joints, and its gravity torques."""
+    """Forward and inverse kinematics of the arm's seven joints, and its gravity torques.
+
+    Attributes:
+      base: pose of the robot's base in the world.
+    """
 
     def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena.
@@ -45,8 +50,9 @@ class ArmKinematics:
           build_arena: class of the arena.
           spec: of the robot.
         """
-        self._model, self._site = _robot_model(build_arena, spec)
+        self._model, self._site, base = _robot_model(build_arena, spec)
         self._configuration = mink.Configuration(self._model)
+        self.base = self._configuration.get_transform_frame_to_world(base, "body")
         self._hand_task = mink.FrameTask(self._site, "site", 1.0, _ORIENTATION_COST, lm_damping=_HAND_DAMPING)
         self._posture_task = mink.PostureTask(self._model, cost=_POSTURE_COST)
         self._joint_limits = [mink.ConfigurationLimit(self._model)]

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, build_kitchen_scene
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.encoders import ArmModel
+from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.kitchen_skills import SKILLS
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, FEEDBACKS, position_target
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
@@ -29,10 +32,10 @@ _RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping
 
 # Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
 # the torque of gravity.
-_JOINT_SPEED = np.array([0.06] * 4 + [0.08] * 3)
+_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
 
-# The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
-_VELOCITY_SCALE = 2.0
+# Fraction of the hand's error that the control modes of the end effector remove in a control step.
+_HAND_RESPONSE = 0.55
 
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
@@ -83,8 +86,8 @@ class TaskQueue:
 class KitchenExpert(Expert):
     """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
 
+    control_modes = CONTROL_MODES
     observation_size = noise.AMPLITUDES.size
-    _low, _high = -1.0, 1.0
 
     def __init__(
         self,
@@ -93,9 +96,9 @@ class KitchenExpert(Expert):
         threshold: float = THRESHOLD,
         goals: Mapping[str, ArrayLike] | None = None,
         in_order: bool = False,
-        velocity_scale: float = _VELOCITY_SCALE,
-        feedback: str = "observed",
         style: MotionStyle | None = None,
+        control_mode: str = "joint_velocity",
+        **control_options: Any,
     ) -> None:
         """Builds an expert for a set of tasks.
 
@@ -105,9 +108,9 @@ class KitchenExpert(Expert):
             expert moves on later than necessary.
           goals: goals that replace the usual ones, by task. The motions stay the same; they stop at the goal.
           in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
-          velocity_scale: the environment's.
-          feedback: the environment's.
           style: speed, noise and jitter of the motions.
+          control_mode: the environment's.
+          **control_options: arguments of the control mode: the environment's.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -117,40 +120,21 @@ class KitchenExpert(Expert):
         self._threshold = checks.number(threshold, "threshold", positive=True)
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
-        self._velocity_scale = checks.number(velocity_scale, "velocity_scale", positive=True)
-        self._feedback = checks.choice(feedback, FEEDBACKS, "feedback")
-        self._limits = _speed_limits(self._velocity_scale)
-        self._kinematics = ArmKinematics(KitchenArena, KITCHEN_FRANKA)
-        super().__init__(style)
+        encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
+        self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
+        self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
+        super().__init__(style, encoder)
 
     @classmethod
-    def for_task(cls, task: KitchenTask, **options: Any) -> Self:
-        mode: Any = task.mdp.action_mode
-        settings = {
-            "tasks": task.mdp.goals.tasks,
-            "goals": task.goals,
-            "threshold": task.threshold,
-            "velocity_scale": mode.velocity_scale,
-            "feedback": mode.feedback,
-        }
-        return cls(**{**settings, **options})
+    def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
+        return {"tasks": task.mdp.goals.tasks, "goals": task.goals, "threshold": task.threshold}
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._queue = TaskQueue(self._order)
-        # The last position target, if the next one is relative to it.
-        self._commanded: NDArray[np.float64] | None = None
 
-    def act(self, observation: ArrayLike) -> NDArray[np.float32]:
-        action = super().act(observation)
-        if self._feedback == "target":
-            base = self._base_positions(np.asarray(observation)[_ROBOT])
-            unit = {"velocity_scale": self._velocity_scale, "timestep": CONTROL_TIMESTEP}
-            self._commanded = position_target(base, action.astype(np.float64), **unit)
-        return action
-
-    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-        return observation[_ROBOT][ARM]
+    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+        return observation[_ROBOT]
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         objects = observation[_OBJECTS]
@@ -160,12 +144,12 @@ class KitchenExpert(Expert):
         if task is None:
             return self._resume_from_rest(distances, objects, joints)
         if distances[task] < _DONE:
-            retreat = self._plan_retreat(SKILLS[task], joints)
+            retreat = self._plan_retreat(self._skills[task], joints)
             self._queue.complete()
             return self._then_current_task(retreat, objects)
         if self._has_ended(_SETTLE_STEPS):
             home = JointTrajectory.stationary(_HOME, OPEN)
-            retreat = self._plan_retreat(SKILLS[task], joints).then(home, self._limits)
+            retreat = self._plan_retreat(self._skills[task], joints).then(home, self._limits)
             self._queue.postpone()
             return self._then_current_task(retreat, objects)
         return None
@@ -192,7 +176,7 @@ class KitchenExpert(Expert):
         task = self._queue.current
         if task is None:
             return trajectory
-        return trajectory.then(self._plan(SKILLS[task], _achieved(task, objects)), self._limits)
+        return trajectory.then(self._plan(self._skills[task], _achieved(task, objects)), self._limits)
 
     def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
@@ -204,18 +188,20 @@ class KitchenExpert(Expert):
             offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
             return plan(self._kinematics, self._limits, skill, object_position=position, offsets=offsets)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
-        return _cached_plan(skill, rounded, self._velocity_scale)
+        return _cached_plan(skill, rounded, self._limits)
 
-    def _compute_action(
-        self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
-        arm = joints + (target - joints) / _RESPONSE + self._kinematics.gravity(joints) / _GAINS
-        commanded = np.append(arm, [fingers, fingers])
-        return (commanded - self._base_positions(observation[_ROBOT])) / (self._velocity_scale * CONTROL_TIMESTEP)
 
-    def _base_positions(self, observed: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
-        return observed if self._commanded is None else self._commanded
+@functools.cache
+def _arm_model() -> ArmModel:
+    """The arm in the kitchen, shared by all instances."""
+    return ArmModel(
+        kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
+        gains=_GAINS,
+        joint_response=_RESPONSE,
+        hand_response=_HAND_RESPONSE,
+        joint_speed=_JOINT_SPEED,
+        timestep=CONTROL_TIMESTEP,
+    )
 
 
 @functools.cache
@@ -231,15 +217,7 @@ def _achieved(task: str, objects: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=1024)
-def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, velocity_scale: float) -> JointTrajectory:
+def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(
-        ArmKinematics(KitchenArena, KITCHEN_FRANKA), _speed_limits(velocity_scale), skill, object_position=position
-    )
-
-
-def _speed_limits(velocity_scale: float) -> JointSpeedLimits:
-    """Joint speed limits, which shrink with a velocity scale [rad/s] below the default."""
-    speed = _JOINT_SPEED * min(1.0, velocity_scale / _VELOCITY_SCALE)
-    return JointSpeedLimits(joint_speed=speed, timestep=CONTROL_TIMESTEP)
+    return plan(_arm_model().kinematics, limits, skill, object_position=position)

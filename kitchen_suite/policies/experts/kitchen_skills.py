@@ -42,17 +42,16 @@ def _push(*tips: Vector, orientation: HandOrientation, fingers: float = CLOSED, 
     )
 
 
-def _turn_knob(task: str, height: float) -> Skill:
-    """Skill that turns the knob at a height [m] by pushing the upper end of its bar to the right."""
+def _turn_knob(height: float, orientation: HandOrientation, angle: float) -> Skill:
+    """Skill that turns the knob at a height [m] by pushing the upper end of its bar to the right, to an angle [rad]."""
     # Centre of the bar, and distance to the left of it and above it at which the finger tips push its upper end [m].
     x, y, lever = -0.256, 0.65, 0.03
     tip = (x - lever, y, height + lever)
     free = (x - lever, y - 0.06, height + lever)
-    # The knob is damped and lags behind, so the arc ends beyond the goal.
     return Skill(
         moves=(
-            *_push(free, tip, orientation=HandOrientation(approach=_direction(4, -22), spread=_DOWN), speed=1.0),
-            ArcMove(angle=-1.3, speed=1.5),
+            *_push(free, tip, orientation=orientation, speed=1.0),
+            ArcMove(angle=angle, speed=1.5),
         ),
         ik_seed=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
         object_joint=Revolute(elements=(0,), anchor=(x, y, height), axis=_BACK),
@@ -72,9 +71,14 @@ def _pull(bar: Vector, orientation: HandOrientation, arc: ArcMove) -> tuple[Move
     )
 
 
-# In an order with short motions between the tasks.
-SKILLS: Mapping[str, Skill] = MappingProxyType(
-    {
+def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -> Mapping[str, Skill]:
+    """Builds the skills by task, in an order with short motions between the tasks.
+
+    Args:
+      orientations: of the hand, by task.
+      knob_angle: target angle of the knobs [rad]. They are damped and lag behind the hand, so it is beyond the goal.
+    """
+    skills = {
         # Two fingers side by side, low on the kettle: one finger would turn it, a push high up would tip it over.
         "kettle": Skill(
             moves=_push(
@@ -82,7 +86,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 (-0.275, 0.205, 1.70),
                 (-0.275, 0.360, 1.70),
                 (-0.260, 0.620, 1.70),
-                orientation=HandOrientation(approach=_direction(15, -15), spread=_RIGHT),
+                orientation=orientations["kettle"],
                 fingers=OPEN,
                 speed=0.5,
             ),
@@ -94,7 +98,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         "microwave": Skill(
             moves=_pull(
                 (-0.642, 0.492, 1.87),
-                HandOrientation(approach=_direction(-30, -15), spread=_RIGHT),
+                orientations["microwave"],
                 ArcMove(angle=-1.0, hand_rotation_ratio=-0.2, speed=1.0),
             ),
             ik_seed=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
@@ -102,14 +106,14 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
             retreat=(0.05, -0.10, 0.0),
             release_steps=3,
         ),
-        "bottom burner": _turn_knob("bottom burner", 2.226),
-        "top burner": _turn_knob("top burner", 2.34),
+        "bottom burner": _turn_knob(2.226, orientations["bottom burner"], knob_angle),
+        "top burner": _turn_knob(2.34, orientations["top burner"], knob_angle),
         "slide cabinet": Skill(
             moves=_push(
                 (-0.185, 0.565, 2.475),
                 (-0.160, 0.635, 2.475),
                 (0.280, 0.635, 2.475),
-                orientation=HandOrientation(approach=_direction(0, -20), spread=_DOWN),
+                orientation=orientations["slide cabinet"],
                 speed=0.8,
             ),
             ik_seed=(-0.83, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
@@ -121,7 +125,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
                 (-0.310, 0.560, 2.28),
                 (-0.315, 0.620, 2.28),
                 (-0.500, 0.620, 2.28),
-                orientation=HandOrientation(approach=_direction(-10, -10), spread=_RIGHT),
+                orientation=orientations["light switch"],
                 speed=0.6,
             ),
             ik_seed=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
@@ -131,7 +135,7 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
         "hinge cabinet": Skill(
             moves=_pull(
                 (-0.526, 0.582, 2.56),
-                HandOrientation(approach=_direction(10, 8), spread=_RIGHT),
+                orientations["hinge cabinet"],
                 ArcMove(angle=1.45, hand_rotation_ratio=-0.15, speed=1.0),
             ),
             ik_seed=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
@@ -140,4 +144,26 @@ SKILLS: Mapping[str, Skill] = MappingProxyType(
             release_steps=3,
         ),
     }
+    return MappingProxyType(skills)
+
+
+_KNOB = HandOrientation(approach=_direction(4, -22), spread=_DOWN)
+
+SKILLS = _skills(
+    {
+        "kettle": HandOrientation(approach=_direction(15, -15), spread=_RIGHT),
+        "microwave": HandOrientation(approach=_direction(-30, -15), spread=_RIGHT),
+        "bottom burner": _KNOB,
+        "top burner": _KNOB,
+        "slide cabinet": HandOrientation(approach=_direction(0, -20), spread=_DOWN),
+        "light switch": HandOrientation(approach=_direction(-10, -10), spread=_RIGHT),
+        "hinge cabinet": HandOrientation(approach=_direction(10, 8), spread=_RIGHT),
+    },
+    knob_angle=-1.3,
 )
+
+# The hand's orientation at a reset: 4 degrees to the right, 3 degrees up.
+_AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
+
+# Skills in which the hand keeps its orientation at a reset. Then the fingers are side by side and push a knob less far.
+FIXED_SKILLS = _skills(dict.fromkeys(SKILLS, _AT_RESET), knob_angle=-1.8)

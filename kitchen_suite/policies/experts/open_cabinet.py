@@ -2,8 +2,9 @@
 
 import dataclasses
 import enum
+import functools
 import math
-from typing import Any, Self
+from typing import Any
 
 import mink
 import numpy as np
@@ -13,10 +14,13 @@ from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.encoders import ArmModel
+from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.control_modes.joint_offset import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
@@ -25,7 +29,7 @@ from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE, OpenCabinetTask
 _GAINS = np.array([link.actuator.gain for link in PANDA.links])
 
 # Greatest speed of every joint [rad / control step]: 1.2 rad/s; the task ends an episode at 5.
-_LIMITS = JointSpeedLimits(joint_speed=np.full(7, 0.012), timestep=CONTROL_TIMESTEP)
+_JOINT_SPEED = (0.012,) * 7
 # Speeds of the hand towards the handle and while pulling [m/s]; at higher speeds the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
 # Control steps to close the fingers on the handle, and to open them.
@@ -43,9 +47,6 @@ _SETTLE_STEPS = 40
 
 # Distance between hand and handle beyond which the grasp has failed [m]: half a pad is 0.01; noise may add as much.
 _SLIP = 0.04
-
-# Gripper logit at which the gripper closes almost surely.
-_CLOSE_LOGIT = 50.0
 
 
 class _Phase(enum.Enum):
@@ -81,36 +82,46 @@ class DrawerExpert(Expert):
     and pulls. If the handle slips out, or the drawer is not open at the end, it starts again.
     """
 
+    control_modes = OFFSET_MODES
     observation_size = SIZE
-    _low, _high = -np.inf, np.inf
 
-    def __init__(self, drawer: str = "top", *, style: MotionStyle | None = None) -> None:
+    def __init__(
+        self,
+        drawer: str = "top",
+        *,
+        style: MotionStyle | None = None,
+        control_mode: str = "joint_offset",
+        **control_options: Any,
+    ) -> None:
         """Builds an expert for a drawer.
 
         Args:
           drawer: `top` or `bottom`.
-          style: speed, noise [rad] and jitter of the motions.
+          style: speed, noise and jitter of the motions.
+          control_mode: the environment's.
+          **control_options: arguments of the control mode: the environment's.
 
         Raises:
           TypeError: an argument of the wrong type.
-          ValueError: there is no such drawer.
+          ValueError: there is no such drawer or control mode, or a number is out of range.
         """
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
-        self._kinematics = ArmKinematics(OpenCabinetArena, PANDA)
-        super().__init__(style)
+        encoder = make_encoder(make_mode(control_mode, OFFSET_MODES, control_options), _arm_model())
+        self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
+        super().__init__(style, encoder)
 
     @classmethod
-    def for_task(cls, task: OpenCabinetTask, **options: Any) -> Self:
-        return cls(**{"drawer": task.drawer, **options})
+    def _task_settings(cls, task: OpenCabinetTask) -> dict[str, Any]:
+        return {"drawer": task.drawer}
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._phase = _Phase.START
         self._handle_poses: list[NDArray[np.float64]] = []
 
-    def _arm_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
         fraction = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
-        return (JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW))[ARM]
+        return JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW)
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         match self._phase:
@@ -122,7 +133,8 @@ class DrawerExpert(Expert):
                 return self._continue_pull(observation, joints)
 
     def _start(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
-        return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), _LIMITS)
+        self._initial_rotation = self._kinematics.forward(joints).rotation()
+        return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), self._limits)
 
     def _continue_approach(
         self, observation: NDArray[np.float64], joints: NDArray[np.float64]
@@ -134,8 +146,8 @@ class DrawerExpert(Expert):
         self._phase = _Phase.PULL
         mean = np.mean(self._handle_poses, axis=0)
         handle = mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=mean[:4]).normalize(), mean[4:])
-        pull = plan(self._kinematics, _LIMITS, self._skill, frame=handle)
-        return JointTrajectory.stationary(joints, OPEN).then(pull, _LIMITS)
+        pull = plan(self._kinematics, self._limits, self._skill_at(handle), frame=handle)
+        return JointTrajectory.stationary(joints, OPEN).then(pull, self._limits)
 
     def _continue_pull(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         """Returns a retreat and a new approach if the pull has failed."""
@@ -144,16 +156,24 @@ class DrawerExpert(Expert):
         if _is_open(observation):
             return None
         approach = self._plan_approach(observation, joints)
-        retreat = plan_retreat(self._kinematics, _LIMITS, self._skill, joints=joints, fingers=CLOSED)
-        return retreat.then(approach, _LIMITS)
+        retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=CLOSED)
+        return retreat.then(approach, self._limits)
 
     def _plan_approach(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
         """Enters the approach phase; returns the trajectory to the standoff before the handle."""
         self._phase = _Phase.APPROACH
         handle = self._handle_pose(observation, joints)
         self._handle_poses = [handle.wxyz_xyz]
-        approach = dataclasses.replace(self._skill, moves=self._skill.moves[:1])
-        return plan(self._kinematics, _LIMITS, approach, frame=handle, offsets=self._draw_offsets(1))
+        skill = self._skill_at(handle)
+        approach = dataclasses.replace(skill, moves=skill.moves[:1])
+        return plan(self._kinematics, self._limits, approach, frame=handle, offsets=self._draw_offsets(1))
+
+    def _skill_at(self, handle: mink.SE3) -> Skill:
+        """The skill for a handle's pose in the world."""
+        if self._encoder.turns_hand:
+            return self._skill
+        rotation = handle.rotation().inverse() @ self._initial_rotation
+        return self._skill.with_orientation(HandOrientation.from_rotation(rotation))
 
     def _handle_pose(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> mink.SE3:
         """Pose of the handle in the world, from its observed offset from the hand."""
@@ -168,11 +188,18 @@ class DrawerExpert(Expert):
         distance = float(np.linalg.norm(observation[SLICES["handle_offset"]]))
         return self._current_fingers == CLOSED and distance > _SLIP
 
-    def _compute_action(
-        self, observation: NDArray[np.float64], joints: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
-        arm = target - joints + self._kinematics.gravity(joints) / _GAINS
-        return np.append(arm, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
+
+@functools.cache
+def _arm_model() -> ArmModel:
+    """The arm at the cabinet, shared by all instances."""
+    return ArmModel(
+        kinematics=ArmKinematics(OpenCabinetArena, PANDA),
+        gains=_GAINS,
+        joint_response=1.0,
+        hand_response=1.0,
+        joint_speed=_JOINT_SPEED,
+        timestep=CONTROL_TIMESTEP,
+    )
 
 
 def _is_open(observation: NDArray[np.float64]) -> bool:

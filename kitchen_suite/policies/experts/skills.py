@@ -1,6 +1,7 @@
 """Skills as data: poses of the hand, speeds, and opening of the fingers."""
 
 import dataclasses
+from typing import Self
 
 import mink
 import numpy as np
@@ -31,6 +32,12 @@ class HandOrientation:
         """Position of the hand's site at a distance [m] from a point at which the fingers point."""
         x, y, z = np.array(point) - distance * np.array(self.approach)
         return float(x), float(y), float(z)
+
+    @classmethod
+    def from_rotation(cls, rotation: mink.SO3) -> Self:
+        """Orientation of a hand whose site has a rotation in the frame of the skill."""
+        _, y, z = rotation.as_matrix().T.tolist()
+        return cls(approach=tuple(z), spread=tuple(y))
 
     @property
     def rotation(self) -> mink.SO3:
@@ -140,3 +147,11 @@ class Skill:
     object_joint: Revolute | Prismatic | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
     release_steps: int = 0
+
+    def with_orientation(self, orientation: HandOrientation) -> Self:
+        """This skill with the same orientation of the hand at the ends of all straight moves."""
+        moves = (
+            dataclasses.replace(move, orientation=orientation) if isinstance(move, Move) else move
+            for move in self.moves
+        )
+        return dataclasses.replace(self, moves=tuple(moves))

@@ -1,6 +1,7 @@
 """Plans joint trajectories for skills, timed by the speeds that the arm's actuators can follow."""
 
 import dataclasses
+import functools
 from collections.abc import Iterable
 from typing import Self
 
@@ -20,7 +21,12 @@ _ARC_SPACING = 0.06
 _MIN_KNOT_INTERVAL = 1e-3
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+# Spacing of the joint positions between which the hand's motion is measured [rad].
+_JOINT_SPACING = 0.1
+
+
+# Compared by identity, so that plans can be cached by their limits.
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class JointSpeedLimits:
     """Greatest speeds of the arm's joints.
 
@@ -39,6 +45,58 @@ class JointSpeedLimits:
     def steps(self, distance: float, speed: float) -> float:
         """Time for a distance [m, rad] at a speed [m/s, rad/s] [control steps]."""
         return distance / (speed * self.timestep)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class HandSpeedLimits(JointSpeedLimits):
+    """Greatest speeds of the arm's joints and of the hand.
+
+    Attributes:
+      kinematics: of the arm.
+      linear_speed: of the hand's site [m/s].
+      angular_speed: of the hand [rad/s].
+    """
+
+    kinematics: ArmKinematics
+    linear_speed: float
+    angular_speed: float
+
+    def steps_between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+        count = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING)))
+        poses = [self.kinematics.forward(start + i / count * (end - start)) for i in range(count + 1)]
+        slowest = max(map(self._hand_steps, poses, poses[1:]))
+        return max(super().steps_between(start, end), count * slowest)
+
+    def _hand_steps(self, start: mink.SE3, end: mink.SE3) -> float:
+        """Least time from one pose of the hand to another [control steps]."""
+        distance = float(np.linalg.norm(end.translation() - start.translation()))
+        angle = float(np.linalg.norm((start.rotation().inverse() @ end.rotation()).log()))
+        return max(self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
+
+
+@functools.cache
+def joint_speed_limits(joint_speed: tuple[float, ...], timestep: float) -> JointSpeedLimits:
+    """Returns the limits of joint speeds [rad / control step], the same object for the same speeds."""
+    return JointSpeedLimits(joint_speed=np.array(joint_speed), timestep=timestep)
+
+
+@functools.cache
+def hand_speed_limits(
+    kinematics: ArmKinematics,
+    joint_speed: tuple[float, ...],
+    timestep: float,
+    *,
+    linear_speed: float,
+    angular_speed: float,
+) -> HandSpeedLimits:
+    """Returns the limits of joint speeds [rad / control step] and hand speeds [m/s, rad/s], one object for each."""
+    return HandSpeedLimits(
+        kinematics=kinematics,
+        joint_speed=np.array(joint_speed),
+        timestep=timestep,
+        linear_speed=linear_speed,
+        angular_speed=angular_speed,
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
