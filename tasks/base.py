@@ -1,25 +1,22 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
-import collections
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 import tree
-from dm_control import composer, mjcf
-from dm_control.composer.observation import observable
+from dm_control import mjcf
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks import instructions
-from kitchen_suite.tasks.extra_observables import ExtraObservables
-from kitchen_suite.tasks.mdp import MDP, MEDIAN
-from kitchen_suite.tasks.pictures import NO_PICTURES, Pictures
+from kitchen_suite.tasks.instructions import InstructedTask
+from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode
+from kitchen_suite.tasks.observed import ObservedTask
 from kitchen_suite.tasks.randomizer import Randomizer
 from kitchen_suite.tasks.simulation import PhysicsSimulation
 
@@ -33,61 +30,20 @@ Metrics = dict[str, bool | float | dict[str, int]]
 _NO_RANDOMIZER = Randomizer({}, {})
 
 
-class SuiteTask(composer.Task):
+class SuiteTask(InstructedTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
+      control_modes: the task's control modes by name, the default first; empty if it has only one.
     """
 
     domain_name: str | None = None
+    control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     _random: np.random.RandomState
     _state: Any = None
     _command: Any = ()
     _visualize_reward = False
-    _extras: ExtraObservables | None = None
-    _pictures = NO_PICTURES
-
-    def __init__(self, scene: Scene, *, extra_observables: Sequence[str] = (), **pictures: Any) -> None:
-        """Adds observables to those that the task has itself; a task that adds none need not call this.
-
-        Args:
-          scene: of the task; not yet compiled.
-          extra_observables: further quantities to observe, by the names of `extra_observables.offered`.
-          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures.build`.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown or repeated name, or a size out of range.
-        """
-        extras = ExtraObservables(scene, extra_observables)
-        self._extras = extras if extras.size else None
-        self._pictures = Pictures.build(scene.arena.mjcf_model, **pictures)
-
-    @property
-    def extras(self) -> ExtraObservables | None:
-        """Quantities that are observed beside the task's own; None if there are none."""
-        return self._extras
-
-    @property
-    def extra_observables(self) -> dict[str, observable.Observable]:
-        """Their observables by observation key."""
-        return {} if self._extras is None else dict(self._extras.by_name)
-
-    @property
-    def extra_size(self) -> int:
-        """Number of their elements."""
-        return 0 if self._extras is None else self._extras.size
-
-    @property
-    def pictures(self) -> Pictures:
-        """The pictures of cameras that are observed."""
-        return self._pictures
-
-    @property
-    def observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        """All observables: those of the task, of its entities, and the pictures."""
-        return collections.OrderedDict({**super().observables, **self._pictures.by_name})
 
     @property
     def random(self) -> np.random.RandomState:
@@ -124,42 +80,14 @@ class SuiteTask(composer.Task):
         return self._state
 
     @property
+    def default_control_mode(self) -> str:
+        """Name of the control mode where none is asked for."""
+        return next(iter(self.control_modes), self.mdp.action_mode.name)
+
+    @property
     def command(self) -> Any:
         """What the control mode remembers of earlier actions, such as a commanded pose; `()` if it is nothing."""
         return self._command
-
-    @property
-    def instructions(self) -> tuple[str, ...]:
-        """The task in words: its sentence, then paraphrases of it; see `tasks.instructions`.
-
-        Empty by default. A class may set it to a tuple of strings.
-        """
-        return ()
-
-    @property
-    def instruction(self) -> str:
-        """The task's sentence, such as `open the microwave door`; the empty string if it has none.
-
-        Raises:
-          TypeError: the task's class sets `instructions` to something else than a tuple of strings.
-          ValueError: it sets an empty string.
-        """
-        return next(iter(self._checked_instructions()), "")
-
-    def draw_instruction(self, generator: np.random.Generator) -> str:
-        """Returns one of the `instructions`, each with the same probability.
-
-        Args:
-          generator: that is drawn from; the environment's random stream is not.
-
-        Raises:
-          TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
-          ValueError: the task has no instructions, or as of `instruction`.
-        """
-        return instructions.draw(self._checked_instructions(), generator)
-
-    def _checked_instructions(self) -> tuple[str, ...]:
-        return instructions.checked(self.instructions, type(self).__name__)
 
     @property
     @abc.abstractmethod

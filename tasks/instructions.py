@@ -59,3 +59,40 @@ def draw(instructions: tuple[str, ...], generator: np.random.Generator) -> str:
     if not instructions:
         raise ValueError("there are no instructions to draw from: the task has no sentence")
     return instructions[generator.integers(len(instructions))]
+
+
+class InstructedTask:
+    """A task that can be told in words."""
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """The task in words: its sentence, then paraphrases of it; see the module.
+
+        Empty by default. A class may set it to a tuple of strings.
+        """
+        return ()
+
+    @property
+    def instruction(self) -> str:
+        """The task's sentence, such as `open the microwave door`; the empty string if it has none.
+
+        Raises:
+          TypeError: the task's class sets `instructions` to something else than a tuple of strings.
+          ValueError: it sets an empty string.
+        """
+        return next(iter(self._checked_instructions()), "")
+
+    def draw_instruction(self, generator: np.random.Generator) -> str:
+        """Returns one of the `instructions`, each with the same probability.
+
+        Args:
+          generator: that is drawn from; the environment's random stream is not.
+
+        Raises:
+          TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
+          ValueError: the task has no instructions, or as of `instruction`.
+        """
+        return draw(self._checked_instructions(), generator)
+
+    def _checked_instructions(self) -> tuple[str, ...]:
+        return checked(self.instructions, type(self).__name__)

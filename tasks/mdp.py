@@ -53,10 +53,12 @@ class ActionMode(abc.ABC):
     A mode may remember a command from one control step to the next: a named tuple of arrays `(..., k)`, or `()`.
 
     Attributes:
+      name: of the mode, as the argument `control_mode` takes it.
       draws: whether a number is drawn from U(0, 1) for each action; `MEDIAN` stands for it otherwise.
       stage: stage of MuJoCo's pipeline up to which the state before a control step must be evaluated.
     """
 
+    name: ClassVar[str]
     draws: bool = False
     stage: ClassVar[mujoco.mjtStage] = mujoco.mjtStage.mjSTAGE_NONE
 

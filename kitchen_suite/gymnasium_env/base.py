@@ -2,7 +2,6 @@
 
 import abc
 import copy
-import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Self
 
@@ -14,14 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import layouts, rendering
-from kitchen_suite.gymnasium_env.control import ControlSettings, action_space
+from kitchen_suite.gymnasium_env.choices import CHOICES, split_choices
+from kitchen_suite.gymnasium_env.control import action_space
 from kitchen_suite.gymnasium_env.instructed import InstructedEnv
-from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
+from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
-
-# Classes whose attributes are keyword arguments of every environment.
-_CHOICES = (ObservationSettings, ControlSettings)
 
 
 class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
@@ -81,7 +78,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
           ValueError: an unknown name, or a number out of range.
         """
         self.check_keywords(choices)
-        settings, control = (_among(choices, kind) for kind in _CHOICES)
+        settings, control = split_choices(choices)
         layout, observables = settings.layout(self.observed), settings.task_options(self.observed)
         camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
         self._renderer = rendering.Renderer(
@@ -130,7 +127,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         others = {"self", "task_options", *exclude}
-        checks.keywords(names, *constructors, *_CHOICES, what="keyword argument", exclude=others)
+        checks.keywords(names, *constructors, *CHOICES, what="keyword argument", exclude=others)
 
     @abc.abstractmethod
     def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
@@ -307,8 +304,3 @@ def suite_env(environment: gymnasium.Env) -> SuiteEnv:
     inner = environment.unwrapped
     assert isinstance(inner, SuiteEnv)
     return inner
-
-
-def _among(choices: Mapping[str, Any], kind: type[Any]) -> Any:
-    """Returns an instance of a dataclass, with those of the choices that are its attributes."""
-    return kind(**{field.name: choices[field.name] for field in dataclasses.fields(kind) if field.name in choices})

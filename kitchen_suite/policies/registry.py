@@ -99,7 +99,7 @@ def _trained_builder(digest: str | None) -> PolicyBuilder:
     def build(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
         del generator
         policy = load(Path(file) if file else shipped(environment.task))
-        policy.check_fits(environment.task.observation_size, *environment.action_spec().shape)
+        policy.check_fits(environment.task)
         return lambda timestep: policy(flat_timestep(timestep))
 
     return build

@@ -155,22 +155,23 @@ class TrainedPolicy:
         except ValueError as error:
             raise ValueError(f"{problem}: {error}") from error
 
-    def check_fits(self, observation_size: int, action_size: int) -> None:
-        """Checks that the policy's sizes are those of a task.
-
-        Args:
-          observation_size: number of elements of the task's observation.
-          action_size: number of elements of the task's action.
+    def check_fits(self, task: "SuiteTask") -> None:
+        """Checks that the policy's sizes and its control mode are those of a task.
 
         Raises:
           ValueError: they differ.
         """
-        if (self.observation_size, self.action_size) != (observation_size, action_size):
+        (action_size,) = task.mdp.action_mode.spec(task.robot).shape
+        trained_for = f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+        if (self.observation_size, self.action_size) != (task.observation_size, action_size):
             raise ValueError(
                 f"the policy maps {self.observation_size} observed numbers to {self.action_size} numbers of an action, "
-                f"but this task has {observation_size} and {action_size}: it was trained for "
-                f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+                f"but this task has {task.observation_size} and {action_size}: {trained_for}"
             )
+        arguments = self.metadata.get("task_kwargs") or {}
+        expected, found = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
+        if expected != found:
+            raise ValueError(f"the policy acts in control mode {expected!r}, not {found!r}: {trained_for}")
 
 
 def _scalar(array: NDArray) -> NDArray:

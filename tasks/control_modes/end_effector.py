@@ -110,6 +110,8 @@ class _DeltaMode(EndEffectorMode):
 class EndEffectorDeltaPosition(_DeltaMode):
     """`ee_delta_position`: changes of the commanded position; the orientation of the reset is held."""
 
+    name = "ee_delta_position"
+
     def __init__(self, *, linear_speed: float = 0.25, frame: str = "base") -> None:
         """Sets speed and frame.
 
@@ -137,6 +139,8 @@ class EndEffectorDeltaPosition(_DeltaMode):
 
 class EndEffectorDeltaPose(_DeltaMode):
     """`ee_delta_pose`: changes of the commanded position and orientation."""
+
+    name = "ee_delta_pose"
 
     def __init__(self, *, linear_speed: float = 0.25, angular_speed: float = 1.0, frame: str = "base") -> None:
         """Sets speeds and frame.
@@ -166,6 +170,8 @@ class EndEffectorDeltaPose(_DeltaMode):
 
 class EndEffectorPose(EndEffectorMode):
     """`ee_pose`: a pose in the frame of the robot's base."""
+
+    name = "ee_pose"
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Position x, y, z within 1 m of the base, quaternion w, x, y, z, gripper: +1 closed, -1 open; in [-1, 1]."""

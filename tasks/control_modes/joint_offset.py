@@ -34,6 +34,8 @@ class JointOffset(ActionMode):
       draws: whether closing is sampled with the probability of the gripper logit, or decided by its sign.
     """
 
+    name = "joint_offset"
+
     def __init__(self, *, gripper: str = "sampled") -> None:
         """Takes one of `GRIPPER_MODES`.
 

@@ -21,6 +21,8 @@ TARGET_DISTANCE = 0.3
 class JointPosition(ActionMode):
     """`joint_position`: targets of the arm's joints [rad] and of both fingers [m], within the joint limits."""
 
+    name = "joint_position"
+
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint targets [rad] and the fingers' target [m]; values beyond the joint limits are clipped."""
         low, high = np.transpose([actuator.range for actuator in robot.joint_actuators[: ARM_SIZE + 1]])
@@ -61,6 +63,8 @@ class JointDelta(ActionMode):
     Commanded positions start at those of the reset, stay within the joint limits and within 0.3 rad of their joints,
     and are held against gravity.
     """
+
+    name = "joint_delta"
 
     stage = mujoco.mjtStage.mjSTAGE_VEL
 

@@ -30,6 +30,8 @@ POSITION_HIGH = np.array([2.9, 1.8, 2.9, 0.0, 2.9, 3.8, 2.9, 0.04, 0.04])
 class JointVelocity(ActionMode):
     """`joint_velocity`: nine joint velocities, integrated over the control step from present positions."""
 
+    name = "joint_velocity"
+
     def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
         """Sets scale and feedback.
 
@@ -64,6 +66,8 @@ class JointVelocity(ActionMode):
 
 class JointPosition(ActionMode):
     """`joint_position`: nine joint positions; as Diffusion Policy's kitchen, but in an order that rounds nothing."""
+
+    name = "joint_position"
 
     def __init__(self, *, feedback: str = "observed") -> None:
         """Sets the feedback.

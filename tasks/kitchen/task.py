@@ -47,6 +47,7 @@ class KitchenTask(SuiteTask):
     """
 
     domain_name = "kitchen"
+    control_modes = CONTROL_MODES
 
     def __init__(
         self,

@@ -57,6 +57,7 @@ class MicrowaveTableTask(SuiteTask):
     """
 
     domain_name = "microwave_table"
+    control_modes = CONTROL_MODES
 
     def __init__(
         self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any

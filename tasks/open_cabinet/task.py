@@ -58,6 +58,7 @@ class OpenCabinetTask(SuiteTask):
     """
 
     domain_name = "open_cabinet"
+    control_modes = OFFSET_MODES
 
     def __init__(
         self,
