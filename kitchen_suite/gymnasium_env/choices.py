@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from kitchen_suite.gymnasium_env.control import ControlSettings
@@ -9,6 +10,11 @@ from kitchen_suite.gymnasium_env.observations import ObservationSettings
 
 # Classes whose attributes are keyword arguments of every environment.
 CHOICES = (ObservationSettings, ControlSettings)
+
+# Their values where they are omitted.
+DEFAULTS: Mapping[str, Any] = MappingProxyType(
+    {field.name: field.default for kind in CHOICES for field in dataclasses.fields(kind)}
+)
 
 
 def split_choices(choices: Mapping[str, Any]) -> tuple[ObservationSettings, ControlSettings]:

@@ -90,14 +90,24 @@ class Renderer:
 
 
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
-    """Gymnasium's renderer, with a clear error where no GL library works."""
+    """Gymnasium's renderer, with a clear error where no GL library works, and beside others in one process."""
 
     def free_context(self) -> None:
         self.close()
 
+    def close(self) -> None:
+        # MuJoCo's own objects first, in their own context: freed later, they would be those of another one.
+        for viewer in self._viewers.values():
+            viewer.make_context_current()
+            viewer.con.free()
+        super().close()
+
     def _get_viewer(self, render_mode: str | None) -> mujoco_rendering.BaseRender:
         if render_mode in self._viewers:
-            return super()._get_viewer(render_mode)
+            viewer = super()._get_viewer(render_mode)
+            # Another environment may have rendered since.
+            viewer.make_context_current()
+            return viewer
         if render_mode == "human":
             gl.check_window()
         with gl.making_context(self):

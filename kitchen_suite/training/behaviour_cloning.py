@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from skrl.agents.torch.ppo import PPO
 
 from kitchen_suite import suite
+from kitchen_suite.gymnasium_env import choices
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
 
 # Bound of the imitated actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
 # squared error of a few large actions would dominate the loss.
 _ACTION_LIMIT = 5.0
+
+# Arguments of all domains on which the meaning of observed numbers depends.
+_OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
 
 # Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
 _SCALER_COUNT = 1e15
@@ -62,10 +66,7 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
     found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
-    for name in ("obs_type", "extra_observables"):
-        if recorded.task_kwargs.get(name) != wanted.task_kwargs.get(name):
-            raise ValueError(f"{folder} was recorded with another {name}: pass the same --task_kwargs to both commands")
-    for name in suite.DOMAINS[wanted.domain_name].cloning_options:
+    for name in (*_OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
             raise ValueError(
@@ -77,9 +78,8 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
     environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
-    parameters = inspect.signature(environment).parameters
-    # Arguments of all domains are None by default, and in the signature of the base.
-    default = {name: parameters[name].default if name in parameters else None}
+    parameter = inspect.signature(environment).parameters.get(name)
+    default = {name: parameter.default if parameter else choices.DEFAULTS[name]}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
 

@@ -182,6 +182,9 @@ OTHER_ARGUMENTS = {
     "format of goals": ({"goal_format": "dict"}, {"goal_format": "flat"}, True),
     "velocities": ({"velocity_scale": 1.0}, {}, False),
     "feedback": ({}, {"feedback": "target"}, False),
+    "the default's extra observables": ({"extra_observables": []}, {}, True),
+    "extra observables": ({"extra_observables": ["franka/gripper_width"]}, {}, False),
+    "pictures": ({"obs_type": "pixels"}, {}, False),
     "goals": ({"goals": {"microwave": [-0.5]}}, {}, False),
     "order of tasks": (
         {"tasks_to_complete": ["kettle", "microwave"]},
