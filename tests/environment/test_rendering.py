@@ -1,5 +1,6 @@
 """Pictures of the kitchen from every camera, and the entities each viewable alone."""
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -160,3 +161,20 @@ def test_every_entity_compiles_and_renders_alone(entity, visuals):
     assert np.isfinite(alone.data.qpos).all()
     if visuals:
         assert alone.render(HEIGHT, WIDTH).std() > 5
+
+
+def test_environments_render_side_by_side():
+    """Each keeps to its own GL context, also after another one has rendered or has been closed."""
+    environments = [
+        gymnasium.make(env_id, render_mode="rgb_array", width=size, height=size)
+        for env_id, size in (("KitchenSuite/FrankaKitchen-v1", 96), ("KitchenSuite/TopDrawer-v1", 64))
+    ]
+    pictures = []
+    for environment in environments:
+        environment.reset(seed=0)
+        pictures.append(environment.render())
+    for environment, picture in zip(environments, pictures, strict=True):
+        np.testing.assert_array_equal(environment.render(), picture)
+    environments[1].close()
+    np.testing.assert_array_equal(environments[0].render(), pictures[0])
+    environments[0].close()
