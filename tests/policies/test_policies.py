@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from dm_env import specs
 
-from kitchen_suite import policies, suite
+from kitchen_suite import checks, policies, suite
 
 START = dm_env.restart(observation={})
 
 
 def build(name, minimum, maximum, size=8, seed=0):
     spec = specs.BoundedArray((size,), np.float64, minimum, maximum)
-    return policies.find(name)(types.SimpleNamespace(action_spec=lambda: spec), np.random.default_rng(seed))
+    task = types.SimpleNamespace(checked_action=lambda action: checks.vector(action, size, "action").copy())
+    environment = types.SimpleNamespace(action_spec=lambda: spec, task=task)
+    return policies.find(name)(environment, np.random.default_rng(seed))
 
 
 def draw(policy, count=2000):

@@ -416,3 +416,9 @@ def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkey
         policies.find("trained")(load("kitchen"), np.random.default_rng(0))
     make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
     policies.find("trained")(load("kitchen"), np.random.default_rng(0))
+
+
+def test_a_policy_acts_in_its_own_control_mode_only():
+    environment = suite.load("open_cabinet", "top_drawer", {"visuals": False, "control_mode": "joint_delta"})
+    with pytest.raises(policies.PolicyError, match="acts in control mode 'joint_offset', not 'joint_delta'"):
+        policies.find("trained")(environment, np.random.default_rng(0))
