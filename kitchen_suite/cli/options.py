@@ -7,7 +7,6 @@ same help for a field of one name in every command, and the order in which `--he
 import dataclasses
 import json
 import math
-import os
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +17,7 @@ from typing import Any
 from absl import flags
 
 from kitchen_suite import checks
+from kitchen_suite.cli import option_checks
 
 _MAX_STEPS = 10**12
 
@@ -47,23 +47,6 @@ class Option:
     choices: tuple[str, ...] = ()
     unset: str = ""
     check: Callable[[Any], None] = lambda value: None
-
-
-def _check_even(pixels: int) -> None:
-    if pixels % 2:
-        raise ValueError("must be even")
-
-
-def _check_folder(path: Path) -> None:
-    if path.exists() and not path.is_dir():
-        raise ValueError("is not a folder")
-
-
-def _check_video(path: Path) -> None:
-    if path.suffix != ".mp4" or path.is_dir():
-        raise ValueError("must be a file that ends with .mp4")
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise ValueError(f"there is no folder {str(path.parent)!r} that may be written to")
 
 
 OPTIONS: Mapping[str, Option] = MappingProxyType(
@@ -128,14 +111,14 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
         "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),
         "resume": Option("Continue the run in the folder from its newest checkpoint."),
-        "output": Option("Folder to write to.", check=_check_folder),
+        "output": Option("Folder to write to.", check=option_checks.check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
         "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
         "json": Option("Print JSON in place of tables."),
         "video": Option(
             "Video to write, an .mp4 in an existing folder; one that is there is replaced.",
             unset="none; kitchen-play writes kitchen-play.mp4 where it can",
-            check=_check_video,
+            check=option_checks.check_video,
         ),
         "novideo": Option("Write no video."),
         "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000),
@@ -145,8 +128,12 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             choices=("high", "fast"),
         ),
         "camera": Option("Camera of the video, by name or number."),
-        "width": Option("Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=_check_even),
-        "height": Option("Height of the video [pixels], even.", minimum=2, maximum=_MAX_HEIGHT, check=_check_even),
+        "width": Option(
+            "Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=option_checks.check_even
+        ),
+        "height": Option(
+            "Height of the video [pixels], even.", minimum=2, maximum=_MAX_HEIGHT, check=option_checks.check_even
+        ),
         "visualize_reward": Option("Colour objects in the video while they count as a success."),
         "help": Option("Show this help, and exit."),
         "version": Option("Show the version of the suite, and exit."),

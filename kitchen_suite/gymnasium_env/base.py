@@ -5,7 +5,6 @@ import copy
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Self
 
-import dm_env
 import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,8 +96,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         with_pictures = render_mode is not None or layout.has_pictures
         with_visuals = with_pictures if visuals is None else checks.boolean(visuals, "visuals")
         options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None}
-        added = {**control.task_options(), **observables}
-        self._environment = self._make_environment({**options, **added, **task_options})
+        self._environment = self._make_environment({**options, **control.task_options(), **observables, **task_options})
         self.action_space = action_space(self._environment.action_spec())
         self._renderer.check_camera(self._environment)
         self._task = self._environment.task
@@ -221,7 +219,9 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         self._bind_random_state()
         timestep = self._environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
-        terminated = self._terminated_and_continue(timestep)
+        if terminated := timestep.last():
+            # The next step continues the episode, as in FrankaKitchen-v1.
+            self._environment.continue_episode()
         truncated = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
         self._render_window()
         reward = 0.0 if timestep.first() else float(timestep.reward)
@@ -281,12 +281,6 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         self.np_random = np.random.Generator(bit_generator())
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]
-
-    def _terminated_and_continue(self, timestep: dm_env.TimeStep) -> bool:
-        """Returns whether the step terminated. If so, the next step continues the episode, as in FrankaKitchen-v1."""
-        if terminated := timestep.last():
-            self._environment.continue_episode()
-        return terminated
 
     def _bind_random_state(self) -> None:
         """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""

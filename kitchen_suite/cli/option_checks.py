@@ -1,0 +1,24 @@
+"""Checks of the values of single flags: each raises a ValueError that says what the value must be."""
+
+import os
+from pathlib import Path
+
+
+def check_even(pixels: int) -> None:
+    """Raises a ValueError for an odd number."""
+    if pixels % 2:
+        raise ValueError("must be even")
+
+
+def check_folder(path: Path) -> None:
+    """Raises a ValueError for a path that is there and is no folder."""
+    if path.exists() and not path.is_dir():
+        raise ValueError("is not a folder")
+
+
+def check_video(path: Path) -> None:
+    """Raises a ValueError for a path that cannot be written to as a video."""
+    if path.suffix != ".mp4" or path.is_dir():
+        raise ValueError("must be a file that ends with .mp4")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ValueError(f"there is no folder {str(path.parent)!r} that may be written to")
