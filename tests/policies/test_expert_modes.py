@@ -130,7 +130,9 @@ def test_fixed_skills_keep_the_orientation_of_the_reset():
     rotation = ArmKinematics(KitchenArena, KITCHEN_FRANKA).forward(INITIAL_QPOS[ARM]).rotation()
     for skill in FIXED_SKILLS.values():
         for move in skill.moves:
-            if not isinstance(move, ArcMove):
+            if isinstance(move, ArcMove):
+                assert move.hand_rotation_ratio == 0.0
+            else:
                 assert np.linalg.norm((move.orientation.rotation.inverse() @ rotation).log()) < 1e-3
     same = HandOrientation.from_rotation(rotation).rotation
     np.testing.assert_allclose(same.as_matrix(), rotation.as_matrix(), atol=1e-12)

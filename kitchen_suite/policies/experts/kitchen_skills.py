@@ -166,4 +166,9 @@ SKILLS = _skills(
 _AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
 
 # Skills in which the hand keeps its orientation at a reset. Then the fingers are side by side and push a knob less far.
-FIXED_SKILLS = _skills(dict.fromkeys(SKILLS, _AT_RESET), knob_angle=-1.8)
+FIXED_SKILLS = MappingProxyType(
+    {
+        task: skill.with_orientation(_AT_RESET)
+        for task, skill in _skills(dict.fromkeys(SKILLS, _AT_RESET), knob_angle=-1.8).items()
+    }
+)

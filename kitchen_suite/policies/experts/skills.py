@@ -149,9 +149,11 @@ class Skill:
     release_steps: int = 0
 
     def with_orientation(self, orientation: HandOrientation) -> Self:
-        """This skill with the same orientation of the hand at the ends of all straight moves."""
+        """This skill with the same orientation of the hand in all moves."""
         moves = (
-            dataclasses.replace(move, orientation=orientation) if isinstance(move, Move) else move
+            dataclasses.replace(move, orientation=orientation)
+            if isinstance(move, Move)
+            else dataclasses.replace(move, hand_rotation_ratio=0.0)
             for move in self.moves
         )
         return dataclasses.replace(self, moves=tuple(moves))
