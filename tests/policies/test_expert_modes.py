@@ -89,7 +89,7 @@ def test_the_expert_takes_the_settings_of_the_control_mode(mode, settings):
 NOISE = {
     "joint_position": (0.03, 0.001),
     "joint_delta": (0.2, 0.2),
-    "ee_delta_position": (0.4, 0.2),
+    "ee_delta_position": (0.4, 0.05),
     "ee_delta_pose": (0.4, 0.05),
     "ee_pose": (0.01, 0.0002),
 }
