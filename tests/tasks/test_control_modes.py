@@ -18,14 +18,26 @@ DOMAINS = tuple(suite.DOMAINS)
 ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA}
 
 
+# Cases of every kind of mode; the others are slow.
+BRIEF = (("kitchen", "ee_delta_pose"), ("kitchen", "joint_delta"), ("open_cabinet", "ee_pose"))
+
+
+def brief(cases):
+    """Marks all cases but those of `BRIEF` as slow."""
+    return [case if case in BRIEF else pytest.param(*case, marks=pytest.mark.slow) for case in cases]
+
+
+def every(modes):
+    return [(domain, mode) for domain in DOMAINS for mode in modes]
+
+
 def load(domain, mode, **settings):
     if domain == "kitchen":
         settings = {"terminate_on_tasks_completed": False, **settings}
     return tracking.load(domain, mode, **settings)
 
 
-@pytest.mark.parametrize("mode", tracking.HOLDING_MODES)
-@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize(("domain", "mode"), brief(every(tracking.HOLDING_MODES)))
 def test_the_end_effector_holds_still(domain, mode):
     distance, turn = tracking.drift(load(domain, mode), mode, suite.DOMAINS[domain].episode_steps)
     assert distance <= 2e-3
@@ -33,8 +45,7 @@ def test_the_end_effector_holds_still(domain, mode):
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("mode", tracking.LINE_MODES)
-@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize(("domain", "mode"), brief(every(tracking.LINE_MODES)))
 def test_the_end_effector_follows_a_line(domain, mode, axis):
     for sign in (1, -1) if mode == "ee_delta_pose" else (1,):
         line = tracking.follow_line(load(domain, mode), mode, axis, sign)
@@ -132,7 +143,9 @@ def test_a_quaternion_without_direction_is_refused(norm):
     assert environments.step(np.stack([good, good]))[4]["episode_step"].tolist() == [1, 1]
 
 
-@pytest.mark.parametrize("feedback", ["observed", "true", "target"])
+@pytest.mark.parametrize(
+    "feedback", ["observed", *(pytest.param(name, marks=pytest.mark.slow) for name in ("true", "target"))]
+)
 def test_joint_positions_repeat_an_episode_of_velocities(feedback):
     """Targets recorded from `joint_velocity`, in double precision, give the same trajectory to the bit."""
     velocities, positions = (
@@ -161,7 +174,7 @@ def test_joint_positions_are_clipped():
     assert kitchen.physics.data.ctrl[1] < -1.7685 + 0.8 + 1e-4
 
 
-@pytest.mark.parametrize(("domain", "mode"), CASES)
+@pytest.mark.parametrize(("domain", "mode"), brief(CASES))
 def test_states_continue_in_the_middle_of_an_episode(domain, mode):
     one, other = load(domain, mode), load(domain, mode, random=9)
     actions = walk(one.action_spec(), 14)
@@ -184,7 +197,7 @@ def test_a_command_that_does_not_fit_is_refused(mode):
         environment.set_state(state)
 
 
-@pytest.mark.parametrize(("domain", "mode"), CASES)
+@pytest.mark.parametrize(("domain", "mode"), brief(CASES))
 def test_copies_and_pickles_continue(domain, mode):
     env = gymnasium.make(suite.DOMAINS[domain].env_id, control_mode=mode, disable_env_checker=True).unwrapped
     env.reset(seed=3)
