@@ -1,5 +1,6 @@
 """Behaviour cloning: fits an agent's policy to recorded demonstrations before reinforcement learning."""
 
+import contextlib
 import inspect
 import json
 import pkgutil
@@ -14,6 +15,7 @@ from skrl.agents.torch.ppo import PPO
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import choices
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
 
@@ -68,7 +70,7 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     for name in (*_OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
-        if one != other:
+        if one != other and _in_mode(recorded, name, one) != _in_mode(wanted, name, other):
             raise ValueError(
                 f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
                 "pass the same --task_kwargs to both commands"
@@ -82,6 +84,15 @@ def _argument(spec: RecordingSpec, name: str) -> Any:
     default = {name: parameter.default if parameter else choices.DEFAULTS[name]}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
+
+
+def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
+    """Returns the value of an argument; where it is None, that of the environments' control mode, if it has it."""
+    if value is not None:
+        return value
+    with contextlib.closing(spec.make_environment()) as environment:
+        mode = suite_env(environment).environment.task.mdp.action_mode
+    return mode.name if name == "control_mode" else getattr(mode, name, None)
 
 
 def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
