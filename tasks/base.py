@@ -86,7 +86,7 @@ class SuiteTask(InstructedTask, ObservedTask):
 
     @property
     def command(self) -> Any:
-        """What the control mode remembers of earlier actions, such as a commanded pose; `()` if it is nothing."""
+        """Memory of the control mode from earlier actions, such as a commanded pose; `()` if it has none."""
         return self._command
 
     @property
@@ -226,7 +226,7 @@ class SuiteTask(InstructedTask, ObservedTask):
         """
         self._random, mdp = random_state, self.mdp
         self._action = self.checked_action(action)
-        if mdp.action_mode.stage and not physics.legacy_step:
+        if mdp.action_mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         draw = random_state.random_sample() if mdp.action_mode.draws else MEDIAN
         self._target, self._command = mdp.action_mode.control(
@@ -272,7 +272,7 @@ class SuiteTask(InstructedTask, ObservedTask):
 
     def _start_command(self, physics: mjcf.Physics) -> None:
         """Makes the control mode start from the present state of the physics."""
-        if self.mdp.action_mode.stage:
+        if self.mdp.action_mode.reads_derived:
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
         self._command = self.mdp.action_mode.start(self._simulation)
 

@@ -1,6 +1,7 @@
 """The interface of the tasks' Markov decision processes, which single and vectorised environments call alike."""
 
 import abc
+import inspect
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -61,6 +62,16 @@ class ActionMode(abc.ABC):
     name: ClassVar[str]
     draws: bool = False
     stage: ClassVar[mujoco.mjtStage] = mujoco.mjtStage.mjSTAGE_NONE
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the class, which modes keep as attributes of the same names."""
+        return {argument: getattr(self, argument) for argument in inspect.signature(type(self)).parameters}
+
+    @property
+    def reads_derived(self) -> bool:
+        """Whether control reads what MuJoCo derives from positions and velocities."""
+        return self.stage != mujoco.mjtStage.mjSTAGE_NONE
 
     @abc.abstractmethod
     def spec(self, robot: Franka) -> specs.Array:

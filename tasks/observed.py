@@ -1,4 +1,4 @@
-"""What a task observes beside its own observables: further quantities, and pictures of cameras."""
+"""Observables that can be added to a task: further quantities, and pictures of cameras."""
 
 import collections
 from collections.abc import Sequence

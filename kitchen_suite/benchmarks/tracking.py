@@ -16,7 +16,7 @@ from kitchen_suite.tasks.control_modes import poses
 HOLDING_MODES = ("joint_delta", "ee_delta_position", "ee_delta_pose", "ee_pose")
 LINE_MODES = HOLDING_MODES[1:]
 
-# Length of the lines [m], and the speed along them as a share of the modes' greatest [m/s].
+# Length of the lines [m], and the speed along them [m/s], half of the modes' greatest.
 LINE_LENGTH = 0.15
 LINE_SPEED = 0.125
 

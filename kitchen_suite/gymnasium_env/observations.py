@@ -16,7 +16,7 @@ from kitchen_suite.gymnasium_env import layouts
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ObservationConfig:
-    """What the environments of a domain observe.
+    """Observation types and cameras of a domain.
 
     Attributes:
       obs_types: observation types by name; the first is the default.

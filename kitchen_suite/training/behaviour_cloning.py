@@ -70,7 +70,9 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     for name in (*_OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
-        if one != other and _in_mode(recorded, name, one) != _in_mode(wanted, name, other):
+        if one != other:
+            one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
+        if one != other:
             raise ValueError(
                 f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
                 "pass the same --task_kwargs to both commands"

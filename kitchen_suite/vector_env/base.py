@@ -188,7 +188,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         self._check_episodes()
         actions = vector_checks.actions(actions, self.action_space)
         applied = self._template_env.clip_actions(actions)
-        self._template_env.environment.task.mdp.action_mode.check(applied)
+        self._episodes.check_actions(applied)
         with self._all_or_nothing():
             restarting = self._restarting()
             rewards, terminations, diverged = self._episodes.step(applied, ~restarting)

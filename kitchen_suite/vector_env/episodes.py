@@ -42,11 +42,10 @@ class BatchEpisodes:
         self._task = environment.task
         self._mdp = environment.task.mdp
         self._physics_steps = environment.task.physics_steps_per_control_step
-        self._control_stage = int(self._mdp.action_mode.stage)
         self._extras = environment.task.extras
         self._extra_values = np.zeros((count, environment.task.extra_size))
-        stages = (self._mdp.sensors.stage, *([self._extras.stage] if self._extras else []))
-        self._stage = max(self._control_stage, *map(int, stages))
+        stages = (self._mdp.sensors.stage, self._mdp.action_mode.stage, *([self._extras.stage] if self._extras else []))
+        self._stage = max(map(int, stages))
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
@@ -91,8 +90,12 @@ class BatchEpisodes:
             getattr(self.state, name)[indices] = values
         self.steps[mask] = 0
         self.has_moved |= mask
-        if self._control_stage:
-            self.batch.forward(indices, self._control_stage)
+        if self._mdp.action_mode.reads_derived:
+            self.batch.forward(indices, self._stage)
+
+    def check_actions(self, actions: NDArray[np.float64]) -> None:
+        """Checks finite actions `(n, k)`; raises a ValueError where one has no meaning."""
+        self._mdp.action_mode.check(actions)
 
     def step(
         self, actions: NDArray[np.float64], stepping: NDArray[np.bool_]

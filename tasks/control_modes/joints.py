@@ -48,7 +48,7 @@ class JointPosition(ActionMode):
 
 
 class JointCommand(NamedTuple):
-    """What `joint_delta` changes.
+    """Commanded joint positions, which `joint_delta` changes.
 
     Attributes:
       positions: `(..., 7)`, commanded positions of the arm's joints [rad].

@@ -60,20 +60,3 @@ def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options
         if name not in owners:
             raise ValueError(f"{option} is an argument of control_mode {' and '.join(owners)}, not of {name!r}")
     return make(**given)
-
-
-def mode_settings(mode: ActionMode, modes: Mapping[str, Callable[..., ActionMode]]) -> tuple[str, dict[str, Any]]:
-    """Returns the name of a control mode, and the arguments that `make_mode` builds it from.
-
-    Args:
-      mode: an instance of one of the classes.
-      modes: classes by name.
-
-    Raises:
-      ValueError: it is an instance of none.
-    """
-    for name, each in modes.items():
-        if type(mode) is each:
-            # Modes keep their arguments under their own names.
-            return name, {argument: getattr(mode, argument) for argument in inspect.signature(each).parameters}
-    raise ValueError(f"{type(mode).__name__} is none of the control modes {', '.join(modes)}")

@@ -12,7 +12,7 @@ from kitchen_suite.policies.experts.encoding import ENCODERS, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, mode_settings
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 
@@ -47,9 +47,9 @@ def test_every_control_mode_has_an_encoder():
 @pytest.mark.parametrize("modes", [CONTROL_MODES, OFFSET_MODES], ids=["kitchen", "open_cabinet"])
 def test_a_mode_is_built_again_from_its_settings(modes):
     for name, mode in modes.items():
-        found, settings = mode_settings(mode(), modes)
-        assert found == name
-        assert mode_settings(mode(**settings), modes) == (name, settings)
+        settings = mode().settings
+        assert mode().name == name
+        assert mode(**settings).settings == settings
 
 
 @pytest.mark.parametrize("mode", KITCHEN_MODES)
@@ -152,7 +152,6 @@ REJECTED = {
     "did you mean 'linear_speed'": lambda: experts.DrawerExpert("top", control_mode="ee_delta_pose", liner_speed=1.0),
     "velocity_scale must be finite and positive": lambda: experts.KitchenExpert(["kettle"], velocity_scale=0.0),
     "cannot act in control mode object": lambda: make_encoder(object(), None),
-    "object is none of the control modes joint_offset": lambda: mode_settings(object(), OFFSET_MODES),
 }
 
 

@@ -2,8 +2,10 @@
 
 import copy
 import pickle
+from unittest import mock
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from control_cases import CASES, walk
@@ -12,6 +14,7 @@ from kitchen_suite import suite
 from kitchen_suite.benchmarks import tracking
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
+from kitchen_suite.tasks import base
 from kitchen_suite.tasks.control_modes import inverse_kinematics, poses
 
 DOMAINS = tuple(suite.DOMAINS)
@@ -222,6 +225,15 @@ def test_without_legacy_steps_an_episode_is_the_same(domain):
         default.step(action)
         other.step(action)
         np.testing.assert_array_equal(other.physics.data.ctrl, default.physics.data.ctrl)
+
+
+@pytest.mark.parametrize(("mode", "calls"), [("joint_velocity", 0), ("joint_position", 0), ("joint_delta", 1)])
+def test_kinematics_are_computed_only_for_modes_that_read_them(mode, calls, monkeypatch):
+    environment = load("kitchen", mode)
+    compute = mock.Mock(wraps=mujoco.mj_kinematics)
+    monkeypatch.setattr(base.mujoco, "mj_kinematics", compute)
+    environment.reset()
+    assert compute.call_count == calls
 
 
 @pytest.mark.parametrize(("domain", "mode"), CASES)

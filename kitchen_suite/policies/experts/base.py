@@ -12,7 +12,6 @@ from kitchen_suite import checks
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
-from kitchen_suite.tasks.control_modes.modes import mode_settings
 from kitchen_suite.tasks.mdp import ActionMode
 
 # A trajectory that the arm does not follow is halted, and fails after this many control steps.
@@ -71,10 +70,9 @@ class Expert(abc.ABC):
           TypeError: an argument is unknown or of the wrong type.
           ValueError: an option has a value that the expert rejects.
         """
-        name, settings = mode_settings(task.mdp.action_mode, cls.control_modes)
-        if options.get("control_mode", name) != name:
-            settings = {}
-        return cls(**{"control_mode": name, **settings, **cls._task_settings(task), **options})
+        mode = task.mdp.action_mode
+        settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
+        return cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
 
     @classmethod
     @abc.abstractmethod

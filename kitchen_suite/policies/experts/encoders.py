@@ -15,7 +15,7 @@ from kitchen_suite.policies.experts.trajectories import JointSpeedLimits
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmModel:
-    """What encoders know of a robot and its control.
+    """A robot and its control, as encoders see them.
 
     Attributes:
       kinematics: of the arm.
@@ -37,6 +37,10 @@ class ArmModel:
     def gravity_offset(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Offsets `(7,)` of servo targets that hold the arm at joint positions `(7,)` [rad]."""
         return self.kinematics.gravity(joints) / self.gains
+
+    def servo_targets(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Servo targets `(7,)` that move the arm from joint positions `(7,)` to a target `(7,)` and hold it [rad]."""
+        return self.led(joints, target) + self.gravity_offset(joints)
 
     def led(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint positions `(7,)` that lead the target as far as the joints would lag behind it [rad]."""

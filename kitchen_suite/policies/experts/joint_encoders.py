@@ -60,9 +60,7 @@ class VelocityEncoder(JointEncoder):
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        joints = positions[ARM]
-        arm = self._arm.led(joints, target) + self._arm.gravity_offset(joints)
-        commanded = np.append(arm, [fingers, fingers])
+        commanded = np.append(self._arm.servo_targets(positions[ARM], target), [fingers, fingers])
         return (commanded - self._base_positions(positions)) / (self._mode.velocity_scale * self._arm.timestep)
 
     def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
@@ -87,8 +85,7 @@ class PositionEncoder(JointEncoder):
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        joints = positions[ARM]
-        arm = self._arm.led(joints, target) + self._arm.gravity_offset(joints)
+        arm = self._arm.servo_targets(positions[ARM], target)
         return np.append(arm, [fingers] * (self.low.size - arm.size))
 
 
