@@ -106,14 +106,57 @@ def test_nothing_winds_up_against_an_obstacle():
     assert tracking.end_effector_pose(environment)[0][2] > position[2] + 0.03
 
 
-def test_joint_commands_stay_near_their_joints():
-    environment = load("open_cabinet", "joint_delta", joint_speed=3.0)
-    for _ in range(40):
-        environment.step(np.ones(8))
-        joints = np.array(environment.physics.bind(environment.task.robot.joints[:7]).qpos)
+def arm_of(environment):
+    """The arm's joints, bound to the physics."""
+    return environment.physics.bind(environment.task.robot.joints[:7])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_joint_commands_stay_near_their_joints(sign):
+    environment = load("open_cabinet", "joint_delta", joint_speed=10.0)
+    low, high = np.transpose([actuator.range for actuator in PANDA.joint_actuators[:7]])
+    farthest = 0.0
+    for _ in range(30):
+        joints = np.array(arm_of(environment).qpos)
+        environment.step(np.full(8, sign))
         command = environment.task.command.positions
-        assert (command <= np.array([actuator.range[1] for actuator in PANDA.joint_actuators[:7]])).all()
-    assert (np.abs(command - joints) <= 0.3 + 3.0 * environment.control_timestep()).all()
+        assert (np.abs(command - joints) <= 0.3 + 1e-12).all()
+        assert (command <= np.maximum(high, joints)).all()
+        assert (command >= np.minimum(low, joints)).all()
+        farthest = max(farthest, np.abs(command - joints).max())
+    # Without the bound, the commands of the first steps would run ahead of the servos.
+    assert farthest > 0.29
+
+
+def test_the_orientation_of_the_reset_is_held():
+    """Also after the hand has been turned further than a commanded orientation may be away."""
+    environment = load("kitchen", "ee_delta_position")
+    _, orientation = tracking.end_effector_pose(environment)
+    arm_of(environment).qpos[6] -= 0.6
+    hold = tracking.holding_action(environment, "ee_delta_position")
+    environment.step(hold)
+    assert tracking.angle(tracking.end_effector_pose(environment)[1], orientation) > 15.0
+    for _ in range(50):
+        environment.step(hold)
+    assert tracking.angle(tracking.end_effector_pose(environment)[1], orientation) < 1.0
+
+
+def test_the_null_space_returns_to_the_posture_of_the_reset():
+    environment = load("open_cabinet", "ee_delta_pose")
+    physics, joints = environment.physics, arm_of(environment)
+    reset, place = np.array(joints.qpos), tracking.end_effector_pose(environment)[0]
+    for _ in range(40):
+        ids = joints.element_id
+        jacobian = inverse_kinematics.jacobian(place, physics.data.xanchor[ids], physics.data.xaxis[ids])
+        # The last of the right singular vectors moves the elbow, and not the hand.
+        elbow = np.linalg.svd(jacobian)[2][-1]
+        joints.qpos += 0.01 * elbow * np.copysign(1.0, elbow[0])
+        physics.forward()
+    away = np.linalg.norm(np.array(joints.qpos) - reset)
+    for _ in range(800):
+        environment.step(tracking.holding_action(environment, "ee_delta_pose"))
+    assert np.linalg.norm(np.array(joints.qpos) - reset) < 0.3 * away
+    assert np.linalg.norm(tracking.end_effector_pose(environment)[0] - place) < 5e-3
 
 
 def test_quaternions_are_normalised_and_have_two_signs():
