@@ -181,7 +181,11 @@ RENDERERS = ("high", "fast, without light meshes", "fast")
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize(("domain", "baseline"), [("kitchen", ("Gymnasium-Robotics",)), ("open_cabinet", ())])
+@pytest.mark.parametrize(
+    ("domain", "baseline"),
+    # Frames of the original take half a second each.
+    [pytest.param("kitchen", ("Gymnasium-Robotics",), marks=pytest.mark.slow), ("open_cabinet", ())],
+)
 def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baseline, small_frames, capsys):
     flags = [f"--domain_name={domain}", "--measure=rendering", "--rounds=1"]
     assert benchmark.main([*flags, "--json"]) == 0
@@ -208,6 +212,7 @@ def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baselin
         assert len(row.removeprefix(content).split()) == len(baseline) + len(RENDERERS)
 
 
+@pytest.mark.slow
 @pytest.mark.rendering
 def test_frames_are_measured_without_what_they_consist_of(small_frames):
     timers = {name: rendering.FrameTimer(each) for name, each in find_cases("kitchen").renderers(96).items()}

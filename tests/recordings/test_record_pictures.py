@@ -15,7 +15,12 @@ from kitchen_suite.rollouts.episode import flatten
 
 pytestmark = pytest.mark.rendering
 
-PIXELS = {"obs_type": "pixels_agent_pos", "cameras": ["overview", "franka/hand"], "image_size": [40, 48]}
+PIXELS = {
+    "obs_type": "pixels_agent_pos",
+    "cameras": ["overview", "franka/hand"],
+    "image_size": [40, 48],
+    "render_quality": "fast",
+}
 SHORT = ["--num_episodes=2", "--max_episode_steps=4", "--task_name=kettle"]
 ID = "kitchen-suite/pictures-v0"
 
@@ -59,10 +64,20 @@ def test_minari_reads_back_the_pictures_of_all_cameras():
 @pytest.mark.parametrize("source", ["runs", ID])
 def test_pictures_are_replayed_to_the_bit(source, capsys):
     assert record_pictures(f"--dataset={ID}") == 0
-    assert json.loads(Path("runs/recording.json").read_text())["task_kwargs"]["render_quality"] == "high"
     capsys.readouterr()
     assert replay.main([source]) == 0
     assert "2 of 2 episodes are equal" in capsys.readouterr().out
+
+
+def test_the_render_quality_is_recorded_where_none_is_named():
+    pixels = {"obs_type": "pixels", "image_size": [8, 8]}
+    assert (
+        record.main(
+            ["--output=runs", "--max_episode_steps=1", "--num_episodes=1", f"--task_kwargs={json.dumps(pixels)}"]
+        )
+        == 0
+    )
+    assert json.loads(Path("runs/recording.json").read_text())["task_kwargs"]["render_quality"] == "high"
 
 
 def test_a_changed_picture_is_found(capsys):
@@ -79,7 +94,7 @@ def test_a_changed_picture_is_found(capsys):
 
 def test_the_expert_acts_on_the_state_whatever_is_recorded():
     pytest.importorskip("mink")
-    assert record_pictures("--policy=expert", render_quality="fast") == 0
+    assert record_pictures("--policy=expert") == 0
     _, seen = load_episode("runs/episode_000000.npz")
     assert record.main(["--output=states", "--policy=expert", *SHORT]) == 0
     _, blind = load_episode("states/episode_000000.npz")

@@ -17,7 +17,7 @@ TYPES = {
     "parts": {"obs_type": "environment_state_agent_pos", "extra_observables": EXTRAS},
     "goal": {"extra_observables": ["kettle/handle_positions", *EXTRAS]},
     "pixels": {"obs_type": "pixels", **PIXELS, "depth": True, "segmentation": True},
-    "pixels of one camera": {"obs_type": "pixels", "image_size": [20, 28]},
+    "pixels of one camera": {"obs_type": "pixels", "image_size": [20, 28], "render_quality": "fast"},
     "pixels_agent_pos": {"obs_type": "pixels_agent_pos", "extra_observables": EXTRAS, **PIXELS},
 }
 DOMAINS = {"kitchen": {}, "open_cabinet": {"randomization": MODERATE}, "microwave_table": {}}
@@ -28,6 +28,9 @@ def cases():
     for name, settings in TYPES.items():
         for domain in DOMAINS if name != "goal" else ["kitchen"]:
             marks = [pytest.mark.rendering] if name.startswith("pixels") else []
+            # The same code runs for the other domains.
+            if name.startswith("pixels") and domain == "microwave_table":
+                marks.append(pytest.mark.slow)
             yield pytest.param(domain, settings, id=f"{domain} {name}", marks=marks)
 
 
@@ -72,7 +75,11 @@ def test_observations_equal_those_of_the_single_environments(domain, settings):
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED], ids=lambda mode: mode.value)
+@pytest.mark.parametrize(
+    "mode",
+    [pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.slow), AutoresetMode.DISABLED],
+    ids=lambda mode: mode.value,
+)
 def test_pictures_follow_the_autoreset_mode(mode):
     settings = {"obs_type": "pixels_agent_pos", "extra_observables": EXTRAS, **PIXELS}
     many, singles = make("kitchen", mode, **settings)
@@ -101,7 +108,9 @@ def test_pictures_follow_the_autoreset_mode(mode):
 
 @pytest.mark.rendering
 def test_only_episodes_that_moved_are_rendered_again(monkeypatch):
-    many, singles = make("open_cabinet", AutoresetMode.SAME_STEP, obs_type="pixels", image_size=[20, 28])
+    many, singles = make(
+        "open_cabinet", AutoresetMode.SAME_STEP, obs_type="pixels", image_size=[20, 28], render_quality="fast"
+    )
     shown = []
     show = many._episodes.show
     monkeypatch.setattr(many._episodes, "show", lambda i: (shown.append(i), show(i)))
