@@ -4,14 +4,14 @@ A variation is a composer variation, a constant, or a list of these for the elem
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from dm_control.composer import variation
 from dm_control.composer.variation import distributions
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Quantity
@@ -31,8 +31,49 @@ class Choice(variation.Variation):
     ) -> NDArray[np.float64]:
         return self._values[(random_state or np.random).randint(len(self._values))]
 
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Least value, elementwise."""
+        return np.asarray(self._values.min(axis=0))
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Greatest value, elementwise."""
+        return np.asarray(self._values.max(axis=0))
+
     def __repr__(self) -> str:
         return f"Choice({self._values.tolist()})"
+
+
+class Bands(variation.Variation):
+    """Draws each element uniformly from one of several intervals, which have the same probability."""
+
+    def __init__(self, bands: Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
+        """Takes intervals `(low, high)`; bounds are numbers, or arrays `(n,)` with one for each element."""
+        self._bands = np.asarray(bands, np.float64)
+
+    def __call__(
+        self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
+    ) -> NDArray[np.float64]:
+        lows, highs = self._bands[:, 0], self._bands[:, 1]
+        # One draw for each element chooses the interval and the place in it.
+        places = (random_state or np.random).random_sample(lows.shape[1:]) * len(lows)
+        index = np.minimum(np.floor(places).astype(np.int64), len(lows) - 1)
+        low, high = (np.take_along_axis(bounds, index[np.newaxis], axis=0)[0] for bounds in (lows, highs))
+        return low + (places - index) * (high - low)
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Least value, elementwise."""
+        return np.asarray(self._bands[:, 0].min(axis=0))
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Greatest value, elementwise."""
+        return np.asarray(self._bands[:, 1].max(axis=0))
+
+    def __repr__(self) -> str:
+        return f"Bands({self._bands.tolist()})"
 
 
 @dataclasses.dataclass(frozen=True)
