@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.instructions import InstructedTask
-from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode
+from kitchen_suite.tasks.mdp import MEDIAN, ActionMode
 from kitchen_suite.tasks.observed import ObservedTask
-from kitchen_suite.tasks.randomizer import Randomizer
-from kitchen_suite.tasks.simulation import PhysicsSimulation
+from kitchen_suite.tasks.simulation import PhysicsSimulation, columns
+from kitchen_suite.tasks.varied_task import VariedTask
 
 # Colour of objects that the task counts as a success.
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
@@ -27,10 +28,7 @@ SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 Metrics = dict[str, bool | float | dict[str, int]]
 
 
-_NO_RANDOMIZER = Randomizer({}, {})
-
-
-class SuiteTask(InstructedTask, ObservedTask):
+class SuiteTask(InstructedTask, VariedTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -43,6 +41,7 @@ class SuiteTask(InstructedTask, ObservedTask):
     _random: np.random.RandomState
     _state: Any = None
     _command: Any = ()
+    _sensing: Any = ()
     _visualize_reward = False
 
     @property
@@ -65,16 +64,6 @@ class SuiteTask(InstructedTask, ObservedTask):
         """The robot that acts."""
 
     @property
-    @abc.abstractmethod
-    def mdp(self) -> MDP:
-        """The task's settings, and the mathematics of an episode under them."""
-
-    @property
-    def randomizer(self) -> Randomizer:
-        """Draws parameters of the scene at resets; by default none."""
-        return _NO_RANDOMIZER
-
-    @property
     def state(self) -> Any:
         """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
         return self._state
@@ -88,6 +77,11 @@ class SuiteTask(InstructedTask, ObservedTask):
     def command(self) -> Any:
         """Memory of the control mode from earlier actions, such as a commanded pose; `()` if it has none."""
         return self._command
+
+    @property
+    def sensing(self) -> Any:
+        """Variation of sensing in the present episode, a `sensing.Sensing`; `()` if there is none."""
+        return self._sensing
 
     @property
     @abc.abstractmethod
@@ -156,8 +150,8 @@ class SuiteTask(InstructedTask, ObservedTask):
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        command = {"command": tree.map_structure(np.array, self._command._asdict())} if self._command else {}
-        return {**self._saved_state(), **command}
+        memory = {name: part._asdict() for name, part in self._memory.items() if part}
+        return {**self._saved_state(), **tree.map_structure(np.array, memory), **self.variation_info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -168,9 +162,16 @@ class SuiteTask(InstructedTask, ObservedTask):
             unchanged then.
         """
         state = checks.matching(state, self.get_state(), "task state")
-        self._restore_state({key: value for key, value in state.items() if key != "command"})
-        if self._command:
-            self._command = self._command._replace(**state["command"])
+        values = self.randomizer.checked(self._values_in(state))
+        self._restore_state(state)
+        self._restore_variation(state, values)
+        memory = (part and part._replace(**state[name]) for name, part in self._memory.items())
+        self._command, self._sensing = memory
+
+    @property
+    def _memory(self) -> dict[str, Any]:
+        """Named tuples of what later steps depend on, beside the MDP's state; `()` where there is nothing."""
+        return {"command": self._command, "sensing": self._sensing}
 
     def _saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
@@ -178,7 +179,7 @@ class SuiteTask(InstructedTask, ObservedTask):
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         """Sets what `_saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
-        self._set_state(type(self._state)(**state))
+        self._set_state(type(self._state)(**{name: state[name] for name in self._state._fields}))
 
     @abc.abstractmethod
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -200,6 +201,8 @@ class SuiteTask(InstructedTask, ObservedTask):
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
+        self.randomizer.bind(physics)
+        self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
         if self._extras is not None:
             self._extras.bind(physics)
         (self._action_size,) = self.action_spec(physics).shape
@@ -209,6 +212,7 @@ class SuiteTask(InstructedTask, ObservedTask):
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         self._reset_physics(physics, random_state)
+        self._vary(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
     def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
@@ -232,7 +236,8 @@ class SuiteTask(InstructedTask, ObservedTask):
         self._target, self._command = mdp.action_mode.control(
             self._simulation, self._state, self._command, self._action, draw
         )
-        self._simulation.write("ctrl", mdp.sensors.ctrl, self._target)
+        applied, self._sensing = sensing.applied(self._sensing, self._target)
+        self._simulation.write("ctrl", mdp.sensors.ctrl, applied)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random, mdp = random_state, self.mdp
@@ -246,7 +251,7 @@ class SuiteTask(InstructedTask, ObservedTask):
             action=self._action,
             target=self._target,
             reading=mdp.sensors.read(self._simulation),
-            draws=mdp.draw_noise(random_state),
+            draws=sensing.scaled(self._sensing, mdp.draw_noise(random_state)),
         )
         self._set_state(state, physics)
 
@@ -265,7 +270,9 @@ class SuiteTask(InstructedTask, ObservedTask):
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
         mdp, before = self.mdp, self._state
         mdp.sensors.refresh(physics)
-        start = mdp.initial_state(mdp.sensors.read(self._simulation), draws)
+        positions = np.array(self._simulation.read("qpos", self._joint_columns))
+        self._sensing = sensing.start(self.randomizer.values, mdp.noise_parts, mdp.noise_draws, positions)
+        start = mdp.initial_state(mdp.sensors.read(self._simulation), sensing.scaled(self._sensing, draws))
         carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
         self._set_state(start._replace(**carried), physics)
         self._start_command(physics)

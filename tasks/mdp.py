@@ -2,7 +2,7 @@
 
 import abc
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import mujoco
@@ -135,6 +135,11 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def noise_draws(self) -> int:
         """Number of numbers drawn from U(-1, 1) at a reset and after each step; 0 without noise."""
         return 0
+
+    @property
+    def noise_parts(self) -> Mapping[str, slice]:
+        """Parts of these numbers that variations can scale, by name."""
+        return {"noise": slice(self.noise_draws)} if self.noise_draws else {}
 
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""

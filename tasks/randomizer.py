@@ -1,6 +1,7 @@
 """Draws parameters of a scene at resets, and sets them."""
 
 from collections.abc import Iterable, Mapping
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -25,15 +26,19 @@ DERIVED_FIELDS = (
     "actuator_acc0",
 )
 
+Values = dict[str, NDArray[np.float64]]
+
 
 class Randomizer:
     """Draws the wanted parameters and sets them in a physics; with none wanted, it draws and sets nothing.
 
     Attributes:
       values: present values of the wanted parameters by name; before the first reset, those of the built scene.
+      defaults: values of the built scene by name.
     """
 
     values: Mapping[str, NDArray[np.float64]]
+    defaults: Mapping[str, NDArray[np.float64]]
 
     def __init__(
         self, parameters: Mapping[str, Parameter], wanted: Mapping[str, Variation], *, owner: str = "randomization"
@@ -53,31 +58,59 @@ class Randomizer:
             checks.choice(name, parameters.keys(), f"{owner}'s parameter")
         self._parameters = {name: each for name, each in parameters.items() if wanted.get(name) is not None}
         self._variations = {name: wanted[name] for name in self._parameters}
-        self._quantities = {name: parameter.quantity for name, parameter in self._parameters.items()}
-        self._owner = owner
-        self.values = {}
-        variations.check_constants(self._variations, self._quantities, owner)
+        self._labels = {name: f"{owner}'s {name}" for name in self._parameters}
+        self.values, self.defaults = {}, {}
+        quantities = {name: parameter.quantity for name, parameter in self._parameters.items()}
+        variations.check_constants(self._variations, quantities, owner)
+
+    def add(self, other: Self) -> None:
+        """Adds the parameters of another randomizer, to be drawn and set after the present ones.
+
+        Raises:
+          ValueError: both have the same parameter.
+        """
+        own = {parameter.name: self._labels[name] for name, parameter in self._parameters.items()}
+        for name, parameter in other._parameters.items():
+            if parameter.name in own:
+                raise ValueError(f"{parameter.name} varies twice: by {own[parameter.name]} and {other._labels[name]}")
+        self._parameters |= other._parameters
+        self._variations |= other._variations
+        self._labels |= other._labels
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the wanted parameters, in the order in which they are drawn."""
+        return tuple(self._parameters)
 
     @property
     def model_fields(self) -> tuple[str, ...]:
         """Fields of MuJoCo's model that the physics of an episode depends on and a reset may change."""
-        quantities = [quantity for quantity in self._quantities.values() if not quantity.visual]
-        derived = DERIVED_FIELDS if any(quantity.derived for quantity in quantities) else ()
-        return _union((*(quantity.model_fields for quantity in quantities), derived))
+        physical = [each.quantity for each in self._parameters.values() if not each.quantity.visual]
+        derived = DERIVED_FIELDS if any(quantity.derived for quantity in physical) else ()
+        return _union((*(quantity.model_fields for quantity in physical), derived))
+
+    @property
+    def displacements(self) -> tuple[str, ...]:
+        """Names of the parameters that change no field of the model."""
+        return tuple(name for name, parameter in self._parameters.items() if not parameter.quantity.model_fields)
 
     @property
     def visual_fields(self) -> tuple[str, ...]:
         """Further fields of MuJoCo's model that a reset may change, on which only images depend."""
-        return _union(quantity.model_fields for quantity in self._quantities.values() if quantity.visual)
+        quantities = (parameter.quantity for parameter in self._parameters.values())
+        return _union(quantity.model_fields for quantity in quantities if quantity.visual)
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Makes `set` change a physics, which must have the values of the built scene."""
-        self._physics = physics
-        is_derived = any(quantity.derived for quantity in self._quantities.values())
-        self._scratch = mujoco.MjData(physics.model.ptr) if is_derived else None
-        self.values = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
+        self._physics, model = physics, physics.model.ptr
+        is_derived = any(parameter.quantity.derived for parameter in self._parameters.values())
+        self._scratch = mujoco.MjData(model) if is_derived else None
+        fields = (field for field in (*self.model_fields, *self.visual_fields) if field not in DERIVED_FIELDS)
+        self._built = {field: np.array(getattr(model, field)) for field in fields}
+        self.defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
+        self.values = dict(self.defaults)
 
-    def draw(self, random_state: np.random.RandomState) -> dict[str, NDArray[np.float64]]:
+    def draw(self, random_state: np.random.RandomState) -> Values:
         """Returns new values, drawn in the order of the parameters; sets nothing.
 
         Raises:
@@ -87,18 +120,22 @@ class Randomizer:
         drawn = {name: variation.evaluate(each, random_state=random_state) for name, each in self._variations.items()}
         return self.checked(drawn)
 
-    def checked(self, values: Mapping[str, NDArray]) -> dict[str, NDArray[np.float64]]:
+    def checked(self, values: Mapping[str, NDArray]) -> Values:
         """Returns values of the wanted parameters that `set` accepts; raises as `draw`."""
-        return variations.checked(values, self._quantities, self._owner)
+        return {
+            name: self._parameters[name].quantity.checked(value, self._labels[name]) for name, value in values.items()
+        }
 
     def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """Sets checked values of all wanted parameters, and updates the kinematics."""
+        """Sets checked values of all wanted parameters in the scene as it was built, and updates the kinematics."""
         if not self._parameters:
             return
-        self.values = {name: np.array(value, np.float64) for name, value in values.items()}
+        model = self._physics.model.ptr
+        for field, built in self._built.items():
+            getattr(model, field)[:] = built
+        self.values = {name: np.array(values[name], np.float64) for name in self._parameters}
         for name, value in self.values.items():
             self._parameters[name].set(self._physics, value)
-        model = self._physics.model.ptr
         if self._scratch:
             # `mj_setConst` moves the data that it computes with to the model's default pose.
             mujoco.mj_setConst(model, self._scratch)

@@ -45,6 +45,12 @@ class Varied:
         """Greatest value of each element, over both distributions and the default."""
         return np.maximum.reduce([self.default, self.seen.high, self.held_out.high])
 
+    def check(self, value: NDArray[np.float64]) -> None:
+        """Raises a ValueError if a value is outside the range."""
+        if (value < self.low).any() or (value > self.high).any():
+            bounds = f"{self.low.tolist()} and {self.high.tolist()}"
+            raise ValueError(f"variation's {self.name} must be within {bounds}, got {value.tolist()}")
+
     def distribution(self, split: str) -> Distribution:
         """Returns the distribution of a split, one of `SPLITS`."""
         return {"seen": self.seen, "held_out": self.held_out}[split]
@@ -71,11 +77,13 @@ def between(name: str, group: str, *, default: ArrayLike, seen: Any, held_out: S
     Bounds are numbers, or arrays with one for each element.
     """
     value = np.asarray(default, float)
-    bands = [
-        [tuple(np.broadcast_to(bound, value.shape).astype(float) for bound in band) for band in bands_]
-        for bands_ in ((seen,), held_out)
-    ]
-    return Varied(name=name, group=group, default=value, seen=Bands(bands[0]), held_out=Bands(bands[1]))
+
+    def bands(*intervals: Any) -> Bands:
+        return Bands(
+            [(np.broadcast_to(low, value.shape), np.broadcast_to(high, value.shape)) for low, high in intervals]
+        )
+
+    return Varied(name=name, group=group, default=value, seen=bands(seen), held_out=bands(*held_out))
 
 
 def one_of(name: str, group: str, *, default: ArrayLike, seen: ArrayLike, held_out: ArrayLike) -> Varied:

@@ -11,6 +11,7 @@ from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.entities.parameters import Parameter, joint_parameters, pose_parameters
 from kitchen_suite.entities.props.cabinet_config import DOOR_GAP, CabinetConfig
 from kitchen_suite.entities.props.prop import Prop
+from kitchen_suite.entities.quantities import displacement
 
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
@@ -65,10 +66,13 @@ class Cabinet(Prop):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Offset and yaw of the attached cabinet; friction and damping of drawers and doors."""
-        names = (joint.full_identifier.removesuffix("_joint") for joint in self.joints)
+        """Offset and yaw of the attached cabinet; friction, damping and displacement of drawers and doors."""
+        names = [joint.full_identifier.removesuffix("_joint") for joint in self.joints]
         resistances = itertools.starmap(joint_parameters, zip(names, self.joints, strict=True))
-        return (*pose_parameters(self), *itertools.chain.from_iterable(resistances))
+        units = ("m",) * len(DRAWERS) + ("rad",) * len(DOORS)
+        each = zip(names, self.joints, units, strict=True)
+        displacements = (displacement(name, (joint,), unit=unit) for name, joint, unit in each)
+        return (*pose_parameters(self), *itertools.chain.from_iterable(resistances), *displacements)
 
     def drawer_joint(self, drawer: str) -> mjcf.Element:
         """The slide of the `top` or `bottom` drawer."""

@@ -9,7 +9,9 @@ from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.props.prop import Prop
+from kitchen_suite.entities.quantities import FREE_DISPLACEMENT, MASS, displacement, door_parameters
 
 
 class KitchenProp(Prop):
@@ -81,12 +83,32 @@ class Oven(KitchenProp):
         "top_left_burner",
     )
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement of the knobs at the start, with the burners; factor of the knobs' damping."""
+        owner = self.mjcf_model.model
+        knobs, burners = self.joints[::2], self.joints[1::2]
+        return (
+            displacement(f"{owner}/knobs", knobs, unit="rad", followers=burners, ratio=1 / 174),
+            door_parameters(owner, knobs)[0],
+        )
+
 
 class Hood(KitchenProp):
     """The hood with the light switch; the switch's angle [rad] is 14 times the lamp's travel [m]."""
 
     xml_name = "hood"
     joint_names = ("light_switch", "light_joint")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement of the switch at the start, with the lamp; factors of its damping and friction."""
+        owner = self.mjcf_model.model
+        switch, lamp = self.joints
+        return (
+            displacement(f"{owner}/switch", (switch,), unit="rad", followers=(lamp,), ratio=1 / 14),
+            *door_parameters(owner, (switch,)),
+        )
 
 
 class SlideCabinet(KitchenProp):
@@ -95,6 +117,15 @@ class SlideCabinet(KitchenProp):
     xml_name = "slide_cabinet"
     joint_names = ("slide_cabinet",)
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement of the door at the start; factors of its damping and friction."""
+        owner = self.mjcf_model.model
+        return (
+            displacement(f"{owner}/door", self.joints, unit="m"),
+            *door_parameters(owner, self.joints),
+        )
+
 
 class HingeCabinet(KitchenProp):
     """The cabinet with a left and a right hinged door."""
@@ -102,12 +133,30 @@ class HingeCabinet(KitchenProp):
     xml_name = "hinge_cabinet"
     joint_names = ("left_hinge_cabinet", "right_hinge_cabinet")
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacements of both doors at the start; factors of their damping and friction."""
+        owner = self.mjcf_model.model
+        return (
+            displacement(f"{owner}/doors", self.joints, unit="rad"),
+            *door_parameters(owner, self.joints),
+        )
+
 
 class Microwave(KitchenProp):
     """The microwave, its door hinged on the left."""
 
     xml_name = "microwave"
     joint_names = ("microwave",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement of the door at the start; factors of its damping and friction."""
+        owner = self.mjcf_model.model
+        return (
+            displacement(f"{owner}/door", self.joints, unit="rad"),
+            *door_parameters(owner, self.joints),
+        )
 
 
 class Kettle(KitchenProp):
@@ -122,3 +171,14 @@ class Kettle(KitchenProp):
         """The free joint that the arena added: 7 positions, 6 velocities. Empty while the kettle is not attached."""
         freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
         return () if freejoint is None else (freejoint,)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement at the start: x, y and rotation about the vertical; mass. None while it is not attached."""
+        if not self.joints:
+            return ()
+        owner, body = self.mjcf_model.model, self.mjcf_model.find("body", "kettle")
+        return (
+            Parameter(name=f"{owner}/pose", unit="m, m, rad", quantity=FREE_DISPLACEMENT, elements=self.joints),
+            Parameter(name=f"{owner}/mass", unit="kg", quantity=MASS, elements=(body,)),
+        )

@@ -11,6 +11,7 @@ from dm_control.composer.observation import observable
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.entities.parameters import SLIDING_FRICTION, Parameter
+from kitchen_suite.entities.quantities import DAMPING_SCALE, GAIN_SCALE, displacement, scale
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
 
@@ -71,10 +72,17 @@ class Franka(assets.NamedEntity):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Coefficient of sliding friction of the finger pads, the first colliding geom of each finger."""
+        """Friction of the finger pads, displacement of the arm at the start, gains of the arm's servos, damping."""
         pads = tuple(self.finger_geoms(side)[0] for side in ("left", "right"))
-        name = f"{self._mjcf_root.model}/pad_friction"
-        return (Parameter(name=name, unit="1", quantity=SLIDING_FRICTION, elements=pads),)
+        owner, count = self._mjcf_root.model, len(self._specification.links)
+        arm, servos = self.joints[:count], self.actuators[:count]
+        return (
+            # Coefficient of the first colliding geom of each finger.
+            Parameter(name=f"{owner}/pad_friction", unit="1", quantity=SLIDING_FRICTION, elements=pads),
+            displacement(f"{owner}/joint_offset", arm, unit="rad"),
+            scale(f"{owner}/gain_scale", GAIN_SCALE, servos),
+            scale(f"{owner}/damping_scale", DAMPING_SCALE, arm),
+        )
 
     def finger_geoms(self, side: str) -> tuple[mjcf.Element, ...]:
         """The colliding geoms of the `left` or the `right` finger."""

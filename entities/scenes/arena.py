@@ -3,6 +3,8 @@
 from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
+from kitchen_suite.entities.parameters import Parameter
+from kitchen_suite.entities.quantities import SLIDING_FRICTION_SCALE, scale
 
 
 class SiteArena(assets.NamedEntity, composer.Arena):
@@ -20,6 +22,12 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         """
         self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
         self._mjcf_root.model = name or self.default_name
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Factor of the sliding friction of all colliding geoms, those of attached entities included."""
+        geoms = [geom for geom in self._mjcf_root.find_all("geom") if not assets.is_visual(geom)]
+        return (scale(f"{self._mjcf_root.model}/friction_scale", SLIDING_FRICTION_SCALE, geoms),)
 
     def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
         """Attaches an entity at the arena's site of the same name, and returns the attachment frame.

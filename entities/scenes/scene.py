@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.joints import position_sizes
+from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.props.prop import Prop
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
@@ -42,6 +43,12 @@ class Scene:
         for prop in by_name.values():
             arena.attach_at_site(prop, free=prop.free)
         return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of arena, robot and props."""
+        entities = (self.arena, self.robot, *self.props.values())
+        return tuple(parameter for entity in entities for parameter in entity.parameters)
 
     @property
     def object_joints(self) -> tuple[mjcf.Element, ...]:

@@ -133,10 +133,11 @@ def check_task_options(
     Raises:
       TypeError: there is no such argument.
     """
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.observed import ObservedTask
     from kitchen_suite.tasks.pictures import Pictures
+    from kitchen_suite.tasks.varied_task import VariedTask
 
-    takers: list[Callable[..., Any]] = [builder, task, SuiteTask, Pictures.build, *modes.values()]
+    takers: list[Callable[..., Any]] = [builder, task, VariedTask, ObservedTask, Pictures.build, *modes.values()]
     checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))
 
 

@@ -1,9 +1,8 @@
 """The base of the suite's Gymnasium environments: seeds, states, copies, rendering."""
 
 import abc
-import copy
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -14,13 +13,15 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import layouts, rendering
 from kitchen_suite.gymnasium_env.choices import CHOICES, split_choices
 from kitchen_suite.gymnasium_env.control import action_space
+from kitchen_suite.gymnasium_env.copied import CopiedEnv
 from kitchen_suite.gymnasium_env.instructed import InstructedEnv
 from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations
+from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES, VariedEnv, request
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
 
-class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
+class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
     """A Gymnasium environment over a composer environment of the suite.
 
     The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
@@ -69,16 +70,17 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`.
           task_options: arguments of the domain's builder in `kitchen_suite.suite`.
-          **choices: attributes of `ObservationSettings`, such as `obs_type` and `cameras`, and of `ControlSettings`,
-            such as `control_mode`.
+          **choices: attributes of `ObservationSettings`, such as `obs_type` and `cameras`, of `ControlSettings`, such
+            as `control_mode`, and of `VariationSettings`, such as `variations`.
 
         Raises:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
         self.check_keywords(choices)
-        settings, control = split_choices(choices)
+        settings, control, variation = split_choices(choices)
         layout, observables = settings.layout(self.observed), settings.task_options(self.observed)
+        chosen = {**control.task_options(), **variation.task_options()}
         camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
         self._renderer = rendering.Renderer(
             width=width,
@@ -96,7 +98,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         with_pictures = render_mode is not None or layout.has_pictures
         with_visuals = with_pictures if visuals is None else checks.boolean(visuals, "visuals")
         options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None}
-        self._environment = self._make_environment({**options, **control.task_options(), **observables, **task_options})
+        self._environment = self._make_environment({**options, **chosen, **observables, **task_options})
         self.action_space = action_space(self._environment.action_spec())
         self._renderer.check_camera(self._environment)
         self._task = self._environment.task
@@ -104,12 +106,6 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         self.observation_space = self._observations.layout.space
         self._bound_random: np.random.Generator | None = None
         self._episode_step = 0
-
-    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        """Stores the arguments, from which copies are built."""
-        self = super().__new__(cls)
-        self._arguments = copy.deepcopy((args, kwargs))
-        return self
 
     @classmethod
     def check_keywords(cls, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
@@ -149,6 +145,10 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays."""
 
+    def _info(self) -> dict[str, Any]:
+        """Returns the infos of the task and of its variation."""
+        return {**self._get_info(), **self._task.variation_info}
+
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` as they are applied."""
         return actions
@@ -184,7 +184,9 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         Args:
           seed: seed of the random stream, of any size; the stream continues when omitted.
           options: `{"state": ...}` continues from a state returned by `get_state`; a seed beside it replaces only the
-            random state.
+            random state. `{"variation": names}` has the parameters and groups that vary in this episode, of those of
+            `variations`; the others have their defaults. `{"variation_values": {name: value}}` replaces values that
+            would be drawn.
 
         Raises:
           TypeError: the seed is no integer, or the options are no dict.
@@ -192,7 +194,12 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        state = checks.reset_options(options, ("state",)).get("state")
+        chosen = checks.reset_options(options, ("state", VARIATION, VARIATION_VALUES))
+        state = chosen.get("state")
+        if state is None:
+            request(self._task, chosen)
+        elif len(chosen) > 1:
+            raise ValueError("a state has its own values: leave out variation and variation_values")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
         if state is not None:
@@ -204,7 +211,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
             self._episode_step = 0
             observation = self._get_obs(self._environment.reset().observation)
         self._render_window()
-        return observation, self._get_info()
+        return observation, self._info()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step.
@@ -225,7 +232,7 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         truncated = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
         self._render_window()
         reward = 0.0 if timestep.first() else float(timestep.reward)
-        return self._get_obs(timestep.observation), reward, terminated, truncated, self._get_info()
+        return self._get_obs(timestep.observation), reward, terminated, truncated, self._info()
 
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""
@@ -264,23 +271,6 @@ class SuiteEnv(InstructedEnv, gymnasium.Env, abc.ABC):
         self._renderer.close()
         if self._observations.layout.has_pictures:
             self._environment.physics.free_context()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {
-            "arguments": self._arguments,
-            "state": self.get_state(),
-            "seed": self._np_random_seed,
-            "spec": self.spec,
-        }
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        self._arguments = args, kwargs = state["arguments"]
-        type(self).__init__(self, *args, **kwargs)
-        self.spec = state["spec"]
-        bit_generator = getattr(np.random, state["state"]["random"]["bit_generator"])
-        self.np_random = np.random.Generator(bit_generator())
-        self.set_state(state["state"])
-        self._np_random_seed = state["seed"]
 
     def _bind_random_state(self) -> None:
         """Makes the suite's environment draw from `np_random`, which Gymnasium replaces at each seeding."""

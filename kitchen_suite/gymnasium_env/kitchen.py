@@ -16,6 +16,7 @@ from kitchen_suite.gymnasium_env import goal_rewards, layouts
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.observations import ObservationConfig
+from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
@@ -40,7 +41,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
       order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
-      sentence.
+      sentence; with `variations` also `variation_split`.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
     Info, always: `is_success`, whether all tasks have been completed, and `episode_step`; numbers, or arrays of shape
@@ -173,6 +174,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({INSTRUCTION: self.instruction} if self._instructed else {}),
+            **({VARIATION_SPLIT: task.variation_split} if task.varies else {}),
         }
         return {
             **(names if self._info_format == "lists" else {}),

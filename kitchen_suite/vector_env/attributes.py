@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from gymnasium import spaces
+
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 
@@ -16,6 +18,8 @@ SHARED_ATTRIBUTES = (
     "observation_space",
     "render_mode",
     "_max_episode_steps",
+    "variation_space",
+    "variation_split",
     "task",
     "task_description",
 )
@@ -31,6 +35,11 @@ class SharedAttributes:
     def instruction(self) -> tuple[str, ...]:
         """The sentence of each environment's task."""
         return (self._template_env.instruction,) * self.num_envs
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """Ranges of the parameters that vary in a single environment, by name; empty if nothing varies."""
+        return self._template_env.variation_space
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Returns an attribute of every single environment, as Gymnasium's own vectors do.

@@ -119,7 +119,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
         return self._episodes.observation(), self._episodes.state, self._pictures.take()
 
-    def _get_info(self) -> dict[str, NDArray]:
+    def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments, in fresh arrays with a leading axis."""
         return self._episodes.info()
 
@@ -140,7 +140,8 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
 
         Args:
           seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
-          options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True.
+          options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True;
+            `variation` and `variation_values` as for the single environment, values with a leading axis `(n,)`.
 
         Raises:
           TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
@@ -153,7 +154,9 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         seeds, mask = vector_checks.seeds(seed, self.num_envs), vector_checks.reset_mask(options, self.num_envs)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
+        requests = vector_checks.variation_requests(options, self._template_env.environment.task, mask)
         with self._all_or_nothing():
+            self._episodes.request_variation(requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._ended = self._ended & ~mask

@@ -24,18 +24,22 @@ def row(observations: Any, i: int) -> Any:
     return tree.map_structure(lambda array: array[i].copy(), observations)
 
 
-def with_masks(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out."""
-    laid_out = {}
+def with_masks(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out.
+
+    Dicts among the infos have masks of their own beside each of their keys.
+    """
+    laid_out: dict[str, Any] = {}
     # One allocation for all copies.
     copies = np.repeat(mask[np.newaxis], len(infos), axis=0)
-    for (key, array), copy in zip(infos.items(), copies, strict=True):
-        laid_out[key], laid_out[f"_{key}"] = array, copy
+    for (key, part), copy in zip(infos.items(), copies, strict=True):
+        laid_out[key] = with_masks(part, mask) if isinstance(part, dict) else part
+        laid_out[f"_{key}"] = copy
     return laid_out
 
 
-def masked(infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> dict[str, NDArray]:
+def masked(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     """Returns infos with masks, after setting the arrays to 0 or None where the mask `(n,)` is False."""
-    for array in infos.values():
+    for array in tree.flatten(infos):
         array[~mask] = None if array.dtype == object else 0
     return with_masks(infos, mask)

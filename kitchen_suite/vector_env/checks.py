@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES
+from kitchen_suite.tasks.varied_task import VariationRequest, VariedTask, flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
@@ -61,8 +63,8 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool
       TypeError: the options are no dict, or the mask is no array of bools.
       ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
     """
-    options = checks.reset_options(options, ("reset_mask",))
-    if not options:
+    options = checks.reset_options(options, ("reset_mask", VARIATION, VARIATION_VALUES))
+    if "reset_mask" not in options:
         return np.full(count, True)
     mask = options["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != bool:
@@ -72,3 +74,28 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool
     if not mask.any():
         raise ValueError("reset_mask must choose at least one environment")
     return mask
+
+
+def variation_requests(
+    options: Mapping[str, Any] | None, task: VariedTask, mask: NDArray[np.bool_]
+) -> dict[int, VariationRequest]:
+    """Returns the requests of a reset's options for the environments of its mask, by index.
+
+    Values are arrays `(n, ...)`, with a row for each environment; see `VariedTask.variation_request`.
+
+    Raises:
+      TypeError: an option is of the wrong type.
+      ValueError: an unknown name, a value out of range, or an array has not one row for each environment.
+    """
+    options = options or {}
+    names, values = options.get(VARIATION), options.get(VARIATION_VALUES)
+    if names is None and values is None:
+        return {}
+    rows = {name: checks.array_of(value, name) for name, value in flat_values(values or {}).items()}
+    for name, array in rows.items():
+        if array.shape[:1] != mask.shape:
+            raise ValueError(f"variation_values of {name!r} must have {mask.size} rows, got shape {array.shape}")
+    return {
+        i: task.variation_request(names, {name: array[i] for name, array in rows.items()})
+        for i in mask.nonzero()[0].tolist()
+    }

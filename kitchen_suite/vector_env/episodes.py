@@ -10,8 +10,10 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
+from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.mdp import MEDIAN
 from kitchen_suite.tasks.simulation import BatchSimulation
+from kitchen_suite.tasks.varied_task import VariationRequest
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env.forks import leak_in_forks
 
@@ -49,10 +51,16 @@ class BatchEpisodes:
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
-        self._model_fields = {name: self.batch.expand(name) for name in self._task.randomizer.model_fields}
+        model, randomizer = environment.physics.model.ptr, self._task.randomizer
+        self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
+        for name in randomizer.visual_fields:
+            self._model_fields[name] = batching.repeat(getattr(model, name), count)
         self.streams = [random_state.Stream(None) for _ in range(count)]
         self.state: Any = batching.repeat(self._task.state, count)
         self.command: Any = batching.repeat(self._task.command, count)
+        self._sensing: Any = batching.repeat(self._task.sensing, count)
+        self._variation: Any = batching.repeat(self._task.variation_info, count)
+        self._requests: dict[int, VariationRequest] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
@@ -67,6 +75,10 @@ class BatchEpisodes:
         for name in self._mdp.carried:
             getattr(self.state, name)[slice(None) if mask is None else mask] = total_steps
 
+    def request_variation(self, requests: Mapping[int, VariationRequest]) -> None:
+        """Makes the next start of some episodes follow requests, by index of the episode."""
+        self._requests = dict(requests)
+
     def start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask `(n,)` is True."""
         (indices,) = mask.nonzero()
@@ -75,15 +87,18 @@ class BatchEpisodes:
         environment = self._environment
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        arrays = tree.flatten((self.state, self.command))
+        arrays = tree.flatten((self.state, self.command, self._sensing, self._variation))
         carried = {name: getattr(self.state, name)[indices] for name in self._mdp.carried}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
+            if i in self._requests:
+                self._task.request_variation(self._requests.pop(i))
             environment.start_episode()
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
-            batching.put(arrays, i, (self._task.state, self._task.command))
+            task = self._task
+            batching.put(arrays, i, (task.state, task.command, task.sensing, task.variation_info))
             if self._extras:
                 self._extra_values[i] = self._extras.values
         for name, values in carried.items():
@@ -113,7 +128,8 @@ class BatchEpisodes:
         target, self.command = mdp.action_mode.control(
             self._simulation, self.state, self.command, actions, self._draw_actions(stepping)
         )
-        self._simulation.write("ctrl", mdp.sensors.ctrl, target)
+        applied, self._sensing = sensing.applied(self._sensing, target)
+        self._simulation.write("ctrl", mdp.sensors.ctrl, applied)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
@@ -121,7 +137,8 @@ class BatchEpisodes:
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
         reading = mdp.sensors.read(self._simulation)
-        state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=self._draws)
+        draws = sensing.scaled(self._sensing, self._draws)
+        state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=draws)
         self.state = state if everyone else self._carry(state, alive)
         self.steps += stepping
         self.has_moved |= stepping
@@ -152,9 +169,13 @@ class BatchEpisodes:
             return flat
         return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
 
-    def info(self) -> dict[str, NDArray]:
-        """Returns the infos of the MDP, and the number of steps as `episode_step`, in fresh arrays `(n, ...)`."""
-        return {**self._mdp.info(self.state), "episode_step": self.steps.copy()}
+    def info(self) -> dict[str, Any]:
+        """Returns the infos of the MDP, the number of steps as `episode_step`, and the infos on the variation.
+
+        They are fresh arrays `(n, ...)`, and nested dicts of these.
+        """
+        variation = tree.map_structure(np.copy, self._variation)
+        return {**self._mdp.info(self.state), "episode_step": self.steps.copy(), **variation}
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""

@@ -1,11 +1,15 @@
 """The vectorised kitchen: many kitchens stepped together as one Gymnasium vector environment."""
 
+import operator
+
 import gymnasium
 import numpy as np
+import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -43,15 +47,17 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         if not isinstance(info, dict) or f"_{TO_COMPLETE}_mask" not in info:
             return info
         arrays = {key: array for key, array in info.items() if not key.startswith("_")}
-        return [{key: array[i] for key, array in arrays.items()} for i in range(self.num_envs)]
+        return [tree.map_structure(operator.itemgetter(i), arrays) for i in range(self.num_envs)]
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        goals, progress = self._template_env.environment.task.mdp.goals, self._episodes.state.progress
+        task, progress = self._template_env.environment.task, self._episodes.state.progress
+        goals = task.mdp.goals
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
+            **({VARIATION_SPLIT: (task.variation_split,) * self.num_envs} if task.varies else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

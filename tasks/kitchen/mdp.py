@@ -1,11 +1,13 @@
 """The kitchen's Markov decision process: the state after a control step, its reward, observation and infos."""
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.reward import SparseReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState
@@ -41,6 +43,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     @property
     def noise_draws(self) -> int:
         return self.noise_scale.size
+
+    @property
+    def noise_parts(self) -> Mapping[str, slice]:
+        return noise.PARTS
 
     def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
         distances = self.goals.distances(reading.achieved)

@@ -1,5 +1,7 @@
 """Observation noise of the kitchen: `(ratio * amplitude) * U(-1, 1)`, one draw of 59 numbers per control step."""
 
+from types import MappingProxyType
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +35,9 @@ AMPLITUDES = np.array(
 
 # Slices of the observation: robot positions, robot velocities, object positions, object velocities.
 SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
+
+# The noise of robot and objects.
+PARTS = MappingProxyType({"robot_noise": slice(0, 18), "object_noise": slice(18, 59)})
 
 
 def scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:

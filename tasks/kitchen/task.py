@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
+from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.base import Metrics, SuiteTask
@@ -27,6 +28,8 @@ from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 from kitchen_suite.tasks.kitchen.reward import SparseReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict
+from kitchen_suite.tasks.kitchen.variations import START_DISTANCE, VARIED, done_parameter
+from kitchen_suite.tasks.randomizer import Values
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
 
@@ -48,6 +51,7 @@ class KitchenTask(SuiteTask):
 
     domain_name = "kitchen"
     control_modes = CONTROL_MODES
+    varied = VARIED
 
     def __init__(
         self,
@@ -245,6 +249,20 @@ class KitchenTask(SuiteTask):
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
+
+    def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
+        others = {task: goal for task, goal in GOALS.items() if task not in self._mdp.goals.tasks}
+        return (*super()._own_parameters(scene), done_parameter(scene, others))
+
+    def _corrected(self, values: Values) -> Values:
+        """Returns values with which the props of asked tasks that would start nearly complete start as by default."""
+        goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
+        near = goals.distances(achieved) < START_DISTANCE * self._mdp.threshold
+        if not near.any():
+            return values
+        props = {GOALS[task].prop for task in goals.names(near)}
+        moved = [name for name in self._randomizer.displacements if name.partition("/")[0] in props]
+        return {**values, **{name: self._randomizer.defaults[name] for name in moved}}
 
     def _saved_state(self) -> dict[str, Any]:
         goals = self._mdp.goals

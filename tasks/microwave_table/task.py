@@ -32,6 +32,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableState,
     OpenReward,
 )
+from kitchen_suite.tasks.microwave_table.variations import VARIED
 from kitchen_suite.tasks.sensors import FeatureSensors
 
 GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
@@ -58,6 +59,7 @@ class MicrowaveTableTask(SuiteTask):
 
     domain_name = "microwave_table"
     control_modes = CONTROL_MODES
+    varied = VARIED
 
     def __init__(
         self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any

@@ -27,6 +27,7 @@ from kitchen_suite.tasks.open_cabinet.randomization import Randomization, scene_
 from kitchen_suite.tasks.open_cabinet.reward import RewardTerms, reward_terms
 from kitchen_suite.tasks.open_cabinet.sensors import OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.state import OpenCabinetState
+from kitchen_suite.tasks.open_cabinet.variations import VARIED
 from kitchen_suite.tasks.randomizer import Randomizer
 from kitchen_suite.tasks.simulation import columns
 
@@ -59,6 +60,7 @@ class OpenCabinetTask(SuiteTask):
 
     domain_name = "open_cabinet"
     control_modes = OFFSET_MODES
+    varied = VARIED
 
     def __init__(
         self,
@@ -98,6 +100,7 @@ class OpenCabinetTask(SuiteTask):
         self._observables = OpenCabinetObservables(observation_noise)
         wanted = Randomization.make(randomization).by_name
         self._randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
+        self._randomized = self._randomizer.names
         self._mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
@@ -143,11 +146,6 @@ class OpenCabinetTask(SuiteTask):
     @property
     def mdp(self) -> OpenCabinetMDP:
         return self._mdp
-
-    @property
-    def randomizer(self) -> Randomizer:
-        """Draws parameters of the scene at resets."""
-        return self._randomizer
 
     @property
     def state(self) -> OpenCabinetState:
@@ -207,7 +205,6 @@ class OpenCabinetTask(SuiteTask):
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
     def _bind(self, physics: mjcf.Physics) -> None:
-        self._randomizer.bind(physics)
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         self._joint_qpos = columns(physics.bind(self._scene.robot.joints).qposadr)
@@ -216,12 +213,10 @@ class OpenCabinetTask(SuiteTask):
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         pose = np.clip(DEFAULT_POSE + offsets, *self._joint_range)
-        drawn = self._randomizer.draw(random_state)
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._joint_qpos] = pose
         physics.data.qvel[:] = 0.0
         physics.data.ctrl[self._mdp.sensors.ctrl] = pose
-        self._randomizer.set(drawn)
 
     def _saved_state(self) -> dict[str, Any]:
         state = self._state
@@ -234,13 +229,14 @@ class OpenCabinetTask(SuiteTask):
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
             "features": Features(state.features).arrays(),
-            "randomization": dict(self._randomizer.values),
+            "randomization": {name: self._randomizer.values[name] for name in self._randomized},
         }
+
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        return {**state["randomization"], **super()._values_in(state)}
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
-        drawn = self._randomizer.checked(state["randomization"])
-        self._randomizer.set(drawn)
         start = self._mdp.initial_state(Features.of(**state["features"]).values, np.zeros(self._mdp.noise_draws))
         arrays = {name: state[name] for name in ("noise", "previous_action", "terms", "terminates", "succeeded")}
         self._set_state(start._replace(**arrays, total_steps=np.array(total_steps)))

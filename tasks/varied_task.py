@@ -1,0 +1,263 @@
+"""Tasks whose scenes vary: at every reset, wanted parameters are drawn and set."""
+
+import abc
+import contextlib
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from dm_control import composer, mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.parameters import Parameter
+from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.tasks import variations as descriptions
+from kitchen_suite.tasks.mdp import MDP
+from kitchen_suite.tasks.randomizer import Randomizer, Values
+from kitchen_suite.tasks.sensing import sensing_parameters
+from kitchen_suite.tasks.variations import Variation
+from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
+
+# A layout that is refused so many times is replaced by the default one.
+MAX_REFUSALS = 20
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VariationRequest:
+    """The variation that one reset is asked for.
+
+    Attributes:
+      names: parameters that are drawn, the others have their defaults; all when None.
+      values: values that replace those drawn or default.
+    """
+
+    names: frozenset[str] | None = None
+    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+
+    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
+        """Returns the values of a reset, given those drawn and the defaults of all parameters."""
+        chosen = {name: drawn[name] if self.draws(name) else defaults[name] for name in drawn}
+        return {**chosen, **self.values}
+
+    def draws(self, name: str) -> bool:
+        """Whether a parameter has the value drawn."""
+        return name not in self.values and (self.names is None or name in self.names)
+
+
+class VariedTask(composer.Task):
+    """A task with variations.
+
+    Attributes:
+      varied: the parameters that groups vary, in the order in which they are drawn.
+    """
+
+    varied: ClassVar[Sequence[Varied]] = ()
+    _randomizer: Randomizer
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
+        **observables: Any,
+    ) -> None:
+        """Chooses what varies.
+
+        Args:
+          scene: of the task; not yet compiled.
+          variations: names of groups of `tasks.varied.GROUPS`, alone, in a sequence or joined by commas; or
+            distributions by parameter, which JSON may describe (see `variations.parse`). Nothing varies when omitted.
+          variation_split: `seen`, or `held_out`: which distributions of the groups are drawn from.
+          **observables: further arguments of tasks; see `ObservedTask`.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown or repeated name, an unknown distribution, or a number out of range.
+        """
+        super().__init__(scene, **observables)
+        # Tasks may have set one with parameters of their own.
+        self._randomizer = getattr(self, "_randomizer", None) or Randomizer({}, {})
+        self._split = checks.choice(variation_split, SPLITS, "variation_split")
+        self._wanted: dict[str, Varied] = {}
+        self._layout_check: Any = None
+        self._request, self._refusals = VariationRequest(), 0
+        if not isinstance(variations, str | Sequence | Mapping | None):
+            raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
+        if variations:
+            self._choose(scene, variations)
+
+    def _choose(self, scene: Scene, variations: str | Sequence[str] | Mapping[str, Variation]) -> None:
+        """Selects the parameters that vary, and their distributions."""
+        offered = {parameter.name: parameter for parameter in (*scene.parameters, *self._own_parameters(scene))}
+        table = {varied.name: varied for varied in self.varied if varied.name in offered}
+        distributions = _distributions(variations, table, offered, self._split)
+        self._wanted = {name: varied for name, varied in table.items() if name in distributions}
+        parameters = {name: offered[name] for name in self._wanted}
+        chosen = Randomizer(parameters, distributions, owner="variation")
+        for name, each in distributions.items():
+            if descriptions.is_constant(each):
+                self._wanted[name].check(np.asarray(each, np.float64))
+        self._randomizer.add(chosen)
+
+    def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
+        """Returns parameters that belong to the task in a scene, not to an entity."""
+        del scene
+        return sensing_parameters(self.mdp.noise_parts)
+
+    @property
+    @abc.abstractmethod
+    def mdp(self) -> MDP:
+        """The task's settings, and the mathematics of an episode under them."""
+
+    @property
+    def randomizer(self) -> Randomizer:
+        """Draws parameters of the scene at resets."""
+        return self._randomizer
+
+    @property
+    def varies(self) -> bool:
+        """Whether anything varies by `variations`."""
+        return bool(self._wanted)
+
+    @property
+    def wanted_variations(self) -> Mapping[str, Varied]:
+        """The parameters that vary by `variations`, by name."""
+        return self._wanted
+
+    @property
+    def variation_split(self) -> str:
+        """`seen` or `held_out`."""
+        return self._split
+
+    @property
+    def variation_values(self) -> dict[str, NDArray[np.float64]]:
+        """Present values of the parameters that vary by `variations`, in fresh arrays."""
+        return {name: np.array(self._randomizer.values[name]) for name in self._wanted}
+
+    @property
+    def variation_info(self) -> dict[str, Any]:
+        """Infos on the variation of the episode: `variation_values`, and `layout_refusals` where layouts vary.
+
+        Empty if nothing varies. With `MAX_REFUSALS` refusals the layout is the default one.
+        """
+        if not self._wanted:
+            return {}
+        refusals = {"layout_refusals": np.array(self._refusals)} if self._layout_check else {}
+        return {"variation_values": self.variation_values, **refusals}
+
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        """Returns the values of all parameters in a state that `get_state` returned."""
+        return dict(state.get("variation_values", {}))
+
+    def _restore_variation(self, state: Mapping[str, Any], values: Values) -> None:
+        """Sets the checked values of all parameters in a state that `get_state` returned."""
+        self._randomizer.set(values)
+        self._refusals = int(state.get("layout_refusals", 0))
+
+    def variation_request(
+        self, names: str | Sequence[str] | None = None, values: Mapping[str, Any] | None = None
+    ) -> VariationRequest:
+        """Returns the checked request for a reset.
+
+        Args:
+          names: parameters and groups that are drawn; the others have their defaults. All are drawn when omitted.
+          values: values of parameters by name, or in nested dicts by the parts of the names.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
+        """
+        chosen = None if names is None else frozenset(self._chosen(names))
+        flat = flat_values(values or {})
+        for name in flat:
+            checks.choice(name, self._wanted, "parameter of variation_values")
+        checked = self._randomizer.checked(flat)
+        for name, value in checked.items():
+            self._wanted[name].check(value)
+        return VariationRequest(names=chosen, values=checked)
+
+    def request_variation(self, request: VariationRequest) -> None:
+        """Makes the next reset follow a request."""
+        self._request = request
+
+    def _chosen(self, names: str | Sequence[str]) -> list[str]:
+        """Returns the names of wanted parameters that names of parameters and groups stand for."""
+        choices = {name: [name] for name in self._wanted}
+        for name, varied in self._wanted.items():
+            choices.setdefault(varied.group, []).append(name)
+        each = (checks.choice(name, choices, "variation") for name in _names(names))
+        return [name for wanted in each for name in choices[wanted]]
+
+    def _vary(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails."""
+        if not self._randomizer.names:
+            return
+        with contextlib.ExitStack() as undo:
+            undo.callback(physics.reset)
+            drawn = self._randomizer.draw(random_state)
+            undo.pop_all()
+        again = np.random.RandomState(random_state.randint(2**31)) if self._layout_check else None
+        request, self._request = self._request, VariationRequest()
+        values = request.applied(self._within_range(drawn), self._randomizer.defaults)
+        layout = [name for name, varied in self._wanted.items() if varied.group == "layout" and request.draws(name)]
+        start = np.array(physics.data.qpos)
+        self._set_variation(physics, start, values)
+        self._refusals = 0
+        while layout and again and not self._layout_check.accepts(physics):
+            self._refusals += 1
+            redrawn = self._randomizer.defaults
+            if self._refusals < MAX_REFUSALS:
+                redrawn = self._within_range(self._randomizer.draw(again))
+            values = {**values, **{name: redrawn[name] for name in layout}}
+            self._set_variation(physics, start, values)
+            if self._refusals == MAX_REFUSALS:
+                break
+
+    def _set_variation(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
+        """Sets values at a start state, corrected by the task."""
+        physics.data.qpos[:] = start
+        self._randomizer.set(values)
+        corrected = self._corrected(values)
+        if corrected is not values:
+            physics.data.qpos[:] = start
+            self._randomizer.set(corrected)
+
+    def _corrected(self, values: Values) -> Values:
+        """Returns values that suit the task, given the physics with the present ones; the same object if they do."""
+        return values
+
+    def _within_range(self, values: Values) -> Values:
+        """Returns drawn values, those outside the range of their parameter moved to its nearest value."""
+        bounds = {name: (varied.low, varied.high) for name, varied in self._wanted.items()}
+        return {name: value.clip(*bounds[name]) if name in bounds else value for name, value in values.items()}
+
+
+def _names(value: str | Sequence[str]) -> tuple[object, ...]:
+    return checks.unique_names(value.split(",") if isinstance(value, str) else value, "variations")
+
+
+def _distributions(
+    wanted: str | Sequence[str] | Mapping[str, Variation],
+    table: Mapping[str, Varied],
+    offered: Mapping[str, Parameter],
+    split: str,
+) -> dict[str, Variation]:
+    """Returns distributions by the names of parameters."""
+    if isinstance(wanted, Mapping):
+        names = [checks.choice(name, table, "variation") for name in wanted]
+        return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
+    groups = [checks.choice(name, GROUPS, "variation") for name in _names(wanted)]
+    return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
+
+
+def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
+    if not isinstance(values, Mapping):
+        raise TypeError(f"variation_values must be a dict, got {values!r}")
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat
