@@ -67,6 +67,14 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "Meaning of the action, such as joint_position or ee_delta_pose; see docs/control_modes.md.",
             unset="the domain's",
         ),
+        "variations": Option(
+            "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by "
+            "parameter, as a JSON object; see docs/variations.md.",
+            unset="none",
+        ),
+        "variation_split": Option(
+            "Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen"
+        ),
         "policy": Option(
             "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
             "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\"."

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.varied import VARIATION_VALUES
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.single_rollout import Actions, play
 from kitchen_suite.rollouts.spec import reset_to_seed
@@ -73,7 +74,7 @@ def _check_shape(recorded: EpisodeArrays, name: str, array: NDArray, expected: t
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
     """Resets to where the recorded episode began; returns the observation and the info there."""
     inner = suite_env(environment)
-    observation, info = reset_to_seed(environment, recorded.seed or 0, seeding)
+    observation, info = reset_to_seed(environment, recorded.seed or 0, seeding, _variation(recorded))
     task, physics = inner.environment.task, inner.environment.physics
     states = _states(environment, recorded)
     if states is None:
@@ -85,6 +86,13 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
         task.restore(physics, first)
         observation = inner.set_state(inner.get_state())
     return observation, info
+
+
+def _variation(recorded: EpisodeArrays) -> dict[str, Any] | None:
+    """Returns the options of a reset that give recorded values of varied parameters back; None if there are none."""
+    prefix = f"info/{VARIATION_VALUES}/"
+    values = {name.removeprefix(prefix): rows[0] for name, rows in recorded.arrays.items() if name.startswith(prefix)}
+    return {VARIATION_VALUES: values} if values else None
 
 
 def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Actions:

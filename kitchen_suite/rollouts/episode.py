@@ -217,5 +217,5 @@ class EpisodeBuffer:
 
 
 def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:
-    arrays = {name: value for name, value in info.items() if isinstance(value, np.ndarray)}
-    return {**flatten(observation, "observation"), **flatten(arrays, "info")}
+    arrays = {name: value for name, value in flatten(info, "info").items() if isinstance(value, np.ndarray)}
+    return {**flatten(observation, "observation"), **arrays}

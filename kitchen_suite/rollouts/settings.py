@@ -1,6 +1,7 @@
 """Settings of `kitchen-rollout` and `kitchen-play`, and those that they share with other commands."""
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,19 +18,37 @@ class TaskSettings:
     task_name: str | None = None
     task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     control_mode: str | None = None
+    variations: str | None = None
+    variation_split: str | None = None
 
     @property
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment.
 
         Raises:
-          ValueError: the control mode is given twice, with different values.
+          ValueError: one is given twice, with different values.
         """
-        if self.control_mode is None:
-            return dict(self.task_kwargs)
-        if (other := self.task_kwargs.get("control_mode", self.control_mode)) != self.control_mode:
-            raise ValueError(f"control_mode is {self.control_mode!r}, but {other!r} in the task_kwargs")
-        return {**self.task_kwargs, "control_mode": self.control_mode}
+        variations = None if self.variations is None else parsed_variations(self.variations)
+        chosen = {"control_mode": self.control_mode, "variations": variations, "variation_split": self.variation_split}
+        given = {name: value for name, value in chosen.items() if value is not None}
+        for name, value in given.items():
+            if (other := self.task_kwargs.get(name, value)) != value:
+                raise ValueError(f"{name} is {value!r}, but {other!r} in the task_kwargs")
+        return {**self.task_kwargs, **given}
+
+
+def parsed_variations(text: str) -> Any:
+    """Returns what varies: a list of the names that commas separate, or the contents of a JSON object.
+
+    Raises:
+      ValueError: the text begins like a JSON object and is none.
+    """
+    if not text.lstrip().startswith("{"):
+        return text.split(",")
+    try:
+        return json.loads(text)
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"variations is not JSON: {error}") from error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -201,14 +201,23 @@ def _policy_digest(policy: str) -> str | None:
         return files.file_digest(path)
 
 
-def reset_to_seed(environment: gymnasium.Env, seed: int, seeding: str) -> tuple[Any, dict[str, Any]]:
-    """Starts an episode that depends on nothing but its seed; `seeding` is one of `SEEDINGS`."""
+def reset_to_seed(
+    environment: gymnasium.Env, seed: int, seeding: str, options: dict[str, Any] | None = None
+) -> tuple[Any, dict[str, Any]]:
+    """Starts an episode that depends on nothing but its seed and the options of its reset.
+
+    Args:
+      environment: of the suite, in Gymnasium's wrappers.
+      seed: of the episode.
+      seeding: one of `SEEDINGS`.
+      options: of `reset`.
+    """
     inner = suite_env(environment)
     inner.environment.task.begin_run()
     if seeding == "gymnasium":
-        return environment.reset(seed=seed)
+        return environment.reset(seed=seed, options=options)
     inner.np_random = legacy_generator(seed)
-    return environment.reset()
+    return environment.reset(options=options)
 
 
 def policy_generator(seed: int) -> np.random.Generator:

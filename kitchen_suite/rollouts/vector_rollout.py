@@ -197,8 +197,15 @@ class _History:
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """Returns observations and infos `(n, ...)` by the names of `EpisodeArrays`, without the masks of the infos."""
-    arrays = {name: array for name, array in infos.items() if not name.startswith("_")}
-    return {**flatten(observations, "observation"), **flatten(arrays, "info")}
+    return {**flatten(observations, "observation"), **flatten(_without_masks(infos), "info")}
+
+
+def _without_masks(infos: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: _without_masks(part) if isinstance(part, Mapping) else part
+        for name, part in infos.items()
+        if not name.startswith("_")
+    }
 
 
 def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
