@@ -1,6 +1,7 @@
 """Draws parameters of a scene at resets, and sets them."""
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Self
 
 import mujoco
@@ -41,7 +42,12 @@ class Randomizer:
     defaults: Mapping[str, NDArray[np.float64]]
 
     def __init__(
-        self, parameters: Mapping[str, Parameter], wanted: Mapping[str, Variation], *, owner: str = "randomization"
+        self,
+        parameters: Mapping[str, Parameter],
+        wanted: Mapping[str, Variation],
+        *,
+        owner: str = "randomization",
+        ranges: Mapping[str, tuple[NDArray, NDArray]] = MappingProxyType({}),
     ) -> None:
         """Selects the wanted parameters; `bind` must be called before anything is set.
 
@@ -49,6 +55,7 @@ class Randomizer:
           parameters: all that the scene offers, by name, in the order in which values are drawn.
           wanted: variations by name; None leaves a parameter as it was built.
           owner: of the parameters' names, for messages.
+          ranges: least and greatest values by name; draws outside are moved to the nearest value within.
 
         Raises:
           TypeError: a constant is not made of real numbers.
@@ -59,6 +66,7 @@ class Randomizer:
         self._parameters = {name: each for name, each in parameters.items() if wanted.get(name) is not None}
         self._variations = {name: wanted[name] for name in self._parameters}
         self._labels = {name: f"{owner}'s {name}" for name in self._parameters}
+        self._ranges = dict(ranges)
         self.values, self.defaults = {}, {}
         quantities = {name: parameter.quantity for name, parameter in self._parameters.items()}
         variations.check_constants(self._variations, quantities, owner)
@@ -76,6 +84,7 @@ class Randomizer:
         self._parameters |= other._parameters
         self._variations |= other._variations
         self._labels |= other._labels
+        self._ranges |= other._ranges
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +127,7 @@ class Randomizer:
           ValueError: it returned the wrong shape, or numbers that are out of range.
         """
         drawn = {name: variation.evaluate(each, random_state=random_state) for name, each in self._variations.items()}
-        return self.checked(drawn)
+        return self.checked({**drawn, **{name: np.clip(drawn[name], *bounds) for name, bounds in self._ranges.items()}})
 
     def checked(self, values: Mapping[str, NDArray]) -> Values:
         """Returns values of the wanted parameters that `set` accepts; raises as `draw`."""

@@ -96,7 +96,8 @@ class VariedTask(composer.Task):
         distributions = _distributions(variations, table, offered, self._split)
         self._wanted = {name: varied for name, varied in table.items() if name in distributions}
         parameters = {name: offered[name] for name in self._wanted}
-        chosen = Randomizer(parameters, distributions, owner="variation")
+        ranges = {name: (varied.low, varied.high) for name, varied in self._wanted.items()}
+        chosen = Randomizer(parameters, distributions, owner="variation", ranges=ranges)
         for name, each in distributions.items():
             if descriptions.is_constant(each):
                 self._wanted[name].check(np.asarray(each, np.float64))
@@ -201,7 +202,7 @@ class VariedTask(composer.Task):
             undo.pop_all()
         again = np.random.RandomState(random_state.randint(2**31)) if self._layout_check else None
         request, self._request = self._request, VariationRequest()
-        values = request.applied(self._within_range(drawn), self._randomizer.defaults)
+        values = request.applied(drawn, self._randomizer.defaults)
         layout = [name for name, varied in self._wanted.items() if varied.group == "layout" and request.draws(name)]
         start = np.array(physics.data.qpos)
         self._set_variation(physics, start, values)
@@ -210,7 +211,7 @@ class VariedTask(composer.Task):
             self._refusals += 1
             redrawn = self._randomizer.defaults
             if self._refusals < MAX_REFUSALS:
-                redrawn = self._within_range(self._randomizer.draw(again))
+                redrawn = self._randomizer.draw(again)
             values = {**values, **{name: redrawn[name] for name in layout}}
             self._set_variation(physics, start, values)
             if self._refusals == MAX_REFUSALS:
@@ -228,11 +229,6 @@ class VariedTask(composer.Task):
     def _corrected(self, values: Values) -> Values:
         """Returns values that suit the task, given the physics with the present ones; the same object if they do."""
         return values
-
-    def _within_range(self, values: Values) -> Values:
-        """Returns drawn values, those outside the range of their parameter moved to its nearest value."""
-        bounds = {name: (varied.low, varied.high) for name, varied in self._wanted.items()}
-        return {name: value.clip(*bounds[name]) if name in bounds else value for name, value in values.items()}
 
 
 def _names(value: str | Sequence[str]) -> tuple[object, ...]:

@@ -186,7 +186,7 @@ def test_the_cabinet_offers_parameters_of_all_its_joints():
     offered = {parameter.name: parameter for parameter in env.task.scene.cabinet.parameters}
     names = {f"cabinet/{name}" for name in ("drawer_top", "drawer_bottom", "door_left", "door_right")}
     resistances = {f"{name}_{kind}" for name in names for kind in ("friction", "damping")}
-    assert offered.keys() == {"cabinet/offset", "cabinet/yaw", *resistances}
+    assert offered.keys() == {"cabinet/offset", "cabinet/yaw", *resistances, *names}
     units = {name: offered[f"cabinet/{name}"].unit for name in ("drawer_top_damping", "door_left_friction")}
     assert units == {"drawer_top_damping": "N s/m", "door_left_friction": "N m"}
     config = env.task.scene.cabinet.config
