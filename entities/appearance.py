@@ -1,7 +1,7 @@
 """Appearance of scenes: colours and textures of surfaces, which only images depend on.
 
-A renderer copies textures when it is made, so a texture is changed by giving geoms another material. `add_variants` adds
-these materials to a scene before it is compiled.
+A renderer copies textures when it is made, so a texture is changed by giving geoms another material. `add_variants`
+adds these materials to a scene before it is compiled. Parameters are written to a model that has its built values.
 """
 
 import dataclasses

@@ -74,15 +74,15 @@ _MICROWAVE = (
 )
 _WALL_TEXTURES = (
     _speckles("plaster", 0.3, 0.93, **_MATT),
-    _picture("marble", "marble1", **_MATT),
     _picture("concrete", "metal1", **_MATT),
+    _picture("marble", "marble1", **_MATT),
     _picture("mosaic", "tile1", **_MATT),
 )
 _FRONT_TEXTURES = (
     _picture("wood", "wood1", **_SATIN),
+    _picture("concrete", "metal1", **_SATIN),
     _speckles("laminate", 0.2, 0.85, **_SATIN),
     _picture("marble", "marble1", **_SATIN),
-    _picture("concrete", "metal1", **_SATIN),
 )
 
 KITCHEN = (
@@ -137,8 +137,9 @@ _ROOM = (
         kind="2d",
         textures=(
             _checks("wallpaper", 0.93, **_per_metre(2, **_MATT)),
-            _picture("panelling", "wood1", **_per_metre(0.5, **_MATT)),
             _picture("concrete", "metal1", **_per_metre(0.5, **_MATT)),
+            _picture("panelling", "wood1", **_per_metre(0.5, **_MATT)),
+            _picture("marble", "marble1", **_per_metre(0.5, **_MATT)),
         ),
     ),
 )

@@ -37,8 +37,8 @@ def light_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
 def camera_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
     """Returns offset, rotation and vertical field of view of all cameras of a scene.
 
-    Names begin as in `camera/left_offset` for a camera `left` of the arena, and as in `franka/wrist_camera_offset` for a
-    camera `wrist` of the robot.
+    Their names are such as `camera/left_offset` for a camera `left` of the arena, and `franka/wrist_camera_offset` for
+    a camera `wrist` of the robot.
 
     Args:
       root: of the scene's model, with all that is attached to it.
@@ -117,7 +117,7 @@ BRIGHTNESS = Quantity(
     visual=True,
 )
 
-# Relative surplus of red, and lack of blue, in the diffuse colours of lights: positive for lamps, negative for daylight.
+# Relative surplus of red, and lack of blue, in the diffuse colours of lights; negative for cold light.
 WARMTH = Quantity(read=lambda physics, lights: 0.0, write=_write_warmth, model_fields=("light_diffuse",), visual=True)
 
 # Grey light from all sides, added to that of the built scene; 1 lights a white surface fully.

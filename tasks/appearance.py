@@ -17,6 +17,9 @@ APPEARANCE, CAMERA = "appearance", "camera"
 # Each colour of a palette comes in these shades.
 _SHADES = (0.8, 0.9, 1.0)
 
+# Factors of the brightness of lights, held out.
+_DIM_OR_GLARING = ((0.6, 0.8), (1.2, 1.4))
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Palette:
@@ -42,12 +45,12 @@ PAINT = Palette(
         (0.70, 0.66, 0.60),
     ),
     held_out=(
-        (0.72, 0.45, 0.34),
-        (0.83, 0.66, 0.33),
-        (0.28, 0.50, 0.52),
-        (0.27, 0.40, 0.32),
-        (0.25, 0.31, 0.46),
-        (0.52, 0.27, 0.30),
+        (0.76, 0.52, 0.42),
+        (0.84, 0.70, 0.42),
+        (0.42, 0.62, 0.62),
+        (0.46, 0.58, 0.46),
+        (0.42, 0.50, 0.65),
+        (0.72, 0.50, 0.52),
     ),
 )
 
@@ -63,36 +66,40 @@ LACQUER = Palette(
         (0.36, 0.47, 0.53),
     ),
     held_out=(
-        (0.22, 0.28, 0.45),
-        (0.20, 0.36, 0.28),
-        (0.50, 0.20, 0.22),
-        (0.82, 0.64, 0.27),
-        (0.72, 0.42, 0.30),
-        (0.30, 0.31, 0.33),
+        (0.26, 0.34, 0.52),
+        (0.26, 0.43, 0.34),
+        (0.55, 0.26, 0.27),
+        (0.80, 0.65, 0.34),
+        (0.72, 0.46, 0.35),
+        (0.33, 0.34, 0.36),
     ),
 )
 
 # Multiply stone, wood and metal.
 TINT = Palette(
     seen=((1.0, 1.0, 1.0), (0.95, 0.90, 0.82), (0.80, 0.82, 0.85), (0.85, 0.80, 0.75), (0.90, 0.95, 0.92)),
-    held_out=((0.62, 0.52, 0.42), (0.48, 0.54, 0.60), (0.70, 0.52, 0.40), (0.50, 0.50, 0.52)),
+    held_out=((0.72, 0.62, 0.52), (0.58, 0.64, 0.70), (0.80, 0.66, 0.54), (0.62, 0.62, 0.64)),
 )
 METAL = Palette(
     seen=((1.0, 1.0, 1.0), (0.88, 0.89, 0.92), (1.0, 0.96, 0.90)),
-    held_out=((1.0, 0.80, 0.45), (1.0, 0.68, 0.52), (0.62, 0.54, 0.45)),
+    held_out=((1.00, 0.86, 0.58), (1.00, 0.78, 0.66), (0.70, 0.62, 0.54)),
 )
 
 APPLIANCE = Palette(
     seen=((0.20, 0.20, 0.20), (0.15, 0.15, 0.16), (0.33, 0.34, 0.36), (0.24, 0.22, 0.20)),
-    held_out=((0.85, 0.85, 0.83), (0.52, 0.16, 0.15), (0.55, 0.68, 0.62), (0.20, 0.26, 0.40), (0.60, 0.60, 0.61)),
+    held_out=((0.85, 0.85, 0.83), (0.50, 0.22, 0.21), (0.60, 0.70, 0.65), (0.27, 0.33, 0.46), (0.60, 0.60, 0.61)),
 )
-ENAMEL = Palette(
+HOB = Palette(
+    seen=((0.15, 0.15, 0.15), (0.20, 0.20, 0.21), (0.27, 0.27, 0.28), (0.20, 0.18, 0.17)),
+    held_out=((0.62, 0.62, 0.63), (0.80, 0.80, 0.78), (0.42, 0.40, 0.38), (0.20, 0.24, 0.32)),
+)
+KETTLE = Palette(
     seen=((0.90, 0.90, 0.90), (0.90, 0.86, 0.76), (0.74, 0.75, 0.77), (0.68, 0.76, 0.82)),
     held_out=((0.70, 0.18, 0.16), (0.85, 0.68, 0.26), (0.25, 0.42, 0.36), (0.24, 0.24, 0.25)),
 )
 ROBOT = Palette(
     seen=((0.95, 0.99, 0.92), (0.92, 0.92, 0.93), (0.98, 0.95, 0.90)),
-    held_out=((0.34, 0.35, 0.38), (0.86, 0.55, 0.26), (0.42, 0.52, 0.66)),
+    held_out=((0.40, 0.41, 0.44), (0.86, 0.74, 0.56), (0.62, 0.70, 0.80)),
 )
 GREY = Palette(
     seen=((0.50, 0.50, 0.50), (0.55, 0.56, 0.58), (0.66, 0.66, 0.66), (0.42, 0.42, 0.44)),
@@ -119,15 +126,22 @@ def texture(surface: str, *, seen: Sequence[int], held_out: Sequence[int]) -> Va
     return one_of(f"{surface}texture", APPEARANCE, default=0, seen=seen, held_out=held_out)
 
 
+def brightness(
+    light: str, *, seen: tuple[float, float] = (0.8, 1.2), held_out: Sequence[tuple[float, float]] = _DIM_OR_GLARING
+) -> Varied:
+    """Returns the variation of the brightness of lights; `light` is the beginning of the parameter's name."""
+    return between(f"{light}brightness", APPEARANCE, default=1.0, seen=seen, held_out=held_out)
+
+
 # Of the floor, the robot and the lights of all domains.
 ROOM = (
     color("floor/", TINT, default=(1, 1, 1)),
     texture("floor/", seen=(0, 1, 2), held_out=(3, 4)),
     color("franka/", ROBOT, default=(0.95, 0.99, 0.92)),
-    between("light/brightness", APPEARANCE, default=1.0, seen=(0.8, 1.2), held_out=((0.6, 0.8), (1.2, 1.4))),
-    around("light/warmth", APPEARANCE, seen=0.08, held_out=0.2),
+    brightness("light/"),
+    around("light/warmth", APPEARANCE, seen=0.07, held_out=0.14),
     between("light/ambient", APPEARANCE, default=0.0, seen=(0.0, 0.06), held_out=((0.06, 0.12),)),
-    around("light/rotation", APPEARANCE, seen=(0.15, 0.15, 0.3), held_out=(0.3, 0.3, 0.6)),
+    around("light/rotation", APPEARANCE, seen=(0.08, 0.08, 0.3), held_out=(0.16, 0.16, 0.6)),
 )
 
 # In all domains with a microwave.

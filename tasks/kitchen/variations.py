@@ -13,12 +13,10 @@ APPEARANCE = (
     looks.texture("cabinets/", seen=(0, 1, 2), held_out=(3, 4)),
     looks.color("handles/", looks.METAL, default=(1, 1, 1)),
     looks.color("oven/metal_", looks.METAL, default=(1, 1, 1)),
-    looks.color("oven/enamel_", looks.APPLIANCE, default=(0.15, 0.15, 0.15)),
-    looks.between(
-        "oven/hob_light_brightness", "appearance", default=1.0, seen=(0.5, 1.0), held_out=((0.0, 0.5), (1.0, 1.3))
-    ),
+    looks.color("oven/enamel_", looks.HOB, default=(0.15, 0.15, 0.15)),
+    looks.brightness("oven/hob_light_", seen=(0.5, 1.0), held_out=((0.0, 0.5), (1.0, 1.3))),
     *looks.MICROWAVE,
-    looks.color("kettle/", looks.ENAMEL, default=(0.9, 0.9, 0.9)),
+    looks.color("kettle/", looks.KETTLE, default=(0.9, 0.9, 0.9)),
     looks.color("kettle/grip_", looks.TINT, default=(1, 1, 1)),
     looks.texture("kettle/grip_", seen=(0, 1), held_out=(2, 3)),
     looks.color("pedestal/", looks.GREY, default=(0.5, 0.5, 0.5)),

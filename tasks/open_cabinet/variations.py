@@ -5,7 +5,7 @@ from kitchen_suite.tasks import appearance as looks
 APPEARANCE = (
     *looks.ROOM,
     looks.color("walls/", looks.PAINT, default=(0.88, 0.86, 0.82)),
-    looks.texture("walls/", seen=(0, 1), held_out=(2, 3)),
+    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
     looks.color("cabinet/front_", looks.LACQUER, default=(0.36, 0.47, 0.53)),
     looks.texture("cabinet/front_", seen=(0, 1, 2), held_out=(3, 4)),
     looks.color("cabinet/carcass_", looks.PAINT, default=(0.80, 0.79, 0.76)),
