@@ -79,29 +79,28 @@ def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
       surfaces: of the scene.
     """
     materials = {material.full_identifier for material in root.find_all("material")}
+    pictures = {_source(texture): texture for texture in root.find_all("texture") if texture.file is not None}
     for surface in surfaces:
         if materials.isdisjoint(surface.materials):
             continue
         for name, texture in zip(surface.variants, surface.textures, strict=True):
-            element = _find_or_add_texture(root, name, {"type": surface.kind, **texture.texture})
+            element = root.asset.add("texture", name=name, type=surface.kind, **texture.texture)
+            if element.file is not None:
+                element = _first_of_source(element, pictures)
             root.asset.add("material", name=name, texture=element, rgba=(*surface.color, 1), **texture.material)
 
 
-def _find_or_add_texture(root: mjcf.RootElement, name: str, attributes: Mapping[str, Any]) -> mjcf.Element:
-    """Returns the scene's texture from the same file, or a new one: a renderer takes long to load large textures."""
-    added = root.asset.add("texture", name=name, **attributes)
-    if added.file is None:
-        return added
-    for texture in root.find_all("texture"):
-        if texture is not added and _source(texture) == _source(added):
-            added.remove()
-            return texture
-    return added
+def _first_of_source(texture: mjcf.Element, pictures: dict[tuple[str, str], mjcf.Element]) -> mjcf.Element:
+    """Returns a texture from a file, or an equal one that the scene had: a renderer takes long to load large ones."""
+    first = pictures.setdefault(_source(texture), texture)
+    if first is not texture:
+        texture.remove()
+    return first
 
 
-def _source(texture: mjcf.Element) -> tuple[str, str | None]:
+def _source(texture: mjcf.Element) -> tuple[str, str]:
     """Returns type and file, named by its contents."""
-    return texture.type, texture.file and texture.file.get_vfs_filename()
+    return texture.type, texture.file.get_vfs_filename()
 
 
 def _ids(physics: mjcf.Physics, kind: mujoco.mjtObj, names: Sequence[str]) -> NDArray[np.int64]:
