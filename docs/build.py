@@ -1,7 +1,7 @@
 """Generates the tables and pictures of these pages from the code.
 
 python docs/build.py tables     rewrites the tables between their markers in docs/*.md
-python docs/build.py pictures   renders the scene from every camera into docs/pictures/
+python docs/build.py pictures   renders the scenes from every camera, and varied kitchens, into docs/pictures/
 """
 
 import re
@@ -28,8 +28,10 @@ def write_tables() -> None:
 def write_pictures() -> None:
     """Renders the pictures of all domains."""
     import stills
+    import variation_sheet
 
     stills.write_pictures()
+    variation_sheet.write_sheet()
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ class Quantity:
       shape: `()` or `(n,)`.
       non_negative: whether negative values are refused.
       visual: whether only images depend on it.
+      choices: number of the choices of which it is the index; None if it is no index.
       derived: whether MuJoCo derives other fields of the model from these (`mj_setConst`).
     """
 
@@ -33,6 +34,7 @@ class Quantity:
     shape: tuple[int, ...] = ()
     non_negative: bool = False
     visual: bool = False
+    choices: int | None = None
     derived: bool = False
 
     def checked(self, value: Any, name: str) -> NDArray[np.float64]:
@@ -53,6 +55,8 @@ class Quantity:
         array = checks.array_of(value, name)
         if array.shape:
             raise ValueError(f"{name} must be one number, got {value!r}")
+        if self.choices is not None and array.item() not in range(self.choices):
+            raise ValueError(f"{name} must be an integer from 0 to {self.choices - 1}, got {value!r}")
         if self.non_negative:
             return np.array(checks.number(array.item(), name))
         return checks.vector(array[np.newaxis], 1, name)[0]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from kitchen_suite.entities import surfaces
 from kitchen_suite.entities.props import kitchen as kitchen_props
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
@@ -31,6 +32,7 @@ class KitchenArena(SiteArena):
 
     xml_name = "kitchen_arena"
     default_name = "kitchen"
+    surfaces = surfaces.KITCHEN
 
     def enable_sleep(self) -> None:
         """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.

@@ -1,5 +1,6 @@
 """The arena and the scene of the microwave_table domain: arena, robot and a microwave on a table."""
 
+from kitchen_suite.entities import surfaces
 from kitchen_suite.entities.props.kitchen import Microwave
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.robots.panda import PANDA
@@ -12,6 +13,7 @@ class MicrowaveTableArena(SiteArena):
 
     xml_name = "microwave_table_arena"
     default_name = "room"
+    surfaces = surfaces.MICROWAVE_TABLE
 
 
 def build_microwave_table_scene(*, visuals: bool = True) -> Scene:

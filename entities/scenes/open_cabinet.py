@@ -1,5 +1,6 @@
 """The arena and the scene of the open_cabinet domain: arena, robot and cabinet."""
 
+from kitchen_suite.entities import surfaces
 from kitchen_suite.entities.props.cabinet import Cabinet
 from kitchen_suite.entities.props.cabinet_config import CabinetConfig
 from kitchen_suite.entities.robots.franka import Franka
@@ -13,6 +14,7 @@ class OpenCabinetArena(SiteArena):
 
     xml_name = "cabinet_arena"
     default_name = "room"
+    surfaces = surfaces.OPEN_CABINET
 
 
 class OpenCabinetScene(Scene):

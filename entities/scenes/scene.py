@@ -44,6 +44,13 @@ class Scene:
             arena.attach_at_site(prop, free=prop.free)
         return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
 
+    def prepare_appearance(self) -> None:
+        """Adds the textures from which a reset may choose; to be called before the scene is compiled.
+
+        Physics and images stay the same to the bit until one is chosen.
+        """
+        self.arena.prepare_appearance()
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters of arena, robot and props."""

@@ -1,23 +1,11 @@
-"""The parameters of the kitchen that groups of variations vary, with their seen and held-out distributions."""
-
-from collections.abc import Mapping
+"""How groups of variations vary the kitchen's parameters, in the order in which they are drawn."""
 
 import numpy as np
-from dm_control import mjcf
-from numpy.typing import NDArray
 
-from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
-from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks.goals import Goal
-from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks import appearance as looks
+from kitchen_suite.tasks.kitchen.done import DONE
 from kitchen_suite.tasks.variations import Bands
 from kitchen_suite.tasks.varied import Varied, around, between, one_of
-
-# No asked task starts nearer to its goal than this multiple of its threshold.
-START_DISTANCE = 1.2
-
-# Whether each of the seven tasks is done at the start; without effect on those that are asked.
-DONE = "tasks/done"
 
 _UNDONE, _ALL_DONE = np.zeros(7), np.ones(7)
 
@@ -46,6 +34,45 @@ START = (
     ),
 )
 
+
+def _cabinet(name: str) -> Varied:
+    """Offset of a cabinet, which hangs on the wall above the hood: forward, and up, or down where the hood is lowered.
+
+    It cannot move back into the wall.
+    """
+    return between(
+        name,
+        "layout",
+        default=(0.0, 0.0, 0.0),
+        seen=((-0.025, -0.03, -0.015), (0.025, 0.0, 0.035)),
+        held_out=[((-0.03, -0.04, 0.035), (-0.025, -0.03, 0.05)), ((0.025, -0.04, 0.035), (0.03, -0.03, 0.05))],
+    )
+
+
+# Poses of the furniture and of the robot's base [m, rad], and the burner of the kettle. The pedestal stands against the
+# oven, so that it can only move back. A kettle on the top left burner would be at its goal.
+LAYOUT = (
+    between(
+        "pedestal/offset",
+        "layout",
+        default=(0.0, 0.0, 0.0),
+        seen=((-0.03, -0.025, 0.0), (0.03, 0.0, 0.0)),
+        held_out=[((-0.04, -0.035, 0.0), (-0.03, -0.025, 0.0)), ((0.03, -0.035, 0.0), (0.04, -0.025, 0.0))],
+    ),
+    around("microwave/offset", "layout", default=(0.0, 0.0, 0.0), seen=(0.04, 0.04, 0.0), held_out=(0.05, 0.05, 0.0)),
+    around("microwave/yaw", "layout", default=0.3, seen=0.1, held_out=0.14),
+    _cabinet("slide_cabinet/offset"),
+    _cabinet("hinge_cabinet/offset"),
+    between(
+        "hood/offset",
+        "layout",
+        default=(0.0, 0.0, 0.0),
+        seen=((0.0, 0.0, -0.04), (0.0, 0.0, 0.0)),
+        held_out=[((0.0, 0.0, -0.055), (0.0, 0.0, -0.04))],
+    ),
+    one_of("kettle/burner", "layout", default=0.0, seen=(0.0, 1.0), held_out=(2.0,)),
+)
+
 DYNAMICS = (
     around("kitchen/friction_scale", "dynamics", default=1.0, seen=0.15, held_out=0.3),
     around("franka/gain_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
@@ -65,30 +92,28 @@ SENSING = (
     one_of("sensing/action_delay", "sensing", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),
 )
 
-VARIED: tuple[Varied, ...] = (*START, *DYNAMICS, *SENSING)
+APPEARANCE = (
+    *looks.ROOM,
+    looks.color("walls/", looks.PAINT, default=(0.66, 0.7, 0.8)),
+    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("walls/base_board_", looks.TINT, default=(1, 1, 1)),
+    looks.color("counter/", looks.TINT, default=(1, 1, 1)),
+    looks.texture("counter/", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("cabinets/", looks.LACQUER, default=(0.46, 0.5, 0.6)),
+    looks.texture("cabinets/", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("handles/", looks.METAL, default=(1, 1, 1)),
+    looks.color("oven/metal_", looks.METAL, default=(1, 1, 1)),
+    looks.color("oven/enamel_", looks.HOB, default=(0.15, 0.15, 0.15)),
+    looks.brightness("oven/hob_light_", seen=(0.5, 1.0), held_out=((0.0, 0.5), (1.0, 1.3))),
+    *looks.MICROWAVE,
+    looks.color("kettle/", looks.KETTLE, default=(0.9, 0.9, 0.9)),
+    looks.color("kettle/grip_", looks.TINT, default=(1, 1, 1)),
+    looks.texture("kettle/grip_", seen=(0, 1), held_out=(2, 3)),
+    looks.color("pedestal/", looks.GREY, default=(0.5, 0.5, 0.5)),
+)
 
+CAMERA = looks.cameras(
+    {"overview": 45, "workspace": 51, "left": 45, "right": 45, "franka/wrist": 75, "franka/hand": 80}
+)
 
-def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:
-    """Returns the parameter that completes some tasks at the start.
-
-    Args:
-      scene: with the goals' props.
-      tasks: goals of the tasks that it can complete; those of other tasks are ignored.
-    """
-    joints = {task: goal.joints_in(scene) for task, goal in tasks.items()}
-    elements = tuple(joint for each in joints.values() for joint in each)
-
-    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        del elements
-        for task, is_done in zip(GOALS, value > 0.5, strict=True):
-            if is_done and task in joints:
-                physics.bind(joints[task]).qpos = tasks[task].value
-
-    quantity = Quantity(
-        read=lambda physics, elements: np.zeros(len(GOALS)),
-        write=write,
-        model_fields=(),
-        shape=(len(GOALS),),
-        non_negative=True,
-    )
-    return Parameter(name=DONE, unit="0 or 1", quantity=quantity, elements=elements)
+VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)

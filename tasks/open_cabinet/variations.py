@@ -1,6 +1,7 @@
-"""The parameters of the open_cabinet domain that groups of variations vary, with seen and held-out distributions."""
+"""How groups of variations vary the parameters of open_cabinet, in the order in which they are drawn."""
 
 from kitchen_suite.entities.props.cabinet import DOORS, DRAWERS
+from kitchen_suite.tasks import appearance as looks
 from kitchen_suite.tasks.varied import Varied, around, between, one_of
 
 # The robot's own pose is drawn at every reset, whatever varies.
@@ -10,6 +11,12 @@ START = (
         for drawer in DRAWERS
     ),
     *(between(f"cabinet/door_{door}", "start", default=0.0, seen=(0.0, 0.2), held_out=[(0.2, 0.4)]) for door in DOORS),
+)
+
+# Pose of the cabinet on the floor [m, rad]; those seen are the ones of the randomization `moderate`.
+LAYOUT = (
+    around("cabinet/offset", "layout", default=(0.0, 0.0, 0.0), seen=(0.03, 0.05, 0.0), held_out=(0.035, 0.06, 0.0)),
+    around("cabinet/yaw", "layout", seen=0.1, held_out=0.115),
 )
 
 # The seen values of cabinet and pads are those of the preset `moderate` of `Randomization`.
@@ -44,4 +51,19 @@ SENSING = (
     one_of("sensing/action_delay", "sensing", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),
 )
 
-VARIED: tuple[Varied, ...] = (*START, *DYNAMICS, *SENSING)
+APPEARANCE = (
+    *looks.ROOM,
+    looks.color("walls/", looks.PAINT, default=(0.88, 0.86, 0.82)),
+    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("cabinet/front_", looks.LACQUER, default=(0.36, 0.47, 0.53)),
+    looks.texture("cabinet/front_", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("cabinet/carcass_", looks.PAINT, default=(0.80, 0.79, 0.76)),
+    looks.color("cabinet/tray_", looks.TINT, default=(0.72, 0.58, 0.42)),
+    looks.color("cabinet/worktop_", looks.TINT, default=(1, 1, 1)),
+    looks.texture("cabinet/worktop_", seen=(0, 1), held_out=(2, 3)),
+    looks.color("cabinet/handle_", looks.METAL, default=(0.80, 0.80, 0.82)),
+)
+
+CAMERA = looks.cameras({"overview": 40, "handle": 42, "franka/wrist": 75, "franka/hand": 80})
+
+VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)

@@ -1,0 +1,144 @@
+"""Appearance of scenes: colours and textures of surfaces, which only images depend on.
+
+A renderer copies textures when it is made, so a texture is changed by giving geoms another material. `add_variants`
+adds these materials to a scene before it is compiled. Parameters are written to a model that has its built values.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
+
+_MATERIAL, _GEOM = mujoco.mjtObj.mjOBJ_MATERIAL, mujoco.mjtObj.mjOBJ_GEOM
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Texture:
+    """A texture that a surface may have instead of its own.
+
+    Attributes:
+      name: within its surface.
+      texture: MJCF attributes of the texture beside its name and type.
+      material: MJCF attributes of the material beside its name, texture and colour.
+    """
+
+    name: str
+    texture: Mapping[str, Any]
+    material: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Surface:
+    """Parts of a scene that have one colour, and perhaps several textures to choose from.
+
+    Attributes:
+      prefix: of the names of its parameters, such as `walls/`.
+      color: red, green and blue as built, from 0 to 1; the texture is multiplied by it.
+      materials: full names of its materials.
+      geoms: full names of its geoms without material.
+      kind: type of its textures, `cube` or `2d`.
+      textures: to choose from, beside that of the materials.
+    """
+
+    prefix: str
+    color: Vector
+    materials: Sequence[str] = ()
+    geoms: Sequence[str] = ()
+    kind: str = "cube"
+    textures: Sequence[Texture] = ()
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Names of the materials of `textures`."""
+        stem = self.prefix.replace("/", "_")
+        return tuple(f"{stem}{texture.name}" for texture in self.textures)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Colour; number of the texture, 0 for that of the built scene, if there are several."""
+        color = Parameter(name=f"{self.prefix}color", unit="1", quantity=_color(self), elements=())
+        if not self.textures:
+            return (color,)
+        return color, Parameter(name=f"{self.prefix}texture", unit="1", quantity=_texture(self), elements=())
+
+
+def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
+    """Adds the materials of the textures to choose from, for those surfaces that the scene shows.
+
+    Physics and images stay the same to the bit while no parameter is set.
+
+    Args:
+      root: of the scene's model, with all that is attached to it; not yet compiled.
+      surfaces: of the scene.
+    """
+    materials = {material.full_identifier for material in root.find_all("material")}
+    pictures = {_source(texture): texture for texture in root.find_all("texture") if texture.file is not None}
+    for surface in surfaces:
+        if materials.isdisjoint(surface.materials):
+            continue
+        for name, texture in zip(surface.variants, surface.textures, strict=True):
+            element = root.asset.add("texture", name=name, type=surface.kind, **texture.texture)
+            if element.file is not None:
+                element = _first_of_source(element, pictures)
+            root.asset.add("material", name=name, texture=element, rgba=(*surface.color, 1), **texture.material)
+
+
+def _first_of_source(texture: mjcf.Element, pictures: dict[tuple[str, str], mjcf.Element]) -> mjcf.Element:
+    """Returns a texture from a file, or an equal one that the scene had: a renderer takes long to load large ones."""
+    first = pictures.setdefault(_source(texture), texture)
+    if first is not texture:
+        texture.remove()
+    return first
+
+
+def _source(texture: mjcf.Element) -> tuple[str, str]:
+    """Returns type and file, named by its contents."""
+    return texture.type, texture.file.get_vfs_filename()
+
+
+def _ids(physics: mjcf.Physics, kind: mujoco.mjtObj, names: Sequence[str]) -> NDArray[np.int64]:
+    """Returns the numbers of those elements that a scene has."""
+    numbers = [mujoco.mj_name2id(physics.model.ptr, kind, name) for name in names]
+    return np.array([number for number in numbers if number >= 0], np.int64)
+
+
+def _color(surface: Surface) -> Quantity:
+    names = (*surface.materials, *surface.variants)
+
+    def arrays(physics: mjcf.Physics) -> tuple[tuple[NDArray, NDArray[np.int64]], ...]:
+        model = physics.model.ptr
+        materials, geoms = _ids(physics, _MATERIAL, names), _ids(physics, _GEOM, surface.geoms)
+        return (model.mat_rgba, materials), (model.geom_rgba, geoms)
+
+    def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
+        return next((rgba[ids[0], :3] for rgba, ids in arrays(physics) if ids.size), surface.color)
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        for rgba, ids in arrays(physics):
+            rgba[ids, :3] = value
+
+    fields = (*(["mat_rgba"] if names else []), *(["geom_rgba"] if surface.geoms else []))
+    return Quantity(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
+
+
+def _texture(surface: Surface) -> Quantity:
+    def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
+        shown = _ids(physics, _MATERIAL, surface.variants)
+        return max((i for i, number in enumerate(shown, start=1) if number in physics.model.ptr.geom_matid), default=0)
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        own, variants = (_ids(physics, _MATERIAL, names) for names in (surface.materials, surface.variants))
+        matid = physics.model.ptr.geom_matid
+        if value and variants.size:
+            matid[np.isin(matid, own)] = variants[int(value) - 1]
+
+    return Quantity(
+        read=read, write=write, model_fields=("geom_matid",), visual=True, choices=1 + len(surface.textures)
+    )

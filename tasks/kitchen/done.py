@@ -1,0 +1,44 @@
+"""A parameter of the kitchen: which tasks are done at the start of an episode."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
+from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.tasks.goals import Goal
+from kitchen_suite.tasks.kitchen.goals import GOALS
+
+# No asked task starts nearer to its goal than this multiple of its threshold.
+START_DISTANCE = 1.2
+
+# Whether each of the seven tasks is done at the start; without effect on those that are asked.
+DONE = "tasks/done"
+
+
+def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:
+    """Returns the parameter that completes some tasks at the start.
+
+    Args:
+      scene: with the goals' props.
+      tasks: goals of the tasks that it can complete; those of other tasks are ignored.
+    """
+    joints = {task: goal.joints_in(scene) for task, goal in tasks.items()}
+    elements = tuple(joint for each in joints.values() for joint in each)
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        del elements
+        for task, is_done in zip(GOALS, value > 0.5, strict=True):
+            if is_done and task in joints:
+                physics.bind(joints[task]).qpos = tasks[task].value
+
+    quantity = Quantity(
+        read=lambda physics, elements: np.zeros(len(GOALS)),
+        write=write,
+        model_fields=(),
+        shape=(len(GOALS),),
+        non_negative=True,
+    )
+    return Parameter(name=DONE, unit="0 or 1", quantity=quantity, elements=elements)

@@ -1,0 +1,118 @@
+"""The tables of appearance and cameras fit the scenes, and episodes do not depend on them."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.domains.base import build_environment
+from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
+from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.rendering.cameras import camera_names
+from kitchen_suite.tasks import GOALS, KitchenTask
+from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
+from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
+from kitchen_suite.tasks.varied import SPLITS
+
+TASKS = {
+    "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options), tasks_to_complete=tuple(GOALS)),
+    "open_cabinet": lambda **options: OpenCabinetTask(prepared(build_open_cabinet_scene, **options)),
+    "microwave_table": lambda **options: MicrowaveTableTask(prepared(build_microwave_table_scene, **options)),
+}
+# Control steps.
+STEPS = 5
+
+
+def prepared(build, **options):
+    scene = build(**options)
+    scene.prepare_appearance()
+    return scene
+
+
+def environment(domain, **options):
+    return build_environment(
+        TASKS[domain](**options), time_limit=None, random=0, render_quality="fast", environment_kwargs=None
+    )
+
+
+def tables(domain):
+    return importlib.import_module(f"kitchen_suite.tasks.{domain}.variations")
+
+
+def parameters(environment):
+    return {parameter.name: parameter for parameter in environment.task.scene.arena.parameters}
+
+
+@pytest.mark.parametrize("domain", TASKS)
+def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
+    env, table = environment(domain, visuals=False), tables(domain)
+    env.reset()
+    offered = parameters(env)
+    varied = (*table.APPEARANCE, *table.CAMERA)
+    names = [each.name for each in varied]
+    assert len(set(names)) == len(names)
+    # Observers' cameras are those of the reference.
+    assert set(offered) - set(names) == {name for name in offered if "_cap_" in name}
+    for each in varied:
+        np.testing.assert_allclose(offered[each.name].get(env.physics), each.default, rtol=1e-7, atol=0)
+        for split in SPLITS:
+            drawn = each.distribution(split)(random_state=np.random.RandomState(0))
+            offered[each.name].quantity.checked(drawn, each.name)
+
+
+@pytest.mark.parametrize("domain", TASKS)
+def test_groups_are_named(domain):
+    table = tables(domain)
+    assert {each.group for each in table.APPEARANCE} == {"appearance"}
+    assert {each.group for each in table.CAMERA} == {"camera"}
+
+
+@pytest.mark.parametrize("domain", TASKS)
+def test_held_out_values_are_not_seen(domain):
+    table, random_state = tables(domain), np.random.RandomState(0)
+    for each in (*table.APPEARANCE, *table.CAMERA):
+        seen, held_out = (
+            [tuple(np.atleast_1d(each.distribution(split)(random_state=random_state))) for _ in range(300)]
+            for split in SPLITS
+        )
+        assert not set(seen) & set(held_out), each.name
+        if each.name.endswith("texture"):
+            # Every texture that the surface offers is drawn.
+            assert sorted({number for (number,) in seen + held_out}) == list(range(1 + int(each.high))), each.name
+
+
+@pytest.mark.parametrize("domain", TASKS)
+def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
+    plain = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
+    varied, table = environment(domain), tables(domain)
+    plain.reset()
+    varied.reset()
+    offered, random_state = parameters(varied), np.random.RandomState(1)
+    for each in (*table.APPEARANCE, *table.CAMERA):
+        offered[each.name].set(varied.physics, np.asarray(each.held_out(random_state=random_state)))
+    for _ in range(STEPS):
+        action = random_state.uniform(-1, 1, plain.action_spec().shape)
+        plain.step(action)
+        varied.step(action)
+        np.testing.assert_array_equal(varied.physics.data.qpos, plain.physics.data.qpos)
+        np.testing.assert_array_equal(varied.physics.data.qvel, plain.physics.data.qvel)
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize("domain", TASKS)
+def test_held_out_views_show_something_else_in_full_light(domain):
+    env, table = environment(domain), tables(domain)
+    env.reset()
+    offered, random_state = parameters(env), np.random.RandomState(2)
+    cameras = [name for name in camera_names(env.physics) if not name.endswith("_cap")]
+    before = [env.physics.render(64, 64, camera_id=name).astype(float) for name in cameras]
+    for each in (*table.APPEARANCE, *table.CAMERA):
+        offered[each.name].set(env.physics, np.asarray(each.held_out(random_state=random_state)))
+    env.physics.forward()
+    for name, old in zip(cameras, before, strict=True):
+        new = env.physics.render(64, 64, camera_id=name)
+        assert np.abs(new - old).mean() > 10, name
+        # Neither black nor white.
+        assert 25 < new.mean() < 230, name
+        assert new.std() > 15, name
