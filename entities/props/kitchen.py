@@ -9,14 +9,23 @@ from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.parameters import Parameter, pose_parameters
+from kitchen_suite.entities.props.burners import BURNER
 from kitchen_suite.entities.props.prop import Prop
 
 
 class KitchenProp(Prop):
-    """An object with a fixed list of joints, described by one MJCF file."""
+    """An object with a fixed list of joints, described by one MJCF file.
+
+    Attributes:
+      xml_name: name of the MJCF file without its ending.
+      joint_names: its joints, in the order in which scenes observe them.
+      movable: whether its parameters include its pose.
+    """
 
     xml_name: str
     joint_names: Sequence[str] = ()
+    movable = False
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
         """Loads the prop's MJCF.
@@ -38,6 +47,11 @@ class KitchenProp(Prop):
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
         return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw of a movable prop in a scene."""
+        return pose_parameters(self) if self.movable and self.parent else ()
 
 
 class KitchenPropObservables(composer.Observables):
@@ -86,6 +100,7 @@ class Hood(KitchenProp):
     """The hood with the light switch; the switch's angle [rad] is 14 times the lamp's travel [m]."""
 
     xml_name = "hood"
+    movable = True
     joint_names = ("light_switch", "light_joint")
 
 
@@ -93,6 +108,7 @@ class SlideCabinet(KitchenProp):
     """The cabinet whose door slides to the right."""
 
     xml_name = "slide_cabinet"
+    movable = True
     joint_names = ("slide_cabinet",)
 
 
@@ -100,6 +116,7 @@ class HingeCabinet(KitchenProp):
     """The cabinet with a left and a right hinged door."""
 
     xml_name = "hinge_cabinet"
+    movable = True
     joint_names = ("left_hinge_cabinet", "right_hinge_cabinet")
 
 
@@ -107,6 +124,7 @@ class Microwave(KitchenProp):
     """The microwave, its door hinged on the left."""
 
     xml_name = "microwave"
+    movable = True
     joint_names = ("microwave",)
 
 
@@ -122,3 +140,9 @@ class Kettle(KitchenProp):
         """The free joint that the arena added: 7 positions, 6 velocities. Empty while the kettle is not attached."""
         freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
         return () if freejoint is None else (freejoint,)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The burner on which the kettle starts an episode."""
+        joints = self.joints
+        return (Parameter(name=f"{self._mjcf_root.model}/burner", unit="1", quantity=BURNER, elements=joints),) if joints else ()

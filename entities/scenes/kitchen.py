@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from kitchen_suite.entities.parameters import POSITION_OFFSET, Parameter
 from kitchen_suite.entities.props import kitchen as kitchen_props
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
@@ -31,6 +32,12 @@ class KitchenArena(SiteArena):
 
     xml_name = "kitchen_arena"
     default_name = "kitchen"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset of the pedestal, with which the robot moves."""
+        pedestal = self._mjcf_root.find("body", "pedestal")
+        return (Parameter(name="pedestal/offset", unit="m", quantity=POSITION_OFFSET, elements=(pedestal,)),)
 
     def enable_sleep(self) -> None:
         """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.

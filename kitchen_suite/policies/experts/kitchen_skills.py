@@ -163,12 +163,29 @@ SKILLS = _skills(
 )
 
 # The hand's orientation at a reset: 4 degrees to the right, 3 degrees up.
-_AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
+AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
 
 # Skills in which the hand keeps its orientation at a reset. Then the fingers are side by side and push a knob less far.
 FIXED_SKILLS = MappingProxyType(
     {
-        task: skill.with_orientation(_AT_RESET)
-        for task, skill in _skills(dict.fromkeys(SKILLS, _AT_RESET), knob_angle=-1.8).items()
+        task: skill.with_orientation(AT_RESET)
+        for task, skill in _skills(dict.fromkeys(SKILLS, AT_RESET), knob_angle=-1.8).items()
     }
+)
+
+# Pushes the kettle from a burner on the right to the one on its left, with two fingers low on its right side.
+_FROM_RIGHT = HandOrientation(approach=_direction(-10, -45), spread=_UP)
+KETTLE_TO_LEFT = Skill(
+    moves=_push(
+        (-0.070, 0.230, 2.10),
+        (-0.070, 0.340, 1.70),
+        (-0.520, 0.340, 1.70),
+        orientation=_FROM_RIGHT,
+        fingers=OPEN,
+        speed=0.5,
+    ),
+    ik_seed=(-0.40, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
+    object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
+    retreat=(0.05, -0.02, 0.10),
+    completes=False,
 )

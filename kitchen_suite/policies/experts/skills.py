@@ -140,6 +140,7 @@ class Skill:
         fixed in the skill's frame.
       retreat: displacement of the site when the hand leaves, in the world [m].
       release_steps: control steps to open the fingers before the hand leaves; 0 where they hold nothing.
+      completes: whether the motions complete the task; otherwise another skill for the same task follows.
     """
 
     moves: tuple[Move | ArcMove, ...]
@@ -147,6 +148,7 @@ class Skill:
     object_joint: Revolute | Prismatic | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
     release_steps: int = 0
+    completes: bool = True
 
     def with_orientation(self, orientation: HandOrientation) -> Self:
         """This skill with the same orientation of the hand in all moves."""
