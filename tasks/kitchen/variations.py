@@ -36,5 +36,5 @@ LAYOUT: tuple[Varied, ...] = (
         seen=((0.0, 0.0, -0.03), (0.0, 0.0, 0.0)),
         held_out=[((0.0, 0.0, -0.05), (0.0, 0.0, -0.03))],
     ),
-    one_of("kettle/burner", "layout", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),
+    one_of("kettle/burner", "layout", default=0.0, seen=(0.0, 1.0), held_out=(2.0,)),
 )

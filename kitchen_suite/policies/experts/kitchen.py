@@ -18,7 +18,13 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+    plan_retreat,
+)
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
@@ -52,11 +58,8 @@ _SETTLE_STEPS = 6
 # Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
 _DECIMALS = 2
 
-# The kettle is on one of the right burners if its x is beyond this [m].
-_RIGHT_BURNERS = -0.05
-
-# Distance of the hand from a planned pose beyond which a skill is out of reach [m].
-_OUT_OF_REACH = 0.01
+# Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
+_TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 
 _ROBOT, _, _OBJECTS, _ = noise.SLICES
 _SIZE = noise.AMPLITUDES.size
@@ -181,8 +184,7 @@ class KitchenExpert(Expert):
         if self._has_ended(_SETTLE_STEPS):
             home = JointTrajectory.stationary(_HOME, OPEN)
             retreat = self._plan_retreat(self._skill, joints).then(home, self._limits)
-            if self._skill.completes:
-                self._queue.postpone()
+            self._queue.postpone()
             return self._then_current_task(retreat, observation)
         return None
 
@@ -210,7 +212,7 @@ class KitchenExpert(Expert):
         """
         for _ in range(self._queue.size):
             planned = self._plan(observation)
-            if not self._layout.slices or planned.position_error <= _OUT_OF_REACH:
+            if not self._layout.slices or planned.position_error <= OUT_OF_REACH:
                 return trajectory.then(planned, self._limits)
             self._queue.postpone()
         return trajectory.then(self._plan(observation), self._limits) if self._queue.current else trajectory
@@ -225,16 +227,30 @@ class KitchenExpert(Expert):
         achieved, frame = _achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
         skill = self._skill = self._choose_skill(task, achieved, frame)
         position = achieved[list(skill.object_joint.elements)] if skill.object_joint else None
-        if self._style.jitter or frame is not None:
-            offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
-            return plan(
-                self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets
-            )
+        if frame is not None:
+            return self._plan_in_frame(skill, position, frame)
+        if self._style.jitter:
+            return self._plan_skill(skill, position, None)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits)
 
+    def _plan_in_frame(
+        self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3
+    ) -> JointTrajectory:
+        """Plans a skill in a frame; a hand that can turn is turned a little where its poses are out of reach."""
+        turns = _TURNS if self._encoder.turns_hand else _TURNS[:1]
+        plans = (self._plan_skill(skill.turned(turn) if turn else skill, position, frame) for turn in turns)
+        return next((each for each in plans if each.position_error <= OUT_OF_REACH), None) or self._plan_skill(skill, position, frame)
+
+    def _plan_skill(
+        self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3 | None
+    ) -> JointTrajectory:
+        offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
+        return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
+
     def _choose_skill(self, task: str, achieved: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
-        skill = kitchen_skills.KETTLE_TO_LEFT if task == "kettle" and achieved[0] > _RIGHT_BURNERS else self._skills[task]
+        moved = kitchen_skills.kettle_skill(achieved[:3]) if task == "kettle" else None
+        skill = moved or self._skills[task]
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation

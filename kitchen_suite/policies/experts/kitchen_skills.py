@@ -4,6 +4,9 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
@@ -173,19 +176,49 @@ FIXED_SKILLS = MappingProxyType(
     }
 )
 
-# Pushes the kettle from a burner on the right to the one on its left, with two fingers low on its right side.
-_FROM_RIGHT = HandOrientation(approach=_direction(-10, -45), spread=_UP)
-KETTLE_TO_LEFT = Skill(
-    moves=_push(
-        (-0.070, 0.230, 2.10),
-        (-0.070, 0.340, 1.70),
-        (-0.520, 0.340, 1.70),
-        orientation=_FROM_RIGHT,
-        fingers=OPEN,
-        speed=0.5,
-    ),
-    ik_seed=(-0.40, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
-    object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
-    retreat=(0.05, -0.02, 0.10),
-    completes=False,
+
+
+def _carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
+    """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
+    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.01))
+    up = (at[0], at[1], at[2] + lift)
+    to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
+    return (
+        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
+        Move(position=near, orientation=orientation, fingers=OPEN),
+        Move(position=at, orientation=orientation, fingers=OPEN),
+        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=5),
+        Move(position=up, orientation=orientation, fingers=CLOSED),
+        Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
+    )
+
+
+# The hand comes from the left; pushes would have to come from the right, around the kettle.
+_FROM_LEFT = HandOrientation(approach=_direction(49, -1), spread=_UP)
+
+
+def _carry_skill(ik_seed: tuple[float, ...], displacement: Vector) -> Skill:
+    """Skill that carries the kettle by its handle along a displacement [m]."""
+    return Skill(
+        moves=_carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
+        ik_seed=ik_seed,
+        object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
+        retreat=(-0.07, -0.07, 0.0),
+        release_steps=4,
+    )
+
+
+# Skills for a kettle on one of the right burners, from near to far.
+KETTLE_SKILLS = (
+    _carry_skill((-1.09, -1.12, 2.46, -2.96, -0.98, 0.93, 1.76), (-0.36, 0.36, 0.0)),
+    _carry_skill((-1.97, -1.70, 1.85, -1.88, -0.56, 1.36, 0.79), (-0.38, -0.03, 0.0)),
 )
+
+# The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
+_RIGHT, _FAR = -0.05, 0.57
+
+
+def kettle_skill(position: NDArray[np.float64]) -> Skill | None:
+    """Returns the skill for a kettle at a position `(3,)` on a right burner [m]; None on the left."""
+    x, y, _ = position
+    return KETTLE_SKILLS[int(y > _FAR)] if x > _RIGHT else None

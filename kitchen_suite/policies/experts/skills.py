@@ -73,6 +73,12 @@ class Move:
         """Target pose of the site, in the frame of the skill."""
         return mink.SE3.from_rotation_and_translation(self.orientation.rotation, np.array(self.position))
 
+    def turned(self, rotation: mink.SO3, pivot: NDArray[np.float64]) -> Self:
+        """This motion with its target turned about a point `(3,)` [m]."""
+        position = pivot + rotation.apply(np.array(self.position) - pivot)
+        orientation = HandOrientation.from_rotation(rotation @ self.orientation.rotation)
+        return dataclasses.replace(self, position=tuple(position.tolist()), orientation=orientation)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArcMove:
@@ -140,7 +146,6 @@ class Skill:
         fixed in the skill's frame.
       retreat: displacement of the site when the hand leaves, in the world [m].
       release_steps: control steps to open the fingers before the hand leaves; 0 where they hold nothing.
-      completes: whether the motions complete the task; otherwise another skill for the same task follows.
     """
 
     moves: tuple[Move | ArcMove, ...]
@@ -148,7 +153,6 @@ class Skill:
     object_joint: Revolute | Prismatic | None = None
     retreat: Vector = (0.0, 0.0, 0.0)
     release_steps: int = 0
-    completes: bool = True
 
     def with_orientation(self, orientation: HandOrientation) -> Self:
         """This skill with the same orientation of the hand in all moves."""
@@ -158,4 +162,14 @@ class Skill:
             else dataclasses.replace(move, hand_rotation_ratio=0.0)
             for move in self.moves
         )
+        return dataclasses.replace(self, moves=tuple(moves))
+
+    def turned(self, angle: float) -> Self:
+        """This skill with the hand turned about the vertical through the point of its last straight motion [rad].
+
+        An arc keeps the hand as it grasped.
+        """
+        *_, last = (move for move in self.moves if isinstance(move, Move))
+        turn, pivot = mink.SO3.from_z_radians(angle), np.array(last.position)
+        moves = (move.turned(turn, pivot) if isinstance(move, Move) else move for move in self.moves)
         return dataclasses.replace(self, moves=tuple(moves))

@@ -17,6 +17,9 @@ from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move
 _LINE_SPACING = 0.02
 _ARC_SPACING = 0.06
 
+# Distance of the hand from a planned pose beyond which the pose is out of reach [m].
+OUT_OF_REACH = 0.01
+
 # Least time between two knots [control steps], so that no two have the same time.
 _MIN_KNOT_INTERVAL = 1e-3
 
@@ -107,7 +110,7 @@ class JointTrajectory:
       times: `(n,)`, times of the knots, increasing [control steps].
       knots: `(n, 7)` joint positions [rad].
       fingers: `(n,)`, opening of each finger on the way to the knot [m].
-      position_error: greatest distance of the hand's site from a planned pose, where that is out of reach [m].
+      position_error: greatest distance of the hand's site from a pose of a straight line [m].
     """
 
     times: NDArray[np.float64]
@@ -235,10 +238,14 @@ class _TrajectoryBuilder:
             # Only the rotation: interpolating the whole pose would make a screw motion.
             rotation = start.interpolate(target, alpha=fraction).rotation()
             pose = mink.SE3.from_rotation_and_translation(rotation, here + fraction * (there - here))
-            self._add_pose(pose, fingers, self._limits.steps(distance / count, speed))
+            joints, error = self._solve(pose)
+            self._position_error = max(self._position_error, error)
+            self._add_solution(joints, pose, fingers, self._limits.steps(distance / count, speed))
 
     def add_arc(self, move: ArcMove, joint: Revolute, angle: float, frame: mink.SE3 | None) -> None:
         """Adds an arc around a revolute joint, from its present angle [rad] to the angle of the move.
+
+        In a frame of its own it ends where the hand cannot follow it: a door need not open all the way.
 
         Args:
           move: the motion.
@@ -253,7 +260,10 @@ class _TrajectoryBuilder:
             turned = _in_frame(joint.displacement(np.array([fraction * arc * move.hand_rotation_ratio])), frame)
             rotation = turned.rotation() @ start.rotation()
             pose = mink.SE3.from_rotation_and_translation(rotation, moved.apply(start.translation()))
-            self._add_pose(pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
+            joints, error = self._solve(pose)
+            if frame is not None and error > OUT_OF_REACH:
+                return
+            self._add_solution(joints, pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
 
     def add_pause(self, steps: int) -> None:
         """Adds a pause at the last knot [control steps]."""
@@ -261,10 +271,13 @@ class _TrajectoryBuilder:
             _, joints, fingers = self._knots[-1]
             self._add_knot(steps, joints, fingers)
 
-    def _add_pose(self, pose: mink.SE3, fingers: float, min_steps: float) -> None:
+    def _solve(self, pose: mink.SE3) -> tuple[NDArray[np.float64], float]:
+        """Returns joint positions `(7,)` for a pose [rad], and the distance of the site from it [m]."""
         joints = self._kinematics.inverse(pose, start=self._joints)
         error = self._kinematics.forward(joints).translation() - pose.translation()
-        self._position_error = max(self._position_error, float(np.linalg.norm(error)))
+        return joints, float(np.linalg.norm(error))
+
+    def _add_solution(self, joints: NDArray[np.float64], pose: mink.SE3, fingers: float, min_steps: float) -> None:
         self._add_knot(max(self._limits.steps_between(self._joints, joints), min_steps), joints, fingers)
         self._joints, self._pose = joints, pose
 
