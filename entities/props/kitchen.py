@@ -145,4 +145,8 @@ class Kettle(KitchenProp):
     def parameters(self) -> tuple[Parameter, ...]:
         """The burner on which the kettle starts an episode."""
         joints = self.joints
-        return (Parameter(name=f"{self._mjcf_root.model}/burner", unit="1", quantity=BURNER, elements=joints),) if joints else ()
+        return (
+            (Parameter(name=f"{self._mjcf_root.model}/burner", unit="1", quantity=BURNER, elements=joints),)
+            if joints
+            else ()
+        )

@@ -17,7 +17,7 @@ TOLERANCE = 0.005
 # Damping of the least squares: bounds joint steps near singular configurations.
 _DAMPING = 0.05
 # Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
-_FIRST_STEPS, _STEPS = 200, 25
+_FIRST_STEPS, _STEPS = 200, 15
 
 
 class Reach:
@@ -44,10 +44,11 @@ class Reach:
         self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))
         start = np.clip(data.qpos[self._qpos], self._low, self._high)
         self._jacobian = np.zeros((3, self._model.nv))
-        self._solutions = [self._solve(data, handle, start, _FIRST_STEPS) for handle in self._handles]
-        for handle, solution in zip(handles, self._solutions, strict=True):
-            if solution is None:
-                raise ValueError(f"the robot cannot reach {handle.full_identifier} in the default layout")
+        self._solutions = []
+        for handle, element in zip(self._handles, handles, strict=True):
+            if (solution := self._solve(data, handle, start, _FIRST_STEPS)) is None:
+                raise ValueError(f"the robot cannot reach {element.full_identifier} in the default layout")
+            self._solutions.append(solution)
 
     def reaches_all(self, data: mujoco.MjData) -> bool:
         """Whether all handles can be reached in the layout of some kinematics; moves the arm of `data`."""

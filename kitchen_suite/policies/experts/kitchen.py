@@ -18,6 +18,7 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
     JointSpeedLimits,
@@ -49,9 +50,6 @@ _HAND_RESPONSE = 0.55
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
 _DONE = 0.98
-# A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
-_UNDONE = 1.2
-
 # Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
 _SETTLE_STEPS = 6
 
@@ -61,44 +59,14 @@ _DECIMALS = 2
 # Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
 _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 
+# Share of the arc of a door with which its task is completed.
+_ENOUGH_OF_ARC = 0.8
+
 _ROBOT, _, _OBJECTS, _ = noise.SLICES
 _SIZE = noise.AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
-
-
-class TaskQueue:
-    """Tasks that remain to be done; the first one is the current one.
-
-    Distances are by task, in units of its threshold.
-    """
-
-    def __init__(self, tasks: Sequence[str]) -> None:
-        self._tasks = tuple(tasks)
-        self._remaining = list(tasks)
-
-    @property
-    def size(self) -> int:
-        """Number of tasks that remain."""
-        return len(self._remaining)
-
-    @property
-    def current(self) -> str | None:
-        """The task under way; None when all are done."""
-        return self._remaining[0] if self._remaining else None
-
-    def complete(self) -> None:
-        """Removes the current task."""
-        del self._remaining[0]
-
-    def postpone(self) -> None:
-        """Moves the current task behind the others."""
-        self._remaining.append(self._remaining.pop(0))
-
-    def restart_undone(self, distances: Mapping[str, float]) -> None:
-        """Adds the completed tasks that have come undone, once no others remain."""
-        self._remaining = [task for task in self._tasks if distances[task] > _UNDONE]
 
 
 class KitchenExpert(Expert):
@@ -212,7 +180,7 @@ class KitchenExpert(Expert):
         """
         for _ in range(self._queue.size):
             planned = self._plan(observation)
-            if not self._layout.slices or planned.position_error <= OUT_OF_REACH:
+            if not self._layout.slices or _is_reachable(planned):
                 return trajectory.then(planned, self._limits)
             self._queue.postpone()
         return trajectory.then(self._plan(observation), self._limits) if self._queue.current else trajectory
@@ -234,13 +202,17 @@ class KitchenExpert(Expert):
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits)
 
-    def _plan_in_frame(
-        self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3
-    ) -> JointTrajectory:
-        """Plans a skill in a frame; a hand that can turn is turned a little where its poses are out of reach."""
-        turns = _TURNS if self._encoder.turns_hand else _TURNS[:1]
-        plans = (self._plan_skill(skill.turned(turn) if turn else skill, position, frame) for turn in turns)
-        return next((each for each in plans if each.position_error <= OUT_OF_REACH), None) or self._plan_skill(skill, position, frame)
+    def _plan_in_frame(self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3) -> JointTrajectory:
+        """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
+        best = None
+        for turn in _TURNS if self._encoder.turns_hand else _TURNS[:1]:
+            planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
+            if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
+                return planned
+            if best is None or (_is_reachable(planned), planned.arc_share) > (_is_reachable(best), best.arc_share):
+                best = planned
+        assert best is not None, "there is at least one turn"
+        return best
 
     def _plan_skill(
         self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3 | None
@@ -255,6 +227,10 @@ class KitchenExpert(Expert):
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
+
+
+def _is_reachable(trajectory: JointTrajectory) -> bool:
+    return trajectory.position_error <= OUT_OF_REACH
 
 
 @functools.cache

@@ -177,7 +177,6 @@ FIXED_SKILLS = MappingProxyType(
 )
 
 
-
 def _carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
     """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
     far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.01))
@@ -215,10 +214,11 @@ KETTLE_SKILLS = (
 )
 
 # The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
-_RIGHT, _FAR = -0.05, 0.57
+_RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
 
 def kettle_skill(position: NDArray[np.float64]) -> Skill | None:
     """Returns the skill for a kettle at a position `(3,)` on a right burner [m]; None on the left."""
-    x, y, _ = position
-    return KETTLE_SKILLS[int(y > _FAR)] if x > _RIGHT else None
+    if position[0] <= _RIGHT_BURNERS:
+        return None
+    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)]

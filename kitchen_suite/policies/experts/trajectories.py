@@ -111,12 +111,14 @@ class JointTrajectory:
       knots: `(n, 7)` joint positions [rad].
       fingers: `(n,)`, opening of each finger on the way to the knot [m].
       position_error: greatest distance of the hand's site from a pose of a straight line [m].
+      arc_share: share of the arcs that the hand can follow.
     """
 
     times: NDArray[np.float64]
     knots: NDArray[np.float64]
     fingers: NDArray[np.float64]
     position_error: float = 0.0
+    arc_share: float = 1.0
 
     @classmethod
     def stationary(cls, joints: NDArray[np.float64], fingers: float) -> Self:
@@ -216,7 +218,7 @@ class _TrajectoryBuilder:
         self._kinematics, self._limits = kinematics, limits
         self._joints, self._pose = start, kinematics.forward(start)
         self._knots: list[tuple[float, NDArray[np.float64], float]] = []
-        self._position_error = 0.0
+        self._position_error, self._arc_share = 0.0, 1.0
 
     @property
     def trajectory(self) -> JointTrajectory:
@@ -227,6 +229,7 @@ class _TrajectoryBuilder:
             knots=np.array(knots),
             fingers=np.array(fingers),
             position_error=self._position_error,
+            arc_share=self._arc_share,
         )
 
     def add_line(self, target: mink.SE3, fingers: float, speed: float) -> None:
@@ -262,6 +265,7 @@ class _TrajectoryBuilder:
             pose = mink.SE3.from_rotation_and_translation(rotation, moved.apply(start.translation()))
             joints, error = self._solve(pose)
             if frame is not None and error > OUT_OF_REACH:
+                self._arc_share = min(self._arc_share, float(fraction) - 1.0 / count)
                 return
             self._add_solution(joints, pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
 
