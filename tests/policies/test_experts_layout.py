@@ -91,5 +91,5 @@ def test_a_task_out_of_reach_is_postponed():
 @pytest.mark.parametrize("control_mode", ["joint_position", "ee_delta_pose", "ee_delta_position"])
 def test_the_expert_observes_the_layout_in_other_control_modes(control_mode):
     episodes = LayoutEpisodes("kitchen", "microwave", extra_observables=KITCHEN_POSES, control_mode=control_mode)
-    episodes.values = {"microwave/offset": [-0.02, 0.02, 0.0], "pedestal/offset": [0.02, -0.01, 0.0]}
+    episodes.values = {"microwave/offset": [-0.01, 0.01, 0.0], "pedestal/offset": [0.01, -0.01, 0.0]}
     assert episodes.play(policy_of(episodes))["success"]
