@@ -1,13 +1,14 @@
-"""Further state observables, which tasks enable by name: end effector, width of the gripper, positions of handles."""
+"""Further state observables, which tasks enable by name: end effector, gripper, handles, poses of objects."""
 
 import collections
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
-from dm_control import mjcf
+from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
@@ -60,8 +61,31 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
             of_robot=True,
             combine=lambda values: values[..., :1] + values[..., 1:],
         ),
+        f"{robot}base_pose": dataclasses.replace(_pose(scene.robot, "the robot's base"), of_robot=True),
     }
-    return {**of_robot, **dict(_handles(scene))}
+    poses = {f"{name}/pose": _pose(prop, "its frame") for name, prop in scene.props.items()}
+    return {**of_robot, **dict(_handles(scene)), **poses}
+
+
+def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
+    """Returns the slice of each extra observable among their elements, end to end in the order of observation.
+
+    Raises:
+      TypeError: `names` is no sequence of strings.
+      ValueError: an unknown or repeated name.
+    """
+    wanted = _checked(names, offered(scene))
+    stops = itertools.accumulate(extra.size for extra in wanted.values())
+    return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
+
+
+def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:
+    frame = mjcf.get_attachment_frame(entity.mjcf_model)
+    return ExtraObservable(
+        content=f"position [m] and quaternion w, x, y, z of {owner}, in the world",
+        size=7,
+        sensors=(("framepos", frame), ("framequat", frame)),
+    )
 
 
 def _handles(scene: Scene) -> Iterator[tuple[str, ExtraObservable]]:

@@ -27,12 +27,14 @@ class Goal:
       joints: names of the joints in the prop's own model; None for all of its joints.
       value: goal positions, joint by joint [rad, m; a free joint: m and a quaternion w, x, y, z].
       instructions: the task in words, a sentence and paraphrases of it; see `tasks.instructions`.
+      handle: name of the prop's site at which the robot moves it; the first of its handles when None.
     """
 
     prop: str
     joints: tuple[str, ...] | None = None
     value: tuple[float, ...]
     instructions: tuple[str, ...] = ()
+    handle: str | None = None
 
     def __post_init__(self) -> None:
         """Checks the instructions; raises as `instructions.checked`."""
@@ -45,6 +47,15 @@ class Goal:
           ValueError: the scene has no such prop, or its prop no such joint.
         """
         return scene.joints(self.prop, self.joints)
+
+    def handle_in(self, scene: Scene) -> mjcf.Element:
+        """Returns the site at which the robot moves the prop.
+
+        Raises:
+          ValueError: the scene has no such prop, or its prop no such site.
+        """
+        handles = {site.name: site for site in scene.props[checks.choice(self.prop, scene.props, "prop")].handles}
+        return handles[checks.choice(self.handle or next(iter(handles), ""), handles, f"handle of {self.prop!r}")]
 
     def elements_in(self, scene: Scene) -> NDArray[np.int64]:
         """Returns the indices `(k,)` of these joints' positions among the scene's object positions."""

@@ -39,7 +39,9 @@ class FeatureSensors:
 
     def add_frame(self, feature: str, kind: str, element: mjcf.Element, part: slice = slice(None)) -> None:
         """Adds a feature of a site, geom or body, such as `framepos` or `framequat`, or a part of its elements."""
-        self._by_feature[feature] = [self._add(kind, objtype=element.tag, objname=element)], part
+        # MuJoCo's "body" is the frame of the body's inertia.
+        frame = "xbody" if element.tag == "body" else element.tag
+        self._by_feature[feature] = [self._add(kind, objtype=frame, objname=element)], part
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Looks up all addresses in the compiled scene."""

@@ -14,6 +14,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks import variations as descriptions
+from kitchen_suite.tasks.layouts.check import LayoutCheck
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.randomizer import Randomizer, Values
 from kitchen_suite.tasks.sensing import sensing_parameters
@@ -82,7 +83,8 @@ class VariedTask(composer.Task):
         self._randomizer = getattr(self, "_randomizer", None) or Randomizer({}, {})
         self._split = checks.choice(variation_split, SPLITS, "variation_split")
         self._wanted: dict[str, Varied] = {}
-        self._layout_check: Any = None
+        self._layout_check: LayoutCheck | None = None
+        self._checked_model: Any = None
         self._request, self._refusals = VariationRequest(), 0
         if not isinstance(variations, str | Sequence | Mapping | None):
             raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
@@ -102,11 +104,29 @@ class VariedTask(composer.Task):
             if descriptions.is_constant(each):
                 self._wanted[name].check(np.asarray(each, np.float64))
         self._randomizer.add(chosen)
+        groups = {varied.group for varied in self._wanted.values()}
+        if "appearance" in groups:
+            scene.prepare_appearance()
+        if "layout" in groups:
+            if scene.arena.mjcf_model.option.flag.sleep == "enable":
+                raise ValueError(
+                    "variations of the layout need sleep=False: sleeping objects would stay where they were"
+                )
+            self._layout_check = LayoutCheck(scene, self._handles(scene))
 
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
         """Returns parameters that belong to the task in a scene, not to an entity."""
         del scene
         return sensing_parameters(self.mdp.noise_parts)
+
+    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
+        """Returns the sites that the hand must reach."""
+        return [handle for prop in scene.props.values() for handle in prop.handles]
+
+    @property
+    def _home(self) -> NDArray[np.float64] | None:
+        """Positions `(9,)` of the robot's joints in the default layout [rad, m]; None for those at the first reset."""
+        return None
 
     @property
     @abc.abstractmethod
@@ -200,22 +220,37 @@ class VariedTask(composer.Task):
             undo.callback(physics.reset)
             drawn = self._randomizer.draw(random_state)
             undo.pop_all()
-        again = np.random.RandomState(random_state.randint(2**31)) if self._layout_check else None
+        seed = random_state.randint(2**31) if self._layout_check else 0
         request, self._request = self._request, VariationRequest()
         values = request.applied(drawn, self._randomizer.defaults)
-        layout = [name for name, varied in self._wanted.items() if varied.group == "layout" and request.draws(name)]
-        start = np.array(physics.data.qpos)
+        start, self._refusals = np.array(physics.data.qpos), 0
+        if self._layout_check:
+            self._bind_layout_check(physics, self._layout_check)
         self._set_variation(physics, start, values)
-        self._refusals = 0
-        while layout and again and not self._layout_check.accepts(physics):
-            self._refusals += 1
-            redrawn = self._randomizer.defaults
-            if self._refusals < MAX_REFUSALS:
-                redrawn = self._randomizer.draw(again)
-            values = {**values, **{name: redrawn[name] for name in layout}}
-            self._set_variation(physics, start, values)
-            if self._refusals == MAX_REFUSALS:
-                break
+        drawn_layout = [name for name in self._layout if request.draws(name)]
+        if self._layout_check and drawn_layout:
+            generator = np.random.RandomState(seed)
+            while self._refusals < MAX_REFUSALS and not self._layout_check.accepts(physics):
+                self._refusals += 1
+                is_last = self._refusals == MAX_REFUSALS
+                others = self._randomizer.defaults if is_last else self._randomizer.draw(generator)
+                values = {**values, **{name: others[name] for name in drawn_layout}}
+                self._set_variation(physics, start, values)
+
+    @property
+    def _layout(self) -> list[str]:
+        """Names of the parameters of the layout that vary."""
+        return [name for name, varied in self._wanted.items() if varied.group == "layout"]
+
+    def _bind_layout_check(self, physics: mjcf.Physics, check: LayoutCheck) -> None:
+        """Shows the layout check the default layout, once for each compiled scene."""
+        if self._checked_model is physics.model.ptr:
+            return
+        self._checked_model = physics.model.ptr
+        self._randomizer.set(self._randomizer.defaults)
+        if self._home is not None:
+            physics.bind(self.robot.joints).qpos = self._home
+        check.bind(physics)
 
     def _set_variation(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
         """Sets values at a start state, corrected by the task."""

@@ -9,16 +9,24 @@ from dm_control import composer, mjcf
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
-from kitchen_suite.entities.parameters import Parameter
+from kitchen_suite.entities.parameters import Parameter, pose_parameters
+from kitchen_suite.entities.props.burners import BURNER
 from kitchen_suite.entities.props.prop import Prop
 from kitchen_suite.entities.quantities import FREE_DISPLACEMENT, MASS, displacement, door_parameters
 
 
 class KitchenProp(Prop):
-    """An object with a fixed list of joints, described by one MJCF file."""
+    """An object with a fixed list of joints, described by one MJCF file.
+
+    Attributes:
+      xml_name: name of the MJCF file without its ending.
+      joint_names: its joints, in the order in which scenes observe them.
+      movable: whether its parameters include its pose.
+    """
 
     xml_name: str
     joint_names: Sequence[str] = ()
+    movable = False
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
         """Loads the prop's MJCF.
@@ -40,6 +48,11 @@ class KitchenProp(Prop):
     @property
     def joints(self) -> tuple[mjcf.Element, ...]:
         return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw of a movable prop in a scene."""
+        return pose_parameters(self) if self.movable and self.parent else ()
 
 
 class KitchenPropObservables(composer.Observables):
@@ -98,65 +111,54 @@ class Hood(KitchenProp):
     """The hood with the light switch; the switch's angle [rad] is 14 times the lamp's travel [m]."""
 
     xml_name = "hood"
+    movable = True
     joint_names = ("light_switch", "light_joint")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Displacement of the switch at the start, with the lamp; factors of its damping and friction."""
+        """Offset and yaw; displacement of the switch at the start, with the lamp; factors of its resistances."""
         owner = self.mjcf_model.model
         switch, lamp = self.joints
         return (
+            *super().parameters,
             displacement(f"{owner}/switch", (switch,), unit="rad", followers=(lamp,), ratio=1 / 14),
             *door_parameters(owner, (switch,)),
         )
 
 
-class SlideCabinet(KitchenProp):
+class Cupboard(KitchenProp):
+    """An object with one or two doors, which may stand elsewhere."""
+
+    movable = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw; displacement of the doors at the start; factors of their damping and friction."""
+        owner, count = self.mjcf_model.model, len(self.joints)
+        unit = "m" if self.joints[0].type == "slide" else "rad"
+        doors = displacement(f"{owner}/{'door' if count == 1 else 'doors'}", self.joints, unit=unit)
+        return (*super().parameters, doors, *door_parameters(owner, self.joints))
+
+
+class SlideCabinet(Cupboard):
     """The cabinet whose door slides to the right."""
 
     xml_name = "slide_cabinet"
     joint_names = ("slide_cabinet",)
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Displacement of the door at the start; factors of its damping and friction."""
-        owner = self.mjcf_model.model
-        return (
-            displacement(f"{owner}/door", self.joints, unit="m"),
-            *door_parameters(owner, self.joints),
-        )
 
-
-class HingeCabinet(KitchenProp):
+class HingeCabinet(Cupboard):
     """The cabinet with a left and a right hinged door."""
 
     xml_name = "hinge_cabinet"
     joint_names = ("left_hinge_cabinet", "right_hinge_cabinet")
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Displacements of both doors at the start; factors of their damping and friction."""
-        owner = self.mjcf_model.model
-        return (
-            displacement(f"{owner}/doors", self.joints, unit="rad"),
-            *door_parameters(owner, self.joints),
-        )
 
-
-class Microwave(KitchenProp):
+class Microwave(Cupboard):
     """The microwave, its door hinged on the left."""
 
     xml_name = "microwave"
     joint_names = ("microwave",)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Displacement of the door at the start; factors of its damping and friction."""
-        owner = self.mjcf_model.model
-        return (
-            displacement(f"{owner}/door", self.joints, unit="rad"),
-            *door_parameters(owner, self.joints),
-        )
 
 
 class Kettle(KitchenProp):
@@ -174,11 +176,15 @@ class Kettle(KitchenProp):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Displacement at the start: x, y and rotation about the vertical; mass. None while it is not attached."""
+        """Displacement at the start: x, y and rotation about the vertical; the burner at the start; mass.
+
+        None while it is not attached.
+        """
         if not self.joints:
             return ()
         owner, body = self.mjcf_model.model, self.mjcf_model.find("body", "kettle")
         return (
             Parameter(name=f"{owner}/pose", unit="m, m, rad", quantity=FREE_DISPLACEMENT, elements=self.joints),
+            Parameter(name=f"{owner}/burner", unit="index", quantity=BURNER, elements=self.joints),
             Parameter(name=f"{owner}/mass", unit="kg", quantity=MASS, elements=(body,)),
         )

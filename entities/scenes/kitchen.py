@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from kitchen_suite.entities import surfaces
+from kitchen_suite.entities.parameters import POSITION_OFFSET, Parameter
 from kitchen_suite.entities.props import kitchen as kitchen_props
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
@@ -33,6 +34,13 @@ class KitchenArena(SiteArena):
     xml_name = "kitchen_arena"
     default_name = "kitchen"
     surfaces = surfaces.KITCHEN
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of every arena, and the offset of the pedestal, with which the robot moves."""
+        pedestal = self._mjcf_root.find("body", "pedestal")
+        offset = Parameter(name="pedestal/offset", unit="m", quantity=POSITION_OFFSET, elements=(pedestal,))
+        return (*super().parameters, offset)
 
     def enable_sleep(self) -> None:
         """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.

@@ -16,6 +16,7 @@ GOALS: Mapping[str, Goal] = MappingProxyType(
             prop="oven",
             joints=("knob_Joint_2", "bottom_left_burner"),
             value=(-0.88, -0.01),
+            handle="knob_2",
             instructions=(
                 "turn on the bottom left burner",
                 "switch on the bottom left burner",
@@ -27,6 +28,7 @@ GOALS: Mapping[str, Goal] = MappingProxyType(
             prop="oven",
             joints=("knob_Joint_4", "top_left_burner"),
             value=(-0.92, -0.01),
+            handle="knob_4",
             instructions=(
                 "turn on the top left burner",
                 "switch on the top left burner",
@@ -57,6 +59,7 @@ GOALS: Mapping[str, Goal] = MappingProxyType(
         "hinge cabinet": Goal(
             prop="hinge_cabinet",
             value=(0.0, 1.45),
+            handle="right_handle",
             instructions=(
                 "open the right door of the hinge cabinet",
                 "open the hinge cabinet on its right side",

@@ -251,6 +251,13 @@ class KitchenTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
+    @property
+    def _home(self) -> NDArray[np.float64]:
+        return INITIAL_QPOS[: len(self.robot.joints)]
+
+    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
+        return [goal.handle_in(scene) for goal in self._mdp.goals.goals]
+
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
         others = {task: goal for task, goal in GOALS.items() if task not in self._mdp.goals.tasks}
         return (*super()._own_parameters(scene), done_parameter(scene, others))

@@ -2,7 +2,7 @@
 
 import collections
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -147,6 +147,13 @@ class MicrowaveTableTask(SuiteTask):
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         key = "info/is_success"
         return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
+
+    @property
+    def _home(self) -> NDArray[np.float64]:
+        return INITIAL_POSE
+
+    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
+        return [goal.handle_in(scene) for goal in self._goals.goals]
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self._scene, self._goals, physics)

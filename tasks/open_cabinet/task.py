@@ -1,7 +1,7 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
 import collections
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -14,6 +14,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
 from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
@@ -203,6 +204,14 @@ class OpenCabinetTask(SuiteTask):
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
+
+    @property
+    def _home(self) -> NDArray[np.float64]:
+        return DEFAULT_POSE
+
+    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
+        assert isinstance(scene, OpenCabinetScene)
+        return [scene.cabinet.handle_site(self._drawer)]
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)

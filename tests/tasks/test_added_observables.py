@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dm_control import composer
+from dm_control import composer, mjcf
 from dm_control.composer.observation.observable import MJCFCamera
 
 from kitchen_suite import suite
@@ -27,8 +27,9 @@ def test_all_offered_quantities_can_be_observed(domain):
     # The scene is compiled, but its elements are those of another one.
     names = list(offered(plain.task.scene))
     environment = load(domain, visuals=False, extra_observables=names)
-    assert names[:3] == ["franka/end_effector_pose", "franka/end_effector_velocity", "franka/gripper_width"]
-    assert all(name.endswith("/handle_positions") for name in names[3:])
+    of_robot = ["end_effector_pose", "end_effector_velocity", "gripper_width", "base_pose"]
+    assert names[:4] == [f"franka/{name}" for name in of_robot]
+    assert all(name.endswith(("/handle_positions", "/pose")) for name in names[4:])
     assert environment.task.extra_size == environment.task.observation_size - plain.task.observation_size
     for one, other in zip(play(plain), play(environment), strict=True):
         extra = {name: other.observation[name] for name in names}
@@ -45,6 +46,12 @@ def test_all_offered_quantities_can_be_observed(domain):
         if prop.handles:
             expected = np.ravel([physics.bind(site).xpos for site in prop.handles])
             np.testing.assert_array_equal(extra[f"{name}/handle_positions"], expected)
+    for name, entity in {
+        "franka/base_pose": scene.robot,
+        **{f"{key}/pose": scene.props[key] for key in scene.props},
+    }.items():
+        frame = physics.bind(mjcf.get_attachment_frame(entity.mjcf_model))
+        np.testing.assert_array_equal(extra[name], [*frame.xpos, *frame.xquat])
     hand = physics.bind(scene.robot.end_effector)
     pose, velocity = extra["franka/end_effector_pose"], extra["franka/end_effector_velocity"]
     np.testing.assert_array_equal(pose[:3], hand.xpos)
@@ -120,3 +127,16 @@ def test_cameras_are_observables_of_composer(domain):
 def test_bad_settings_are_refused(domain, options, message):
     with pytest.raises((TypeError, ValueError), match=message):
         load(domain, **options)
+
+
+def test_observed_poses_follow_objects_that_were_moved():
+    environment = load("kitchen", visuals=False, extra_observables=["franka/base_pose", "microwave/pose"])
+    play(environment)
+    scene, offset = environment.task.scene, np.array([0.02, -0.03, 0.0])
+    parameters = {each.name: each for entity in (scene.arena, scene.props["microwave"]) for each in entity.parameters}
+    before = environment.reset().observation
+    parameters["pedestal/offset"].set(environment.physics, offset)
+    parameters["microwave/offset"].set(environment.physics, -offset)
+    after = environment.reset().observation
+    np.testing.assert_allclose((after["franka/base_pose"] - before["franka/base_pose"])[:3], offset, atol=1e-12)
+    np.testing.assert_allclose((after["microwave/pose"] - before["microwave/pose"])[:3], -offset, atol=1e-12)

@@ -2,7 +2,7 @@
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -50,7 +50,7 @@ class Expert(abc.ABC):
     """
 
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
-    observation_size: ClassVar[int]
+    observation_size: int
 
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
         if not isinstance(style, MotionStyle | None):
@@ -68,16 +68,42 @@ class Expert(abc.ABC):
 
         Raises:
           TypeError: an argument is unknown or of the wrong type.
-          ValueError: an option has a value that the expert rejects.
+          ValueError: an option has a value that the expert rejects, or the task varies poses that it does not observe.
         """
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
-        return cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+        expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+        varied = task.wanted_variations.items()
+        expert.check_observes([name for name, each in varied if each.group == "layout"])
+        return expert
 
     @classmethod
     @abc.abstractmethod
     def _task_settings(cls, task: Any) -> dict[str, Any]:
         """Returns the arguments of the class that a task sets, other than those of its control mode."""
+
+    def check_observes(self, varied: Collection[str]) -> None:
+        """Checks that the expert observes the poses of all objects that it moves and that a task varies.
+
+        Args:
+          varied: names of the parameters that the task varies, such as `microwave/offset`.
+
+        Raises:
+          ValueError: extra observables are missing.
+        """
+        missing = [name for name in self._needed_observables(varied) if name not in self._observed_extras]
+        if missing:
+            raise ValueError(f"the expert needs extra_observables {missing} where the task varies {sorted(varied)}")
+
+    @property
+    def _observed_extras(self) -> Collection[str]:
+        """Names of the extra observables that the expert reads."""
+        return ()
+
+    def _needed_observables(self, varied: Collection[str]) -> list[str]:
+        """Returns the names of the extra observables without which the expert cannot act where parameters vary."""
+        del varied
+        return []
 
     def reset(self, generator: np.random.Generator) -> None:
         """Begins an episode.

@@ -1,21 +1,31 @@
 """The kitchen's expert, which completes tasks one after the other."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, build_kitchen_scene
+from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, Move, Skill
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
+from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.task_queue import TaskQueue
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+    plan_retreat,
+)
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
@@ -40,54 +50,30 @@ _HAND_RESPONSE = 0.55
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
 _DONE = 0.98
-# A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
-_UNDONE = 1.2
-
 # Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
 _SETTLE_STEPS = 6
 
 # Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
 _DECIMALS = 2
 
+# Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
+_TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
+
+# Share of the arc of a door with which its task is completed.
+_ENOUGH_OF_ARC = 0.8
+
 _ROBOT, _, _OBJECTS, _ = noise.SLICES
+_SIZE = noise.AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
-
-
-class TaskQueue:
-    """Tasks that remain to be done; the first one is the current one.
-
-    Distances are by task, in units of its threshold.
-    """
-
-    def __init__(self, tasks: Sequence[str]) -> None:
-        self._tasks = tuple(tasks)
-        self._remaining = list(tasks)
-
-    @property
-    def current(self) -> str | None:
-        """The task under way; None when all are done."""
-        return self._remaining[0] if self._remaining else None
-
-    def complete(self) -> None:
-        """Removes the current task."""
-        del self._remaining[0]
-
-    def postpone(self) -> None:
-        """Moves the current task behind the others."""
-        self._remaining.append(self._remaining.pop(0))
-
-    def restart_undone(self, distances: Mapping[str, float]) -> None:
-        """Adds the completed tasks that have come undone, once no others remain."""
-        self._remaining = [task for task in self._tasks if distances[task] > _UNDONE]
 
 
 class KitchenExpert(Expert):
     """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
 
     control_modes = CONTROL_MODES
-    observation_size = noise.AMPLITUDES.size
+    observation_size = _SIZE
 
     def __init__(
         self,
@@ -98,6 +84,7 @@ class KitchenExpert(Expert):
         in_order: bool = False,
         style: MotionStyle | None = None,
         control_mode: str = "joint_velocity",
+        extra_observables: Sequence[str] = (),
         **control_options: Any,
     ) -> None:
         """Builds an expert for a set of tasks.
@@ -110,6 +97,8 @@ class KitchenExpert(Expert):
           in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
           style: speed, noise and jitter of the motions.
           control_mode: the environment's.
+          extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
+            the observation must include all of them, and the motions are planned for the poses.
           **control_options: arguments of the control mode: the environment's.
 
         Raises:
@@ -121,13 +110,27 @@ class KitchenExpert(Expert):
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
+        self._layout = ObservedLayout(extra_observables)
+        self.observation_size = _SIZE + self._layout.size
         self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
 
     @classmethod
     def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
-        return {"tasks": task.mdp.goals.tasks, "goals": task.goals, "threshold": task.threshold}
+        return {
+            "tasks": task.mdp.goals.tasks,
+            "goals": task.goals,
+            "threshold": task.threshold,
+            "extra_observables": tuple(task.extra_observables),
+        }
+
+    @property
+    def _observed_extras(self) -> Collection[str]:
+        return self._layout.slices
+
+    def _needed_observables(self, varied: Collection[str]) -> list[str]:
+        return needed_observables(self._goals.tasks, varied)
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
@@ -137,25 +140,24 @@ class KitchenExpert(Expert):
         return observation[_ROBOT]
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        objects = observation[_OBJECTS]
         if self._trajectory is None:
-            return self._then_current_task(JointTrajectory.stationary(joints, OPEN), objects)
-        distances, task = self._relative_distances(objects), self._queue.current
+            return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
+        distances, task = self._relative_distances(observation), self._queue.current
         if task is None:
-            return self._resume_from_rest(distances, objects, joints)
+            return self._resume_from_rest(distances, observation, joints)
         if distances[task] < _DONE:
-            retreat = self._plan_retreat(self._skills[task], joints)
+            retreat = self._plan_retreat(self._skill, joints)
             self._queue.complete()
-            return self._then_current_task(retreat, objects)
+            return self._then_current_task(retreat, observation)
         if self._has_ended(_SETTLE_STEPS):
             home = JointTrajectory.stationary(_HOME, OPEN)
-            retreat = self._plan_retreat(self._skills[task], joints).then(home, self._limits)
+            retreat = self._plan_retreat(self._skill, joints).then(home, self._limits)
             self._queue.postpone()
-            return self._then_current_task(retreat, objects)
+            return self._then_current_task(retreat, observation)
         return None
 
     def _resume_from_rest(
-        self, distances: Mapping[str, float], objects: NDArray[np.float64], joints: NDArray[np.float64]
+        self, distances: Mapping[str, float], observation: NDArray[np.float64], joints: NDArray[np.float64]
     ) -> JointTrajectory | None:
         """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
         if not self._has_ended(_SETTLE_STEPS):
@@ -163,32 +165,72 @@ class KitchenExpert(Expert):
         self._queue.restart_undone(distances)
         if self._queue.current is None:
             return None
-        return self._then_current_task(JointTrajectory.stationary(joints, OPEN), objects)
+        return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
 
-    def _relative_distances(self, objects: NDArray[np.float64]) -> dict[str, float]:
+    def _relative_distances(self, observation: NDArray[np.float64]) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold."""
-        achieved = np.concatenate([_achieved(task, objects) for task in self._goals.tasks])
+        achieved = np.concatenate([_achieved(task, observation) for task in self._goals.tasks])
         distances = self._goals.distances(achieved) / self._threshold
         return dict(zip(self._goals.tasks, distances.tolist(), strict=True))
 
-    def _then_current_task(self, trajectory: JointTrajectory, objects: NDArray[np.float64]) -> JointTrajectory:
-        """Appends the trajectory of the queue's current task, if there is one."""
-        task = self._queue.current
-        if task is None:
-            return trajectory
-        return trajectory.then(self._plan(self._skills[task], _achieved(task, objects)), self._limits)
+    def _then_current_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
+        """Appends the trajectory of the queue's current task, if there is one; postpones tasks that are out of reach.
+
+        If all tasks are out of reach, the first one is tried.
+        """
+        for _ in range(self._queue.size):
+            planned = self._plan(observation)
+            if not self._layout.slices or _is_reachable(planned):
+                return trajectory.then(planned, self._limits)
+            self._queue.postpone()
+        return trajectory.then(self._plan(observation), self._limits) if self._queue.current else trajectory
 
     def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
 
-    def _plan(self, skill: Skill, achieved: NDArray[np.float64]) -> JointTrajectory:
-        """Plans a skill for present positions of the joints of its task's goal."""
+    def _plan(self, observation: NDArray[np.float64]) -> JointTrajectory:
+        """Chooses and plans a skill for the current task, for the present positions of the joints of its goal."""
+        task = self._queue.current
+        assert task is not None, "there is a task under way"
+        achieved, frame = _achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
+        skill = self._skill = self._choose_skill(task, achieved, frame)
         position = achieved[list(skill.object_joint.elements)] if skill.object_joint else None
+        if frame is not None:
+            return self._plan_in_frame(skill, position, frame)
         if self._style.jitter:
-            offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
-            return plan(self._kinematics, self._limits, skill, object_position=position, offsets=offsets)
+            return self._plan_skill(skill, position, None)
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits)
+
+    def _plan_in_frame(self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3) -> JointTrajectory:
+        """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
+        best = None
+        for turn in _TURNS if self._encoder.turns_hand else _TURNS[:1]:
+            planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
+            if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
+                return planned
+            if best is None or (_is_reachable(planned), planned.arc_share) > (_is_reachable(best), best.arc_share):
+                best = planned
+        assert best is not None, "there is at least one turn"
+        return best
+
+    def _plan_skill(
+        self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3 | None
+    ) -> JointTrajectory:
+        offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
+        return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
+
+    def _choose_skill(self, task: str, achieved: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
+        moved = kitchen_skills.kettle_skill(achieved[:3]) if task == "kettle" else None
+        skill = moved or self._skills[task]
+        if frame is None or self._encoder.turns_hand:
+            return skill
+        rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
+        return skill.with_orientation(HandOrientation.from_rotation(rotation))
+
+
+def _is_reachable(trajectory: JointTrajectory) -> bool:
+    return trajectory.position_error <= OUT_OF_REACH
 
 
 @functools.cache
@@ -211,9 +253,9 @@ def _elements() -> Mapping[str, NDArray[np.int64]]:
     return {task: goal.elements_in(scene) for task, goal in GOALS.items()}
 
 
-def _achieved(task: str, objects: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions of the joints of a task's goal, from object positions `(21,)` [rad, m, quaternion]."""
-    return objects[_elements()[task]]
+def _achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
+    return observation[_OBJECTS][_elements()[task]]
 
 
 @functools.lru_cache(maxsize=1024)

@@ -4,6 +4,9 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
@@ -163,12 +166,59 @@ SKILLS = _skills(
 )
 
 # The hand's orientation at a reset: 4 degrees to the right, 3 degrees up.
-_AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
+AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
 
 # Skills in which the hand keeps its orientation at a reset. Then the fingers are side by side and push a knob less far.
 FIXED_SKILLS = MappingProxyType(
     {
-        task: skill.with_orientation(_AT_RESET)
-        for task, skill in _skills(dict.fromkeys(SKILLS, _AT_RESET), knob_angle=-1.8).items()
+        task: skill.with_orientation(AT_RESET)
+        for task, skill in _skills(dict.fromkeys(SKILLS, AT_RESET), knob_angle=-1.8).items()
     }
 )
+
+
+def _carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
+    """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
+    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.01))
+    up = (at[0], at[1], at[2] + lift)
+    to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
+    return (
+        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
+        Move(position=near, orientation=orientation, fingers=OPEN),
+        Move(position=at, orientation=orientation, fingers=OPEN),
+        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=5),
+        Move(position=up, orientation=orientation, fingers=CLOSED),
+        Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
+    )
+
+
+# The hand comes from the left; pushes would have to come from the right, around the kettle.
+_FROM_LEFT = HandOrientation(approach=_direction(49, -1), spread=_UP)
+
+
+def _carry_skill(ik_seed: tuple[float, ...], displacement: Vector) -> Skill:
+    """Skill that carries the kettle by its handle along a displacement [m]."""
+    return Skill(
+        moves=_carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
+        ik_seed=ik_seed,
+        object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
+        retreat=(-0.07, -0.07, 0.0),
+        release_steps=4,
+    )
+
+
+# Skills for a kettle on one of the right burners, from near to far.
+KETTLE_SKILLS = (
+    _carry_skill((-1.09, -1.12, 2.46, -2.96, -0.98, 0.93, 1.76), (-0.36, 0.36, 0.0)),
+    _carry_skill((-1.97, -1.70, 1.85, -1.88, -0.56, 1.36, 0.79), (-0.38, -0.03, 0.0)),
+)
+
+# The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
+_RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
+
+
+def kettle_skill(position: NDArray[np.float64]) -> Skill | None:
+    """Returns the skill for a kettle at a position `(3,)` on a right burner [m]; None on the left."""
+    if position[0] <= _RIGHT_BURNERS:
+        return None
+    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)]

@@ -73,6 +73,12 @@ class Move:
         """Target pose of the site, in the frame of the skill."""
         return mink.SE3.from_rotation_and_translation(self.orientation.rotation, np.array(self.position))
 
+    def turned(self, rotation: mink.SO3, pivot: NDArray[np.float64]) -> Self:
+        """This motion with its target turned about a point `(3,)` [m]."""
+        position = pivot + rotation.apply(np.array(self.position) - pivot)
+        orientation = HandOrientation.from_rotation(rotation @ self.orientation.rotation)
+        return dataclasses.replace(self, position=tuple(position.tolist()), orientation=orientation)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArcMove:
@@ -156,4 +162,14 @@ class Skill:
             else dataclasses.replace(move, hand_rotation_ratio=0.0)
             for move in self.moves
         )
+        return dataclasses.replace(self, moves=tuple(moves))
+
+    def turned(self, angle: float) -> Self:
+        """This skill with the hand turned about the vertical through the point of its last straight motion [rad].
+
+        An arc keeps the hand as it grasped.
+        """
+        *_, last = (move for move in self.moves if isinstance(move, Move))
+        turn, pivot = mink.SO3.from_z_radians(angle), np.array(last.position)
+        moves = (move.turned(turn, pivot) if isinstance(move, Move) else move for move in self.moves)
         return dataclasses.replace(self, moves=tuple(moves))

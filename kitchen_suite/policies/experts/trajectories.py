@@ -17,6 +17,9 @@ from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move
 _LINE_SPACING = 0.02
 _ARC_SPACING = 0.06
 
+# Distance of the hand from a planned pose beyond which the pose is out of reach [m].
+OUT_OF_REACH = 0.01
+
 # Least time between two knots [control steps], so that no two have the same time.
 _MIN_KNOT_INTERVAL = 1e-3
 
@@ -107,11 +110,15 @@ class JointTrajectory:
       times: `(n,)`, times of the knots, increasing [control steps].
       knots: `(n, 7)` joint positions [rad].
       fingers: `(n,)`, opening of each finger on the way to the knot [m].
+      position_error: greatest distance of the hand's site from a pose of a straight line [m].
+      arc_share: share of the arcs that the hand can follow.
     """
 
     times: NDArray[np.float64]
     knots: NDArray[np.float64]
     fingers: NDArray[np.float64]
+    position_error: float = 0.0
+    arc_share: float = 1.0
 
     @classmethod
     def stationary(cls, joints: NDArray[np.float64], fingers: float) -> Self:
@@ -162,6 +169,7 @@ def plan(
       object_position: present position of the skill's object joint [rad, m]; None if it has none.
       offsets: displacements of the poses in free space, in order [m]; zero for those beyond the last.
     """
+    skill_frame = frame
     frame = frame or mink.SE3.identity()
     if skill.object_joint is not None and object_position is not None:
         frame = frame @ skill.object_joint.displacement(object_position)
@@ -172,7 +180,7 @@ def plan(
             builder.add_line(mink.SE3.from_translation(offset) @ frame @ move.pose, move.fingers, move.speed)
             builder.add_pause(move.settle_steps)
         elif isinstance(skill.object_joint, Revolute) and object_position is not None:
-            builder.add_arc(move, skill.object_joint, float(object_position[0]))
+            builder.add_arc(move, skill.object_joint, float(object_position[0]), skill_frame)
     return builder.trajectory
 
 
@@ -210,12 +218,19 @@ class _TrajectoryBuilder:
         self._kinematics, self._limits = kinematics, limits
         self._joints, self._pose = start, kinematics.forward(start)
         self._knots: list[tuple[float, NDArray[np.float64], float]] = []
+        self._position_error, self._arc_share = 0.0, 1.0
 
     @property
     def trajectory(self) -> JointTrajectory:
         """Trajectory of the knots added so far."""
         times, knots, fingers = zip(*self._knots, strict=True)
-        return JointTrajectory(times=np.array(times), knots=np.array(knots), fingers=np.array(fingers))
+        return JointTrajectory(
+            times=np.array(times),
+            knots=np.array(knots),
+            fingers=np.array(fingers),
+            position_error=self._position_error,
+            arc_share=self._arc_share,
+        )
 
     def add_line(self, target: mink.SE3, fingers: float, speed: float) -> None:
         """Adds a straight line to a pose; only its end if there is no knot yet."""
@@ -226,17 +241,33 @@ class _TrajectoryBuilder:
             # Only the rotation: interpolating the whole pose would make a screw motion.
             rotation = start.interpolate(target, alpha=fraction).rotation()
             pose = mink.SE3.from_rotation_and_translation(rotation, here + fraction * (there - here))
-            self._add_pose(pose, fingers, self._limits.steps(distance / count, speed))
+            joints, error = self._solve(pose)
+            self._position_error = max(self._position_error, error)
+            self._add_solution(joints, pose, fingers, self._limits.steps(distance / count, speed))
 
-    def add_arc(self, move: ArcMove, joint: Revolute, angle: float) -> None:
-        """Adds an arc around a revolute joint, from its present angle [rad] to the angle of the move."""
+    def add_arc(self, move: ArcMove, joint: Revolute, angle: float, frame: mink.SE3 | None) -> None:
+        """Adds an arc around a revolute joint, from its present angle [rad] to the angle of the move.
+
+        In a frame of its own it ends where the hand cannot follow it: a door need not open all the way.
+
+        Args:
+          move: the motion.
+          joint: the joint, in the frame of the skill.
+          angle: present angle of the joint [rad].
+          frame: pose of the skill's frame in the world; the world frame if omitted.
+        """
         start, arc = self._pose, move.angle - angle
         count = max(1, int(np.ceil(abs(arc) / _ARC_SPACING)))
         for fraction in np.linspace(0.0, 1.0, count + 1)[1:]:
-            position = joint.displacement(np.array([fraction * arc])).apply(start.translation())
-            rotation = joint.displacement(np.array([fraction * arc * move.hand_rotation_ratio])).rotation()
-            pose = mink.SE3.from_rotation_and_translation(rotation @ start.rotation(), position)
-            self._add_pose(pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
+            moved = _in_frame(joint.displacement(np.array([fraction * arc])), frame)
+            turned = _in_frame(joint.displacement(np.array([fraction * arc * move.hand_rotation_ratio])), frame)
+            rotation = turned.rotation() @ start.rotation()
+            pose = mink.SE3.from_rotation_and_translation(rotation, moved.apply(start.translation()))
+            joints, error = self._solve(pose)
+            if frame is not None and error > OUT_OF_REACH:
+                self._arc_share = min(self._arc_share, float(fraction) - 1.0 / count)
+                return
+            self._add_solution(joints, pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
 
     def add_pause(self, steps: int) -> None:
         """Adds a pause at the last knot [control steps]."""
@@ -244,11 +275,21 @@ class _TrajectoryBuilder:
             _, joints, fingers = self._knots[-1]
             self._add_knot(steps, joints, fingers)
 
-    def _add_pose(self, pose: mink.SE3, fingers: float, min_steps: float) -> None:
+    def _solve(self, pose: mink.SE3) -> tuple[NDArray[np.float64], float]:
+        """Returns joint positions `(7,)` for a pose [rad], and the distance of the site from it [m]."""
         joints = self._kinematics.inverse(pose, start=self._joints)
+        error = self._kinematics.forward(joints).translation() - pose.translation()
+        return joints, float(np.linalg.norm(error))
+
+    def _add_solution(self, joints: NDArray[np.float64], pose: mink.SE3, fingers: float, min_steps: float) -> None:
         self._add_knot(max(self._limits.steps_between(self._joints, joints), min_steps), joints, fingers)
         self._joints, self._pose = joints, pose
 
     def _add_knot(self, steps: float, joints: NDArray[np.float64], fingers: float) -> None:
         time = self._knots[-1][0] + max(steps, _MIN_KNOT_INTERVAL) if self._knots else 0.0
         self._knots.append((time, joints, fingers))
+
+
+def _in_frame(displacement: mink.SE3, frame: mink.SE3 | None) -> mink.SE3:
+    """Returns the transform in the world that a transform is in a frame."""
+    return displacement if frame is None else frame @ displacement @ frame.inverse()

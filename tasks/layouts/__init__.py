@@ -1,0 +1,1 @@
+"""Checks whether an episode can be played in a layout that was drawn."""
