@@ -1,7 +1,7 @@
 """Generates the tables and pictures of these pages from the code.
 
 python docs/build.py tables     rewrites the tables between their markers in docs/*.md
-python docs/build.py pictures   renders the scenes from every camera, and varied kitchens, into docs/pictures/
+python docs/build.py pictures   renders the scenes from every camera, and varied scenes, into docs/pictures/
 """
 
 import re
@@ -31,7 +31,7 @@ def write_pictures() -> None:
     import variation_sheet
 
     stills.write_pictures()
-    variation_sheet.write_sheet()
+    variation_sheet.write_sheets()
 
 
 if __name__ == "__main__":

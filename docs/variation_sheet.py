@@ -1,62 +1,74 @@
-"""The sheet of kitchens under variations; rendering needs a GL library."""
+"""The sheets of scenes under variations; rendering needs a GL library."""
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities import build_kitchen_scene
+from kitchen_suite import suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import GOALS, KitchenTask
-from kitchen_suite.tasks.kitchen import variations
+from kitchen_suite.tasks.varied import SPLITS
 
-SHEET = Path(__file__).parent / "pictures" / "variations_kitchen.jpg"
+PICTURES = Path(__file__).parent / "pictures"
 HEIGHT, WIDTH = 180, 240
-COLUMNS = 6
-# Split and camera of each row.
-ROWS = (("seen", "overview"), ("seen", "workspace"), ("held_out", "overview"), ("held_out", "workspace"))
-# Groups that the sheet shows.
-GROUPS = (variations.APPEARANCE, variations.CAMERA)
+# Groups that pictures show.
+GROUPS = ("start", "layout", "appearance", "camera")
 
 _LABEL_WIDTH = 110
 _SEED = 0
 
 
-def write_sheet() -> None:
-    """Renders a different kitchen for each place of the sheet."""
-    environment = kitchen()
-    rows = []
-    for row, (split, camera) in enumerate(ROWS):
-        pictures = [picture(environment, split, camera, _SEED + row * COLUMNS + i) for i in range(COLUMNS)]
-        rows.append(np.hstack([_label(f"{split.replace('_', ' ')},\n{camera}"), *pictures]))
-    Image.fromarray(np.vstack(rows)).save(SHEET, quality=88, optimize=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A picture with one row for each split and camera.
+
+    Attributes:
+      domain: of the scenes.
+      task: of the episodes.
+      cameras: of the rows of each split.
+      columns: scenes in a row.
+    """
+
+    domain: str
+    task: str
+    cameras: Sequence[str]
+    columns: int
 
 
-def kitchen() -> Environment:
-    """Returns the kitchen with the textures to choose from."""
-    scene = build_kitchen_scene()
-    scene.prepare_appearance()
-    task = KitchenTask(scene, tasks_to_complete=tuple(GOALS))
-    return build_environment(task, time_limit=None, random=0, render_quality="high", environment_kwargs=None)
+SHEETS = (
+    Sheet(domain="kitchen", task="complete", cameras=("overview", "workspace"), columns=6),
+    Sheet(domain="open_cabinet", task="top_drawer", cameras=("overview",), columns=4),
+)
 
 
-def picture(environment: Environment, split: str, camera: str, seed: int) -> NDArray[np.uint8]:
-    """Returns a picture `(HEIGHT, WIDTH, 3)` of the start of an episode, with values drawn from a split."""
-    environment.reset()
-    physics, random_state = environment.physics, np.random.RandomState(seed)
-    parameters = {parameter.name: parameter for parameter in environment.task.scene.arena.parameters}
-    fields = {field for parameter in parameters.values() for field in parameter.quantity.model_fields}
-    built = {field: getattr(physics.model.ptr, field).copy() for field in fields}
-    for varied in (varied for group in GROUPS for varied in group):
-        value = np.asarray(varied.distribution(split)(random_state=random_state))
-        parameters[varied.name].set(physics, value)
-    physics.forward()
-    pixels = physics.render(HEIGHT, WIDTH, camera_id=camera)
-    for field, values in built.items():
-        getattr(physics.model.ptr, field)[:] = values
-    return pixels
+def write_sheets() -> None:
+    """Renders another scene for each place of each sheet."""
+    for sheet in SHEETS:
+        rows = [row for split in SPLITS for row in _rows(sheet, split)]
+        path = PICTURES / f"variations_{sheet.domain}.jpg"
+        Image.fromarray(np.vstack(rows)).save(path, quality=88, optimize=True)
+
+
+def _rows(sheet: Sheet, split: str) -> list[NDArray[np.uint8]]:
+    environment = suite.load(
+        sheet.domain, sheet.task, {"random": _SEED, "variations": GROUPS, "variation_split": split}
+    )
+    return [
+        np.hstack([_label(f"{split.replace('_', ' ')},\n{camera}"), *_pictures(environment, camera, sheet.columns)])
+        for camera in sheet.cameras
+    ]
+
+
+def _pictures(environment: Environment, camera: str, count: int) -> list[NDArray[np.uint8]]:
+    """Returns pictures `(HEIGHT, WIDTH, 3)` of the starts of the next episodes."""
+    pictures = []
+    for _ in range(count):
+        environment.reset()
+        pictures.append(environment.physics.render(HEIGHT, WIDTH, camera_id=camera))
+    return pictures
 
 
 def _label(text: str) -> NDArray[np.uint8]:

@@ -32,6 +32,11 @@ class Choice(variation.Variation):
         return self._values[(random_state or np.random).randint(len(self._values))]
 
     @property
+    def values(self) -> NDArray[np.float64]:
+        """The values `(k,)` or `(k, n)`; not to be written to."""
+        return self._values
+
+    @property
     def low(self) -> NDArray[np.float64]:
         """Least value, elementwise."""
         return np.asarray(self._values.min(axis=0))
@@ -61,6 +66,11 @@ class Bands(variation.Variation):
         index = np.minimum(np.floor(places).astype(np.int64), len(lows) - 1)
         low, high = (np.take_along_axis(bounds, index[np.newaxis], axis=0)[0] for bounds in (lows, highs))
         return low + (places - index) * (high - low)
+
+    @property
+    def intervals(self) -> NDArray[np.float64]:
+        """Bounds `(k, 2)` or `(k, 2, n)` of the intervals; not to be written to."""
+        return self._bands
 
     @property
     def low(self) -> NDArray[np.float64]:
