@@ -118,7 +118,7 @@ def expert_table() -> str:
         )
         for row in _result("variations_experts")
     ]
-    return markdown(("domain", "task", "groups", "split", "successes", "refused layouts"), rows)
+    return markdown(("domain", "task", "groups", "split", "successes", "refusals"), rows)
 
 
 def layout_table() -> str:
@@ -133,7 +133,7 @@ def layout_table() -> str:
         )
         for row in _result("variations_layouts")
     ]
-    return markdown(("domain", "task", "split", "layouts drawn", "refused"), rows)
+    return markdown(("domain", "task", "split", "episodes", "first layout refused"), rows)
 
 
 def speed_table() -> str:
@@ -152,6 +152,8 @@ def speed_table() -> str:
 
 def _group_names(groups: str | Sequence[str]) -> str:
     names = groups.split(",") if isinstance(groups, str) else groups
+    if {*names} == {*GROUPS}:
+        return "all"
     return ", ".join(f"`{name}`" for name in names) or "none"
 
 
