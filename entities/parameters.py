@@ -24,7 +24,7 @@ class Quantity:
       shape: `()` or `(n,)`.
       non_negative: whether negative values are refused.
       visual: whether only images depend on it.
-      choices: number of the choices of which it is the index; None if it is no index.
+      choices: number of choices, if it is the index of one; else None.
       derived: whether MuJoCo derives other fields of the model from these (`mj_setConst`).
     """
 
@@ -97,7 +97,7 @@ def pose_parameters(entity: composer.Entity) -> tuple[Parameter, ...]:
 
 
 def joint_parameters(name: str, joint: mjcf.Element) -> tuple[Parameter, ...]:
-    """Returns dry friction and damping of a slide or hinge; their names start with `name`, which has the owner."""
+    """Returns dry friction and damping of a slide or hinge; their names start with `name`, which includes the owner."""
     force, damping = ("N", "N s/m") if joint.type == "slide" else ("N m", "N m s/rad")
     return (
         Parameter(name=f"{name}_friction", unit=force, quantity=JOINT_FRICTION, elements=(joint,)),

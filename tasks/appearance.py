@@ -1,4 +1,4 @@
-"""How appearance and cameras vary: colours of kitchens, lights and views that all domains share.
+"""Variations of appearance and cameras that the domains share: colours, lights, views.
 
 Seen colours are pale or muted, those held out stronger or darker. Held-out textures are of other kinds than seen ones.
 """
@@ -152,7 +152,7 @@ MICROWAVE = (
 
 
 def cameras(views: Mapping[str, float]) -> tuple[Varied, ...]:
-    """Returns the variations of a room's cameras and of those at the robot's hand, which moves them less.
+    """Returns the variations of cameras; those on the robot's hand are displaced less than those of the room.
 
     Args:
       views: vertical field of view as built, by full name of the camera [degrees].

@@ -93,7 +93,7 @@ class Randomizer:
 
     @property
     def model_fields(self) -> tuple[str, ...]:
-        """Fields of MuJoCo's model that the physics of an episode depends on and a reset may change."""
+        """Fields of MuJoCo's model that a reset may change and on which the physics of an episode depends."""
         physical = [each.quantity for each in self._parameters.values() if not each.quantity.visual]
         derived = DERIVED_FIELDS if any(quantity.derived for quantity in physical) else ()
         return _union((*(quantity.model_fields for quantity in physical), derived))
@@ -123,7 +123,7 @@ class Randomizer:
         """Returns new values, drawn in the order of the parameters; sets nothing.
 
         Raises:
-          TypeError: a variation returned something else than real numbers.
+          TypeError: a variation returned something other than real numbers.
           ValueError: it returned the wrong shape, or numbers that are out of range.
         """
         drawn = {name: variation.evaluate(each, random_state=random_state) for name, each in self._variations.items()}

@@ -1,4 +1,4 @@
-"""Variations of what the task senses and when it acts: scales of the observation noise, and a delay of the action."""
+"""Variations of sensing and acting: factors of the observation noise, and a delay of the action."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -16,7 +16,7 @@ _DELAY = Quantity(read=lambda *_: 0.0, write=lambda *_: None, model_fields=(), n
 
 
 class Sensing(NamedTuple):
-    """Sensing of episodes; `()` stands for one without variation.
+    """Variation of sensing in episodes; `()` stands for none.
 
     Attributes:
       noise: `(..., k)`, factors of the draws of the observation noise.

@@ -1,4 +1,4 @@
-"""How groups of variations vary the parameters of a scene: seen in training, and held out for evaluation."""
+"""Variations of the parameters of a scene by groups: values seen in training, and values held out for evaluation."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ Distribution = Bands | Choice
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Varied:
-    """How a group varies a parameter.
+    """The variation of a parameter by a group.
 
     Attributes:
       name: of the parameter, such as `kettle/mass`.
       group: one of `GROUPS`.
       default: value without variation, in the parameter's shape and unit.
       seen: distribution for training.
-      held_out: distribution for evaluation, of values that `seen` does not draw.
+      held_out: distribution for evaluation, of values that `seen` does not draw if the parameter has more than two.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Varied:
 
 
 def around(name: str, group: str, *, default: ArrayLike = 0.0, seen: ArrayLike, held_out: ArrayLike) -> Varied:
-    """A parameter that varies by up to `seen` to both sides of its default; held out, by `seen` to `held_out`.
+    """Returns the variation by up to `seen` to both sides of a default; held out, by `seen` to `held_out`.
 
     Half widths are numbers, or one for each element; an element of half widths 0 does not vary.
     """
@@ -72,7 +72,7 @@ def around(name: str, group: str, *, default: ArrayLike = 0.0, seen: ArrayLike, 
 
 
 def between(name: str, group: str, *, default: ArrayLike, seen: Any, held_out: Sequence[Any]) -> Varied:
-    """A parameter that varies within an interval `(low, high)`; held out, within others, one as likely as the other.
+    """Returns the variation within an interval `(low, high)`; held out, within others, which have the same probability.
 
     Bounds are numbers, or arrays with one for each element.
     """
@@ -87,7 +87,7 @@ def between(name: str, group: str, *, default: ArrayLike, seen: Any, held_out: S
 
 
 def one_of(name: str, group: str, *, default: ArrayLike, seen: ArrayLike, held_out: ArrayLike) -> Varied:
-    """A parameter that takes one of several values, each with the same probability."""
+    """Returns the variation among several values, each with the same probability."""
     seen_values, held_out_values = (Choice(np.asarray(values, float)) for values in (seen, held_out))
     return Varied(
         name=name, group=group, default=np.asarray(default, float), seen=seen_values, held_out=held_out_values

@@ -21,16 +21,16 @@ from kitchen_suite.tasks.sensing import sensing_parameters
 from kitchen_suite.tasks.variations import Variation
 from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
 
-# A layout that is refused so many times is replaced by the default one.
+# Number of refusals in a reset after which the layout is the default one.
 MAX_REFUSALS = 20
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VariationRequest:
-    """The variation that one reset is asked for.
+    """A request for the variation of one reset.
 
     Attributes:
-      names: parameters that are drawn, the others have their defaults; all when None.
+      names: of the parameters that are drawn; the others have their defaults. All are drawn when None.
       values: values that replace those drawn or default.
     """
 
@@ -43,7 +43,7 @@ class VariationRequest:
         return {**chosen, **self.values}
 
     def draws(self, name: str) -> bool:
-        """Whether a parameter has the value drawn."""
+        """Whether a parameter has the value drawn for it."""
         return name not in self.values and (self.names is None or name in self.names)
 
 
@@ -243,7 +243,7 @@ class VariedTask(composer.Task):
         return [name for name, varied in self._wanted.items() if varied.group == "layout"]
 
     def _bind_layout_check(self, physics: mjcf.Physics, check: LayoutCheck) -> None:
-        """Shows the layout check the default layout, once for each compiled scene."""
+        """Binds the layout check to the default layout, once for each compiled scene."""
         if self._checked_model is physics.model.ptr:
             return
         self._checked_model = physics.model.ptr

@@ -1,4 +1,4 @@
-"""How groups of variations vary the kitchen's parameters, in the order in which they are drawn."""
+"""Variations of the kitchen's parameters by groups, in the order in which they are drawn."""
 
 import numpy as np
 

@@ -11,10 +11,10 @@ from kitchen_suite.tasks.layouts.reach import Reach
 
 
 class LayoutCheck:
-    """Compares layouts with the default one; moves nothing in the physics that it looks at."""
+    """Compares layouts with the default one; changes nothing in the physics."""
 
     def __init__(self, scene: Scene, handles: Sequence[mjcf.Element]) -> None:
-        """Stores what is checked.
+        """Stores scene and handles.
 
         Args:
           scene: arena, robot and props.

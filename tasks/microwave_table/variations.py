@@ -1,4 +1,4 @@
-"""How groups of variations vary the parameters of microwave_table, in the order in which they are drawn."""
+"""Variations of the parameters of microwave_table by groups, in the order in which they are drawn."""
 
 import math
 

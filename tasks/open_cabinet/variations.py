@@ -1,4 +1,4 @@
-"""How groups of variations vary the parameters of open_cabinet, in the order in which they are drawn."""
+"""Variations of the parameters of open_cabinet by groups, in the order in which they are drawn."""
 
 from kitchen_suite.entities.props.cabinet import DOORS, DRAWERS
 from kitchen_suite.tasks import appearance as looks
