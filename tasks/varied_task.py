@@ -184,7 +184,8 @@ class VariedTask(composer.Task):
         """Returns the checked request for a reset.
 
         Args:
-          names: parameters and groups that are drawn; the others have their defaults. All are drawn when omitted.
+          names: parameters and groups that are drawn; the others have their defaults. All are drawn when omitted, none
+            when empty.
           values: values of parameters by name, or in nested dicts by the parts of the names.
 
         Raises:
@@ -267,6 +268,8 @@ class VariedTask(composer.Task):
 
 
 def _names(value: str | Sequence[str]) -> tuple[object, ...]:
+    if isinstance(value, list | tuple) and not value:
+        return ()
     return checks.unique_names(value.split(",") if isinstance(value, str) else value, "variations")
 
 

@@ -1,6 +1,6 @@
 """A parameter of the kitchen: which tasks are done at the start of an episode."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from dm_control import mjcf
@@ -14,8 +14,18 @@ from kitchen_suite.tasks.kitchen.goals import GOALS
 # No asked task starts nearer to its goal than this multiple of its threshold.
 START_DISTANCE = 1.2
 
-# Whether each of the seven tasks is done at the start; without effect on those that are asked.
+# Whether each of the seven tasks is done at the start; without effect on those that are asked, and on those that would
+# be in their way.
 DONE = "tasks/done"
+
+# The open door of the hinge cabinet stands before the handle of the slide cabinet.
+_IN_THE_WAY = {"slide cabinet": "hinge cabinet"}
+
+
+def may_be_done(asked: Collection[str]) -> dict[str, Goal]:
+    """Returns the goals of the tasks that may be done at the start where some are asked, by task."""
+    excluded = {*asked, *(_IN_THE_WAY[task] for task in asked if task in _IN_THE_WAY)}
+    return {task: goal for task, goal in GOALS.items() if task not in excluded}
 
 
 def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:

@@ -21,7 +21,7 @@ from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.done import START_DISTANCE, done_parameter
+from kitchen_suite.tasks.kitchen.done import START_DISTANCE, done_parameter, may_be_done
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
@@ -259,8 +259,8 @@ class KitchenTask(SuiteTask):
         return [goal.handle_in(scene) for goal in self._mdp.goals.goals]
 
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
-        others = {task: goal for task, goal in GOALS.items() if task not in self._mdp.goals.tasks}
-        return (*super()._own_parameters(scene), done_parameter(scene, others))
+        done = done_parameter(scene, may_be_done(self._mdp.goals.tasks))
+        return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
         """Returns values with which the props of asked tasks that would start nearly complete start as by default."""

@@ -193,7 +193,7 @@ class KitchenExpert(Expert):
         task = self._queue.current
         assert task is not None, "there is a task under way"
         achieved, frame = _achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
-        skill = self._skill = self._choose_skill(task, achieved, frame)
+        skill = self._skill = self._choose_skill(task, observation, frame)
         position = achieved[list(skill.object_joint.elements)] if skill.object_joint else None
         if frame is not None:
             return self._plan_in_frame(skill, position, frame)
@@ -220,9 +220,13 @@ class KitchenExpert(Expert):
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
-    def _choose_skill(self, task: str, achieved: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
-        moved = kitchen_skills.kettle_skill(achieved[:3]) if task == "kettle" else None
-        skill = moved or self._skills[task]
+    def _choose_skill(self, task: str, observation: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
+        skill = self._skills[task]
+        if task == "kettle":
+            skill = kitchen_skills.kettle_skill(_achieved(task, observation)[:3]) or skill
+        if task == "slide cabinet":
+            _, door = _achieved("hinge cabinet", observation)
+            skill = kitchen_skills.slide_skill_beside_door(skill, door) or skill
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation

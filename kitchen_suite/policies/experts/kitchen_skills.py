@@ -1,5 +1,6 @@
 """Skills for the kitchen's seven tasks; their figures were found by search in simulation."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -222,3 +223,26 @@ def kettle_skill(position: NDArray[np.float64]) -> Skill | None:
     if position[0] <= _RIGHT_BURNERS:
         return None
     return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)]
+
+
+# Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
+_IN_THE_WAY = 0.2
+
+# A place of the hand to the right of that door and below it [m].
+_BESIDE_DOOR = (0.0, 0.40, 2.33)
+
+
+def slide_skill_beside_door(skill: Skill, door: float) -> Skill | None:
+    """Returns a skill for the slide cabinet that goes round the open right door of the hinge cabinet.
+
+    Args:
+      skill: of the slide cabinet, for a closed door.
+      door: angle of that door [rad].
+
+    Returns:
+      The skill, or None where the door is not in the way.
+    """
+    if door < _IN_THE_WAY:
+        return None
+    first = next(move for move in skill.moves if isinstance(move, Move))
+    return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
