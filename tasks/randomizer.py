@@ -111,6 +111,8 @@ class Randomizer:
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Makes `set` change a physics, which must have the values of the built scene."""
+        if not self._parameters:
+            return
         self._physics, model = physics, physics.model.ptr
         is_derived = any(parameter.quantity.derived for parameter in self._parameters.values())
         self._scratch = mujoco.MjData(model) if is_derived else None

@@ -2,8 +2,8 @@
 
 import abc
 import contextlib
-import dataclasses
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,33 +18,12 @@ from kitchen_suite.tasks.layouts.check import LayoutCheck
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.randomizer import Randomizer, Values
 from kitchen_suite.tasks.sensing import sensing_parameters
+from kitchen_suite.tasks.variation_requests import VariationRequest, flat_values
 from kitchen_suite.tasks.variations import Variation
 from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
 
 # Number of refusals in a reset after which the layout is the default one.
 MAX_REFUSALS = 20
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VariationRequest:
-    """A request for the variation of one reset.
-
-    Attributes:
-      names: of the parameters that are drawn; the others have their defaults. All are drawn when None.
-      values: values that replace those drawn or default.
-    """
-
-    names: frozenset[str] | None = None
-    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
-
-    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
-        """Returns the values of a reset, given those drawn and the defaults of all parameters."""
-        chosen = {name: drawn[name] if self.draws(name) else defaults[name] for name in drawn}
-        return {**chosen, **self.values}
-
-    def draws(self, name: str) -> bool:
-        """Whether a parameter has the value drawn for it."""
-        return name not in self.values and (self.names is None or name in self.names)
 
 
 class VariedTask(composer.Task):
@@ -55,7 +34,13 @@ class VariedTask(composer.Task):
     """
 
     varied: ClassVar[Sequence[Varied]] = ()
-    _randomizer: Randomizer
+    _randomizer = Randomizer({}, {})
+    _wanted: Mapping[str, Varied] = MappingProxyType({})
+    _split = "seen"
+    _request = VariationRequest()
+    _refusals = 0
+    _layout_check: LayoutCheck | None = None
+    _checked_model: Any = None
 
     def __init__(
         self,
@@ -65,7 +50,7 @@ class VariedTask(composer.Task):
         variation_split: str = "seen",
         **observables: Any,
     ) -> None:
-        """Chooses what varies.
+        """Chooses what varies; a task in which nothing may vary need not call this.
 
         Args:
           scene: of the task; not yet compiled.
@@ -79,13 +64,7 @@ class VariedTask(composer.Task):
           ValueError: an unknown or repeated name, an unknown distribution, or a number out of range.
         """
         super().__init__(scene, **observables)
-        # Tasks may have set one with parameters of their own.
-        self._randomizer = getattr(self, "_randomizer", None) or Randomizer({}, {})
         self._split = checks.choice(variation_split, SPLITS, "variation_split")
-        self._wanted: dict[str, Varied] = {}
-        self._layout_check: LayoutCheck | None = None
-        self._checked_model: Any = None
-        self._request, self._refusals = VariationRequest(), 0
         if not isinstance(variations, str | Sequence | Mapping | None):
             raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
         if variations:
@@ -103,6 +82,9 @@ class VariedTask(composer.Task):
         for name, each in distributions.items():
             if descriptions.is_constant(each):
                 self._wanted[name].check(np.asarray(each, np.float64))
+        # The task may have set a randomizer of its own.
+        if "_randomizer" not in vars(self):
+            self._randomizer = Randomizer({}, {})
         self._randomizer.add(chosen)
         groups = {varied.group for varied in self._wanted.values()}
         if "appearance" in groups:
@@ -285,13 +267,3 @@ def _distributions(
         return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
     groups = [checks.choice(name, GROUPS, "variation") for name in _names(wanted)]
     return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
-
-
-def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
-    if not isinstance(values, Mapping):
-        raise TypeError(f"variation_values must be a dict, got {values!r}")
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return flat
