@@ -71,18 +71,8 @@ def test_pictures_are_replayed_to_the_bit(capsys):
 
 def test_the_render_quality_is_recorded_where_none_is_named():
     pixels = {"obs_type": "pixels", "image_size": [8, 8]}
-    assert (
-        record.main(
-            [
-                "--output=runs",
-                "--max_episode_steps=1",
-                "--num_episodes=1",
-                "--num_envs=1",
-                f"--task_kwargs={json.dumps(pixels)}",
-            ]
-        )
-        == 0
-    )
+    command = ["--output=runs", "--max_episode_steps=1", "--num_episodes=1", "--num_envs=1"]
+    assert record.main([*command, f"--task_kwargs={json.dumps(pixels)}"]) == 0
     assert json.loads(Path("runs/recording.json").read_text())["task_kwargs"]["render_quality"] == "high"
 
 
