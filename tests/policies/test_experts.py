@@ -53,7 +53,10 @@ def load():
 
 
 @pytest.mark.parametrize("seed", brief(SEEDS, kept=[101]))
-@pytest.mark.parametrize("task_name", KITCHEN_TASKS)
+@pytest.mark.parametrize(
+    "task_name",
+    brief(KITCHEN_TASKS, kept=[name for name in KITCHEN_TASKS if name not in ("complete", "partial", "mixed")]),
+)
 def test_every_task_of_the_kitchen_is_completed_under_its_noise(load, task_name, seed):
     env = load(task_name)
     play(env, policies.find("expert"), seed)
