@@ -160,13 +160,14 @@ def test_masks_and_lists_agree():
     assert not info["is_success"]
 
 
+@pytest.fixture(scope="module")
+def pair():
+    """An environment of two tasks, of which only the stateless functions are called."""
+    return FrankaKitchenEnv(["microwave", "kettle"])
+
+
 class TestComputeReward:
     """Reward and termination from goals and infos alone."""
-
-    @pytest.fixture(scope="class")
-    def pair(self):
-        """An environment of two tasks, of which only the stateless functions are called."""
-        return FrankaKitchenEnv(["microwave", "kettle"])
 
     def steps(self, **arguments):
         env = FrankaKitchenEnv(**{**EASY, "terminate_on_tasks_completed": False, **arguments})

@@ -63,7 +63,6 @@ def test_the_camera_may_be_a_name_or_a_number(folder):
     assert np.abs(views[0].astype(float) - views[2]).mean() > 10
 
 
-STOPS = [("KeyboardInterrupt", 130), ("ValueError('bad')", 2)]
 STOPPING = """
 steps = 0
 def act(timestep):
