@@ -18,7 +18,7 @@ if "MUJOCO_GL" not in os.environ:
 
 # MJCF models consist of many small objects: at Python's default thresholds, garbage collection takes a quarter of the
 # time in which a kitchen is built.
-gc.set_threshold(100_000, 20, 20)
+gc.set_threshold(500_000, 5, 20)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
@@ -40,7 +41,7 @@ def test_fast_images_show_the_same_scene_in_every_renderer():
         each.close()
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", brief(TASKS, kept=["open_cabinet"]))
 def test_the_quality_does_not_change_trajectories(domain, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     trajectories = []
@@ -59,7 +60,7 @@ def test_the_quality_does_not_change_trajectories(domain, tmp_path, monkeypatch)
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize("camera", ["overview", "franka/wrist"])
+@pytest.mark.parametrize("camera", brief(["overview", "franka/wrist"], kept=["overview"]))
 def test_light_meshes_are_seen_where_the_full_ones_are(camera, monkeypatch):
     light = suite.load("kitchen", "kettle", {"random": 0, "render_quality": "fast"})
     monkeypatch.setattr(light_meshes, "is_large", lambda stl: False)

@@ -1,8 +1,11 @@
 """The scripted experts complete their tasks in every control mode, from observations alone."""
 
+import itertools
+
 import numpy as np
 import pytest
 from suite_episode import play
+from sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.cli import record
@@ -52,8 +55,12 @@ def test_a_mode_is_built_again_from_its_settings(modes):
         assert mode(**settings).settings == settings
 
 
-@pytest.mark.parametrize("mode", KITCHEN_MODES)
-@pytest.mark.parametrize("task", ["complete", "bottom_burner", "hinge_cabinet"])
+def once_per_mode(tasks, modes):
+    """All pairs; in every run each mode with one of the tasks, which take turns."""
+    return brief(itertools.product(tasks, modes), kept=zip(itertools.cycle(tasks), modes))
+
+
+@pytest.mark.parametrize(("task", "mode"), once_per_mode(["complete", "bottom_burner", "hinge_cabinet"], KITCHEN_MODES))
 def test_kitchen_tasks_are_completed(task, mode):
     environment = load("kitchen", task, mode)
     actions = play(environment, policies.find("expert"), 101)
@@ -63,8 +70,7 @@ def test_kitchen_tasks_are_completed(task, mode):
     assert np.all((spec.minimum - margin <= actions) & (actions <= spec.maximum + margin))
 
 
-@pytest.mark.parametrize("mode", CABINET_MODES)
-@pytest.mark.parametrize("task", DRAWERS)
+@pytest.mark.parametrize(("task", "mode"), once_per_mode(DRAWERS, CABINET_MODES))
 def test_drawers_are_opened(task, mode):
     assert successes(load("open_cabinet", task, mode), [201]) == 1
 
@@ -80,7 +86,10 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize(("mode", "settings"), SETTINGS.values(), ids=SETTINGS)
+@pytest.mark.parametrize(
+    ("mode", "settings"),
+    brief_named(SETTINGS, kept=["hand frame", "slow joints", "position targets from true positions"]),
+)
 def test_the_expert_takes_the_settings_of_the_control_mode(mode, settings):
     assert successes(load("kitchen", "microwave", mode, **settings), [102]) == 1
 
@@ -95,7 +104,7 @@ NOISE = {
 }
 
 
-@pytest.mark.parametrize(("mode", "noise"), NOISE.items(), ids=NOISE)
+@pytest.mark.parametrize(("mode", "noise"), brief(NOISE.items(), kept=[("ee_pose", NOISE["ee_pose"])]))
 def test_motion_styles_hold_in_every_mode(mode, noise):
     policy = f"expert(speed=0.9, action_noise={noise[0]}, jitter=0.01)"
     assert successes(load("kitchen", "kettle", mode), [103, 104], policy) == 2
@@ -113,14 +122,14 @@ def run(environment, expert, observe):
     return info["is_success"]
 
 
-@pytest.mark.parametrize("mode", KITCHEN_MODES)
+@pytest.mark.parametrize("mode", brief(KITCHEN_MODES, kept=["joint_position", "ee_delta_pose"]))
 def test_observations_alone_are_enough_in_the_kitchen(mode):
     environment = FrankaKitchenEnv(tasks_to_complete=["light switch"], max_episode_steps=280, control_mode=mode)
     expert = experts.KitchenExpert(["light switch"], control_mode=mode)
     assert run(environment, expert, lambda observation: observation["observation"])
 
 
-@pytest.mark.parametrize("mode", CABINET_MODES)
+@pytest.mark.parametrize("mode", brief(CABINET_MODES, kept=["ee_pose"]))
 def test_observations_alone_are_enough_at_the_cabinet(mode):
     environment = FrankaOpenCabinetEnv(drawer="top", max_episode_steps=700, control_mode=mode)
     assert run(environment, experts.DrawerExpert("top", control_mode=mode), lambda observation: observation)

@@ -66,8 +66,17 @@ REWARDS = pytest.mark.parametrize("reward", POLICIES)
 ENVIRONMENTS = pytest.mark.parametrize("play_episodes", [through_suite, through_gymnasium, through_vector])
 
 
-@REWARDS
-@ENVIRONMENTS
+@pytest.mark.parametrize(
+    ("play_episodes", "reward"),
+    [
+        (through_suite, "original"),
+        pytest.param(through_suite, "grasp", marks=pytest.mark.slow),
+        pytest.param(through_gymnasium, "original", marks=pytest.mark.slow),
+        (through_gymnasium, "grasp"),
+        (through_vector, "original"),
+        pytest.param(through_vector, "grasp", marks=pytest.mark.slow),
+    ],
+)
 def test_it_opens_the_drawer(play_episodes, reward):
     assert sum(play_episodes(reward, 5)) >= 4
 

@@ -17,6 +17,7 @@ import pytest
 import tqdm
 from episode_files import assert_same_arrays, left_behind
 from episode_files import load_episode as load
+from sweeps import brief
 
 from kitchen_suite import policies
 from kitchen_suite.cli import record, rollout
@@ -115,8 +116,13 @@ def split(environment, observation):
     return np.split(observation.copy(), [8, 16, 19, 23, 24])
 
 
-@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (3, 2)])
-@pytest.mark.parametrize("policy", ["random", "my_policies:brake"])
+@pytest.mark.parametrize(
+    ("policy", "num_envs", "num_threads"),
+    brief(
+        [(policy, *sizes) for policy in ("random", "my_policies:brake") for sizes in ((1, 1), (3, 2))],
+        kept=[("random", 1, 1), ("my_policies:brake", 3, 2)],
+    ),
+)
 def test_an_episode_is_that_of_the_single_environment(run, policy, num_envs, num_threads):
     how = [f"--policy={policy}", f"--num_envs={num_envs}", f"--num_threads={num_threads}"]
     status, _, err = run("--output=runs", "--num_episodes=4", "--seed=3", EASY, *how, *SHORT)
@@ -136,7 +142,7 @@ def test_an_episode_is_that_of_the_single_environment(run, policy, num_envs, num
         assert_same_arrays(arrays, played_alone(environment, policy, 3 + index))
 
 
-@pytest.mark.parametrize("num_envs", [1, 3])
+@pytest.mark.parametrize("num_envs", brief([1, 3], kept=[3]))
 def test_rewards_of_the_cabinet_do_not_depend_on_what_was_played_before(run, monkeypatch, num_envs):
     # The second episode of an environment would begin with the greater penalties.
     monkeypatch.setattr(drawer_reward, "LATE_STAGE", 6)
@@ -268,7 +274,7 @@ def started(folder, *arguments):
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", brief([signal.SIGINT, signal.SIGTERM], kept=[signal.SIGTERM]))
 def test_a_signal_keeps_the_finished_episodes(tmp_path, monkeypatch, number):
     monkeypatch.chdir(tmp_path)
     with started(tmp_path / "runs", *SHORT) as process:
@@ -289,10 +295,10 @@ def test_kill_9_loses_only_the_episodes_in_progress(run, tmp_path):
         process.kill()
         assert process.communicate(timeout=60)[1] == ""
     # Every file is whole, and the same command adds the others.
-    count = len(list(tmp_path.glob("runs/episode_*.npz"))) + 4
+    count = len(list(tmp_path.glob("runs/episode_*.npz"))) + 2
     assert run("--output=runs", f"--num_episodes={count}", "--num_envs=2", *SHORT)[0] == 0
     assert sorted(os.listdir("runs")) == [*names(*range(count)), "recording.json"]
-    assert run("--output=again", f"--num_episodes={count}", "--num_envs=4", *SHORT)[0] == 0
+    assert run("--output=again", f"--num_episodes={count}", "--num_envs=3", *SHORT)[0] == 0
     for (_, one), (_, other) in zip(load_all("runs").values(), load_all("again").values(), strict=True):
         assert_same_arrays(one, other)
 
@@ -359,7 +365,7 @@ def test_a_recording_is_not_completed_with_another_policy_of_the_same_file_name(
     assert (status, err) == (2, "kitchen-record: no such file: 'p.npz' (expected a trained policy)\n")
 
 
-@pytest.mark.parametrize("num_envs", [1, 2])
+@pytest.mark.parametrize("num_envs", brief([1, 2], kept=[2]))
 def test_a_policy_file_replaced_in_the_middle_of_a_run_changes_no_episode(run, tmp_path, monkeypatch, num_envs):
     shutil.copy(shipped_as("top_drawer"), tmp_path / "p.npz")
     command = ["--domain_name=open_cabinet", "--policy=trained(file='p.npz')", "--num_episodes=3", *SHORT]
@@ -404,7 +410,7 @@ MISFITS = {
 }
 
 
-@pytest.mark.parametrize("name", MISFITS)
+@pytest.mark.parametrize("name", brief(MISFITS, kept=["seed", "results"]))
 def test_an_episode_of_another_recording_is_not_counted_as_its_own(run, name):
     assert run("--output=runs", "--num_episodes=2", *SHORT)[0] == 0
     about, arrays = load(f"runs/{names(1)[0]}")

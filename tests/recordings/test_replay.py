@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from episode_files import load_episode
 from reference import original_environment, random_actions
+from sweeps import brief, brief_named
 
 from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.recordings.replay_job import choose
@@ -40,11 +42,21 @@ def run(capsys, tmp_path, monkeypatch):
     return run
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A folder with a recording of four episodes, as a folder and as a dataset."""
+    folder = tmp_path_factory.mktemp("recorded")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("MINARI_DATASETS_PATH", str(folder / "datasets"))
+        assert record.main([*KITCHEN, "--output=runs", f"--dataset={ID}", "--num_episodes=4", EASY]) == 0
+    return folder
+
+
 @pytest.fixture
-def runs(run, capsys):
-    """A recording of four episodes, as a folder and as a dataset."""
-    assert record.main([*KITCHEN, "--output=runs", f"--dataset={ID}", "--num_episodes=4", EASY]) == 0
-    capsys.readouterr()
+def runs(run, recorded, tmp_path):
+    """A copy of the recording, which a test may change."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
 
 
 def rows(out):
@@ -108,7 +120,9 @@ ROLLOUTS = {
 }
 
 
-@pytest.mark.parametrize("arguments", ROLLOUTS.values(), ids=ROLLOUTS.keys())
+@pytest.mark.parametrize(
+    "arguments", brief_named(ROLLOUTS, kept=["kitchen, float64 feedback", "open_cabinet, options"])
+)
 def test_a_folder_of_rollouts_replays_exactly(run, capsys, monkeypatch, arguments):
     # The second episode of an environment would begin with the greater penalties.
     monkeypatch.setattr("kitchen_suite.tasks.open_cabinet.reward.LATE_STAGE", 10)
@@ -169,7 +183,9 @@ def set_nan(array):
     array[0, 0] = np.nan
 
 
-@pytest.mark.parametrize("name", ["achieved_goal/kettle", "desired_goal/microwave", "observation"])
+@pytest.mark.parametrize(
+    "name", brief(["achieved_goal/kettle", "desired_goal/microwave", "observation"], kept=["achieved_goal/kettle"])
+)
 def test_nan_in_an_observation_is_a_difference(run, runs, name):
     change(1, **{f"observation/{name}": set_nan})
     status, out, _ = run("runs", "--episodes=1")
@@ -186,7 +202,13 @@ def test_a_missing_observation_is_a_difference(run, runs):
     assert out.endswith("\n1 of 2 episodes are equal\n")
 
 
-@pytest.mark.parametrize("name", ["reward", "termination", "observation/achieved_goal/kettle", "info/completion_steps"])
+@pytest.mark.parametrize(
+    "name",
+    brief(
+        ["reward", "termination", "observation/achieved_goal/kettle", "info/completion_steps"],
+        kept=["reward", "observation/achieved_goal/kettle"],
+    ),
+)
 def test_an_array_of_fewer_steps_is_refused(run, runs, name):
     metadata, arrays = load_episode("runs/episode_000001.npz")
     np.savez_compressed("runs/episode_000001.npz", **{**arrays, name: arrays[name][:1]}, metadata=json.dumps(metadata))

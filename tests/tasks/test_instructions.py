@@ -29,14 +29,14 @@ def test_every_task_has_a_sentence_and_three_paraphrases(domain, name):
     assert len(set(task.instructions)) == len(task.instructions) >= 4
     for sentence in task.instructions:
         assert re.fullmatch(r"[a-z]+( [a-z]+)+(, then [a-z]+( [a-z]+)+)*", sentence)
+    if domain == "kitchen" and name.replace("_", " ") in GOALS:
+        assert task.instructions == GOALS[name.replace("_", " ")].instructions
 
 
 def test_the_sentences_are_of_the_goals():
     assert load("kitchen", "microwave").task.instruction == "open the microwave door"
     assert load("microwave_table", "open").task.instruction == "open the microwave door"
     assert load("open_cabinet", "bottom_drawer").task.instruction == "open the bottom drawer of the cabinet"
-    for name, goal in GOALS.items():
-        assert load("kitchen", name.replace(" ", "_")).task.instructions == goal.instructions
 
 
 def test_no_two_tasks_of_a_domain_share_a_sentence():

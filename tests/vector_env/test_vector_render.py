@@ -32,7 +32,9 @@ def actions_for(env, steps):
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize(("env_id", "camera"), [(KITCHEN_ID, "overview"), (OPEN_CABINET_ID, None)])
+@pytest.mark.parametrize(
+    ("env_id", "camera"), [pytest.param(KITCHEN_ID, "overview", marks=pytest.mark.slow), (OPEN_CABINET_ID, None)]
+)
 def test_pictures_are_those_of_the_single_environments(env_id, camera):
     settings = {**SMALL, "camera_name": camera, "render_mode": "rgb_array"}
     env, single = many(env_id, 3, **settings), gymnasium.make(env_id, **settings, **DRAWN[env_id])
