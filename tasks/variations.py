@@ -60,11 +60,14 @@ class Bands(variation.Variation):
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
     ) -> NDArray[np.float64]:
-        lows, highs = self._bands[:, 0], self._bands[:, 1]
+        count, _, *shape = self._bands.shape
         # One draw for each element chooses the interval and the place in it.
-        places = (random_state or np.random).random_sample(lows.shape[1:]) * len(lows)
-        index = np.minimum(np.floor(places).astype(np.int64), len(lows) - 1)
-        low, high = (np.take_along_axis(bounds, index[np.newaxis], axis=0)[0] for bounds in (lows, highs))
+        places = count * (random_state or np.random).random_sample(shape)
+        if count == 1:
+            (low, high), index = self._bands[0], 0
+        else:
+            index = np.minimum(places, count - 1).astype(np.int64)
+            low, high = (self._bands[(index, side, *np.indices(shape, sparse=True))] for side in (0, 1))
         return low + (places - index) * (high - low)
 
     @property

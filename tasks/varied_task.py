@@ -22,6 +22,9 @@ from kitchen_suite.tasks.variation_requests import VariationRequest, flat_values
 from kitchen_suite.tasks.variations import Variation
 from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
 
+# No asked task starts nearer to its goal than this multiple of its threshold.
+START_DISTANCE = 1.2
+
 # Number of refusals in a reset after which the layout is the default one.
 MAX_REFUSALS = 20
 

@@ -11,9 +11,6 @@ from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 
-# No asked task starts nearer to its goal than this multiple of its threshold.
-START_DISTANCE = 1.2
-
 # Whether each of the seven tasks is done at the start; without effect on those that are asked, and on those that would
 # be in their way.
 DONE = "tasks/done"

@@ -21,7 +21,7 @@ from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.done import START_DISTANCE, done_parameter, may_be_done
+from kitchen_suite.tasks.kitchen.done import done_parameter, may_be_done
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
@@ -31,6 +31,7 @@ from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict
 from kitchen_suite.tasks.kitchen.variations import VARIED
 from kitchen_suite.tasks.randomizer import Values
+from kitchen_suite.tasks.varied_task import START_DISTANCE
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
 

@@ -33,7 +33,9 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     OpenReward,
 )
 from kitchen_suite.tasks.microwave_table.variations import VARIED
+from kitchen_suite.tasks.randomizer import Values
 from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.varied_task import START_DISTANCE
 
 GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
 
@@ -158,6 +160,14 @@ class MicrowaveTableTask(SuiteTask):
     def _bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self._scene, self._goals, physics)
         self._highlighting = GoalHighlighting(physics, self._scene, self._goals)
+
+    def _corrected(self, values: Values) -> Values:
+        """Returns values with which the door does not start nearly open."""
+        door = self._simulation.read("qpos", self._indices.object_qpos)
+        is_near = self._goals.distances(door) < START_DISTANCE * self._mdp.threshold
+        if "microwave/door" not in values or not is_near.any():
+            return values
+        return {**values, "microwave/door": self._randomizer.defaults["microwave/door"]}
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         data = physics.data
