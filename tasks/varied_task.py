@@ -18,33 +18,12 @@ from kitchen_suite.tasks.layouts.check import LayoutCheck
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.randomizer import Randomizer, Values
 from kitchen_suite.tasks.sensing import sensing_parameters
+from kitchen_suite.tasks.variation_request import VariationRequest, group_names, make_request
 from kitchen_suite.tasks.variations import Variation
 from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
 
 # A layout that is refused so many times is replaced by the default one.
 MAX_REFUSALS = 20
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VariationRequest:
-    """The variation that one reset is asked for.
-
-    Attributes:
-      names: parameters that are drawn, the others have their defaults; all when None.
-      values: values that replace those drawn or default.
-    """
-
-    names: frozenset[str] | None = None
-    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
-
-    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
-        """Returns the values of a reset, given those drawn and the defaults of all parameters."""
-        chosen = {name: drawn[name] if self.draws(name) else defaults[name] for name in drawn}
-        return {**chosen, **self.values}
-
-    def draws(self, name: str) -> bool:
-        """Whether a parameter has the value drawn."""
-        return name not in self.values and (self.names is None or name in self.names)
 
 
 class VariedTask(composer.Task):
@@ -191,26 +170,11 @@ class VariedTask(composer.Task):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
         """
-        chosen = None if names is None else frozenset(self._chosen(names))
-        flat = flat_values(values or {})
-        for name in flat:
-            checks.choice(name, self._wanted, "parameter of variation_values")
-        checked = self._randomizer.checked(flat)
-        for name, value in checked.items():
-            self._wanted[name].check(value)
-        return VariationRequest(names=chosen, values=checked)
+        return make_request(self._wanted, self._randomizer, names, values)
 
     def request_variation(self, request: VariationRequest) -> None:
         """Makes the next reset follow a request."""
         self._request = request
-
-    def _chosen(self, names: str | Sequence[str]) -> list[str]:
-        """Returns the names of wanted parameters that names of parameters and groups stand for."""
-        choices = {name: [name] for name in self._wanted}
-        for name, varied in self._wanted.items():
-            choices.setdefault(varied.group, []).append(name)
-        each = (checks.choice(name, choices, "variation") for name in _names(names))
-        return [name for wanted in each for name in choices[wanted]]
 
     def _vary(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails."""
@@ -220,22 +184,36 @@ class VariedTask(composer.Task):
             undo.callback(physics.reset)
             drawn = self._randomizer.draw(random_state)
             undo.pop_all()
-        seed = random_state.randint(2**31) if self._layout_check else 0
         request, self._request = self._request, VariationRequest()
-        values = request.applied(drawn, self._randomizer.defaults)
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
+            generator = np.random.RandomState(random_state.randint(2**31))
             self._bind_layout_check(physics, self._layout_check)
-        self._set_variation(physics, start, values)
-        drawn_layout = [name for name in self._layout if request.draws(name)]
-        if self._layout_check and drawn_layout:
-            generator = np.random.RandomState(seed)
-            while self._refusals < MAX_REFUSALS and not self._layout_check.accepts(physics):
-                self._refusals += 1
-                is_last = self._refusals == MAX_REFUSALS
-                others = self._randomizer.defaults if is_last else self._randomizer.draw(generator)
-                values = {**values, **{name: others[name] for name in drawn_layout}}
-                self._set_variation(physics, start, values)
+            drawn = self._with_accepted_layout(physics, self._layout_check, start, drawn, request, generator)
+        self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
+
+    def _with_accepted_layout(
+        self,
+        physics: mjcf.Physics,
+        check: LayoutCheck,
+        start: NDArray[np.float64],
+        drawn: Values,
+        request: VariationRequest,
+        generator: np.random.RandomState,
+    ) -> Values:
+        """Returns drawn values, in which a refused layout is drawn again."""
+        if not any(request.draws(name) for name in self._layout):
+            # All values are given back: the infos count as many refusals as when they were drawn.
+            request = dataclasses.replace(request, values={})
+        redrawn, defaults = [name for name in self._layout if request.draws(name)], self._randomizer.defaults
+        while redrawn and self._refusals < MAX_REFUSALS:
+            self._set_variation(physics, start, request.applied(drawn, defaults))
+            if check.accepts(physics):
+                break
+            self._refusals += 1
+            others = defaults if self._refusals == MAX_REFUSALS else self._randomizer.draw(generator)
+            drawn = {**drawn, **{name: others[name] for name in redrawn}}
+        return drawn
 
     @property
     def _layout(self) -> list[str]:
@@ -266,10 +244,6 @@ class VariedTask(composer.Task):
         return values
 
 
-def _names(value: str | Sequence[str]) -> tuple[object, ...]:
-    return checks.unique_names(value.split(",") if isinstance(value, str) else value, "variations")
-
-
 def _distributions(
     wanted: str | Sequence[str] | Mapping[str, Variation],
     table: Mapping[str, Varied],
@@ -280,15 +254,5 @@ def _distributions(
     if isinstance(wanted, Mapping):
         names = [checks.choice(name, table, "variation") for name in wanted]
         return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
-    groups = [checks.choice(name, GROUPS, "variation") for name in _names(wanted)]
+    groups = [checks.choice(name, GROUPS, "variation") for name in group_names(wanted, "variations")]
     return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
-
-
-def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
-    if not isinstance(values, Mapping):
-        raise TypeError(f"variation_values must be a dict, got {values!r}")
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return flat

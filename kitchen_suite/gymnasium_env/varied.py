@@ -41,7 +41,8 @@ class VariationSettings:
 def space_of(task: VariedTask) -> spaces.Dict:
     """Returns the space of the parameters that vary in a task, by name."""
     boxes: dict[str, spaces.Space] = {
-        name: spaces.Box(varied.low, varied.high, dtype=np.float64) for name, varied in task.wanted_variations.items()
+        name: spaces.Box(varied.low, varied.high, varied.default.shape, np.float64)
+        for name, varied in task.wanted_variations.items()
     }
     return spaces.Dict(boxes)
 
