@@ -7,9 +7,8 @@ from dm_control.composer.variation import distributions
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.variations import Bands
 from kitchen_suite.tasks.varied import GROUPS, around, between, one_of
-
-QUICK_GROUPS = ("start", "dynamics", "sensing")
 
 
 def load(domain="kitchen", task=None, random=0, **options):
@@ -43,7 +42,7 @@ def test_nothing_varies_by_default(domain):
 
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_each_group_varies_what_it_names(domain):
-    for group in QUICK_GROUPS:
+    for group in GROUPS:
         task = load(domain, variations=group).task
         assert {varied.group for varied in task.wanted_variations.values()} == {group}
         listed = [varied.name for varied in task.varied if varied.name in task.wanted_variations]
@@ -52,7 +51,7 @@ def test_each_group_varies_what_it_names(domain):
 
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_defaults_of_the_tables_are_those_of_the_built_scene(domain):
-    environment = load(domain, variations=QUICK_GROUPS)
+    environment = load(domain, variations=GROUPS)
     environment.reset()
     task = environment.task
     for name, varied in task.wanted_variations.items():
@@ -64,14 +63,15 @@ def test_defaults_of_the_tables_are_those_of_the_built_scene(domain):
 
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_the_same_seed_draws_the_same_and_another_one_does_not(domain):
-    first, same, other = (load(domain, random=seed, variations=QUICK_GROUPS) for seed in (3, 3, 4))
+    first, same, other = (load(domain, random=seed, variations=GROUPS) for seed in (3, 3, 4))
     for environment in (first, same, other):
         environment.reset()
     values = [environment.task.variation_values for environment in (first, same, other)]
     np.testing.assert_equal(values[0], values[1])
-    # A few parameters have few values.
-    equal = [name for name in values[0] if np.array_equal(values[0][name], values[2][name])]
-    assert set(equal) <= {"sensing/action_delay", "tasks/done", "slide_cabinet/door"}
+    # Others have few values, or those of the default where a task is asked.
+    continuous = [name for name, varied in first.task.wanted_variations.items() if isinstance(varied.seen, Bands)]
+    different = [name for name in continuous if not np.array_equal(values[0][name], values[2][name])]
+    assert set(continuous) - set(different) <= {"tasks/done", "slide_cabinet/door"}
     np.testing.assert_equal(model_arrays(first), model_arrays(same))
 
 
@@ -87,10 +87,10 @@ def test_values_come_after_the_start_pose_and_before_the_noise():
 
 
 def test_values_given_back_leave_the_stream_as_it_was():
-    environment = load(variations=QUICK_GROUPS)
+    environment = load(variations=GROUPS)
     first = environment.reset()
     values, stream = environment.task.variation_values, environment.random_state.get_state(legacy=False)
-    again = load(variations=QUICK_GROUPS)
+    again = load(variations=GROUPS)
     again.task.request_variation(again.task.variation_request(values=values))
     second = again.reset()
     np.testing.assert_equal(again.task.variation_values, values)
@@ -105,8 +105,8 @@ def test_values_given_back_leave_the_stream_as_it_was():
 
 
 def test_a_request_may_name_what_varies():
-    environment = load(task="microwave", variations=QUICK_GROUPS)
-    plain = load(task="microwave", variations=QUICK_GROUPS)
+    environment = load(task="microwave", variations=GROUPS)
+    plain = load(task="microwave", variations=GROUPS)
     environment.task.request_variation(environment.task.variation_request(["kettle/mass", "sensing"]))
     environment.reset()
     plain.reset()
@@ -221,7 +221,7 @@ def test_sensing_scales_the_noise():
     for each in (environment, plain):
         each.reset()
     for _ in range(3):
-        np.testing.assert_array_equal(environment.task.state.noise[:18], 3.0 * plain.task.state.noise[:18])
+        np.testing.assert_allclose(environment.task.state.noise[:18], 3.0 * plain.task.state.noise[:18], rtol=1e-15)
         np.testing.assert_array_equal(environment.task.state.noise[18:], 0.5 * plain.task.state.noise[18:])
         for each in (environment, plain):
             each.step(action)
@@ -252,7 +252,7 @@ def test_a_delayed_action_reaches_the_actuators_a_step_late(domain, control_mode
 
 
 def test_states_hold_the_variation():
-    environment, other = load(variations=QUICK_GROUPS, random=1), load(variations=QUICK_GROUPS, random=2)
+    environment, other = load(variations=GROUPS, random=1), load(variations=GROUPS, random=2)
     environment.reset()
     other.reset()
     action = np.full(9, 0.3)
@@ -329,7 +329,7 @@ def test_bad_requests_are_refused(names, values, error, message):
 
 
 def test_a_parameter_varies_once():
-    with pytest.raises(ValueError, match="franka/pad_friction varies twice"):
+    with pytest.raises(ValueError, match=r"varies twice: by randomization's .* and variation's "):
         load("open_cabinet", variations="dynamics", randomization="moderate")
 
 
@@ -362,9 +362,11 @@ def test_draws_fill_their_range_and_are_independent(domain, split):
         assert (values.max(axis=0) >= distribution.high - 0.01 * width).all(), name
         flat = values.reshape(count, -1)
         columns |= {f"{name} {i}": flat[:, i] for i in range(flat.shape[1]) if np.ptp(flat[:, i])}
-    correlations = np.corrcoef(np.array([*columns.values()])) - np.eye(len(columns))
-    # Five standard deviations of the correlation of independent numbers.
-    assert np.abs(correlations).max() < 5 / np.sqrt(count)
+    correlations = np.corrcoef(np.array([*columns.values()]))
+    owners = np.array([column.partition(" ")[0] for column in columns])
+    # Six standard deviations of the correlation of independent numbers; there are up to 10^4 pairs. The channels of a
+    # colour may depend on each other.
+    assert np.abs(correlations[owners[:, np.newaxis] != owners]).max() < 6 / np.sqrt(count)
 
 
 def test_distributions_of_tables():
