@@ -253,6 +253,8 @@ def _distributions(
     """Returns distributions by the names of parameters."""
     if isinstance(wanted, Mapping):
         names = [checks.choice(name, table, "variation") for name in wanted]
+        if absent := [name for name in names if wanted[name] is None]:
+            raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
         return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
     groups = [checks.choice(name, GROUPS, "variation") for name in group_names(wanted, "variations")]
     return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
