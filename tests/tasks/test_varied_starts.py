@@ -86,8 +86,9 @@ def test_the_measure_sees_a_kettle_in_the_stove():
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_in_varied_starts_nothing_stands_in_anything_else(split):
-    assert_free("kitchen", split, 3)
+@pytest.mark.parametrize("domain", CLASSES)
+def test_in_varied_starts_nothing_stands_in_anything_else(domain, split):
+    assert_free(domain, split, 3)
 
 
 @pytest.mark.slow
