@@ -189,10 +189,11 @@ class VariedTask(composer.Task):
         if self._layout_check:
             generator = np.random.RandomState(random_state.randint(2**31))
             self._bind_layout_check(physics, self._layout_check)
-            drawn = self._with_accepted_layout(physics, self._layout_check, start, drawn, request, generator)
-        self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
+            self._set_accepted(physics, self._layout_check, start, drawn, request, generator)
+        else:
+            self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
 
-    def _with_accepted_layout(
+    def _set_accepted(
         self,
         physics: mjcf.Physics,
         check: LayoutCheck,
@@ -200,20 +201,21 @@ class VariedTask(composer.Task):
         drawn: Values,
         request: VariationRequest,
         generator: np.random.RandomState,
-    ) -> Values:
-        """Returns drawn values, in which a refused layout is drawn again."""
+    ) -> None:
+        """Sets the values of an episode, after drawing its layout again while it is refused."""
+        trial, defaults = request, self._randomizer.defaults
         if not any(request.draws(name) for name in self._layout):
             # All values are given back: the infos count as many refusals as when they were drawn.
-            request = dataclasses.replace(request, values={})
-        redrawn, defaults = [name for name in self._layout if request.draws(name)], self._randomizer.defaults
-        while redrawn and self._refusals < MAX_REFUSALS:
-            self._set_variation(physics, start, request.applied(drawn, defaults))
-            if check.accepts(physics):
-                break
+            trial = dataclasses.replace(request, values={})
+        redrawn = [name for name in self._layout if trial.draws(name)]
+        self._set_variation(physics, start, trial.applied(drawn, defaults))
+        while redrawn and self._refusals < MAX_REFUSALS and not check.accepts(physics):
             self._refusals += 1
             others = defaults if self._refusals == MAX_REFUSALS else self._randomizer.draw(generator)
             drawn = {**drawn, **{name: others[name] for name in redrawn}}
-        return drawn
+            self._set_variation(physics, start, trial.applied(drawn, defaults))
+        if trial is not request:
+            self._set_variation(physics, start, request.applied(drawn, defaults))
 
     @property
     def _layout(self) -> list[str]:

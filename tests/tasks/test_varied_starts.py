@@ -126,7 +126,8 @@ def assert_stays_finite(domain, split, steps, num_envs=16):
         warned += inner._episodes.batch.warning[:, :, 1].sum(axis=0)
         episodes += int((terminated | truncated).sum())
     assert not warned.any(), warned
-    assert episodes >= steps // 40
+    # All episodes of 40 steps or fewer, but the last ones.
+    assert episodes >= steps // 40 - num_envs
     env.close()
 
 
