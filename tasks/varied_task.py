@@ -2,6 +2,7 @@
 
 import abc
 import contextlib
+import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ from kitchen_suite.tasks.layouts.check import LayoutCheck
 from kitchen_suite.tasks.mdp import MDP
 from kitchen_suite.tasks.randomizer import Randomizer, Values
 from kitchen_suite.tasks.sensing import sensing_parameters
-from kitchen_suite.tasks.variation_requests import VariationRequest, flat_values
+from kitchen_suite.tasks.variation_request import VariationRequest, group_names, make_request
 from kitchen_suite.tasks.variations import Variation
 from kitchen_suite.tasks.varied import GROUPS, SPLITS, Varied
 
@@ -177,26 +178,11 @@ class VariedTask(composer.Task):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
         """
-        chosen = None if names is None else frozenset(self._chosen(names))
-        flat = flat_values(values or {})
-        for name in flat:
-            checks.choice(name, self._wanted, "parameter of variation_values")
-        checked = self._randomizer.checked(flat)
-        for name, value in checked.items():
-            self._wanted[name].check(value)
-        return VariationRequest(names=chosen, values=checked)
+        return make_request(self._wanted, self._randomizer, names, values)
 
     def request_variation(self, request: VariationRequest) -> None:
         """Makes the next reset follow a request."""
         self._request = request
-
-    def _chosen(self, names: str | Sequence[str]) -> list[str]:
-        """Returns the names of wanted parameters that names of parameters and groups stand for."""
-        choices = {name: [name] for name in self._wanted}
-        for name, varied in self._wanted.items():
-            choices.setdefault(varied.group, []).append(name)
-        each = (checks.choice(name, choices, "variation") for name in _names(names))
-        return [name for wanted in each for name in choices[wanted]]
 
     def _vary(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails."""
@@ -206,22 +192,38 @@ class VariedTask(composer.Task):
             undo.callback(physics.reset)
             drawn = self._randomizer.draw(random_state)
             undo.pop_all()
-        seed = random_state.randint(2**31) if self._layout_check else 0
         request, self._request = self._request, VariationRequest()
-        values = request.applied(drawn, self._randomizer.defaults)
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
+            generator = np.random.RandomState(random_state.randint(2**31))
             self._bind_layout_check(physics, self._layout_check)
-        self._set_variation(physics, start, values)
-        drawn_layout = [name for name in self._layout if request.draws(name)]
-        if self._layout_check and drawn_layout:
-            generator = np.random.RandomState(seed)
-            while self._refusals < MAX_REFUSALS and not self._layout_check.accepts(physics):
-                self._refusals += 1
-                is_last = self._refusals == MAX_REFUSALS
-                others = self._randomizer.defaults if is_last else self._randomizer.draw(generator)
-                values = {**values, **{name: others[name] for name in drawn_layout}}
-                self._set_variation(physics, start, values)
+            self._set_accepted(physics, self._layout_check, start, drawn, request, generator)
+        else:
+            self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
+
+    def _set_accepted(
+        self,
+        physics: mjcf.Physics,
+        check: LayoutCheck,
+        start: NDArray[np.float64],
+        drawn: Values,
+        request: VariationRequest,
+        generator: np.random.RandomState,
+    ) -> None:
+        """Sets the values of an episode, after drawing its layout again while it is refused."""
+        trial, defaults = request, self._randomizer.defaults
+        if not any(request.draws(name) for name in self._layout):
+            # All values are given back: the infos count as many refusals as when they were drawn.
+            trial = dataclasses.replace(request, values={})
+        redrawn = [name for name in self._layout if trial.draws(name)]
+        self._set_variation(physics, start, trial.applied(drawn, defaults))
+        while redrawn and self._refusals < MAX_REFUSALS and not check.accepts(physics):
+            self._refusals += 1
+            others = defaults if self._refusals == MAX_REFUSALS else self._randomizer.draw(generator)
+            drawn = {**drawn, **{name: others[name] for name in redrawn}}
+            self._set_variation(physics, start, trial.applied(drawn, defaults))
+        if trial is not request:
+            self._set_variation(physics, start, request.applied(drawn, defaults))
 
     @property
     def _layout(self) -> list[str]:
@@ -252,12 +254,6 @@ class VariedTask(composer.Task):
         return values
 
 
-def _names(value: str | Sequence[str]) -> tuple[object, ...]:
-    if isinstance(value, list | tuple) and not value:
-        return ()
-    return checks.unique_names(value.split(",") if isinstance(value, str) else value, "variations")
-
-
 def _distributions(
     wanted: str | Sequence[str] | Mapping[str, Variation],
     table: Mapping[str, Varied],
@@ -267,6 +263,8 @@ def _distributions(
     """Returns distributions by the names of parameters."""
     if isinstance(wanted, Mapping):
         names = [checks.choice(name, table, "variation") for name in wanted]
+        if absent := [name for name in names if wanted[name] is None]:
+            raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
         return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
-    groups = [checks.choice(name, GROUPS, "variation") for name in _names(wanted)]
+    groups = [checks.choice(name, GROUPS, "variation") for name in group_names(wanted, "variations")]
     return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}

@@ -76,7 +76,7 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
     inner = suite_env(environment)
     observation, info = reset_to_seed(environment, recorded.seed or 0, seeding, _variation(recorded))
     task, physics = inner.environment.task, inner.environment.physics
-    states = _states(environment, recorded)
+    states = _task_states(environment, recorded)
     if states is None:
         return observation, info
     first = states[0]
@@ -100,13 +100,19 @@ def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Ac
 
     def actions(buffer: EpisodeBuffer) -> Iterator[NDArray]:
         del buffer
-        states = _states(environment, recorded)
+        states = _task_states(environment, recorded)
         for step, action in enumerate(recorded.arrays["action"]):
             if recorded.seed is None and states is not None:
                 inner.environment.task.set_observed_positions(states[step])
             yield action
 
     return actions
+
+
+def _task_states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
+    """Returns the observations of `_states` without the extra observables, which come last."""
+    states = _states(environment, recorded)
+    return None if states is None else states[:, : states.shape[1] - suite_env(environment).environment.task.extra_size]
 
 
 def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES
-from kitchen_suite.tasks.variation_requests import VariationRequest, flat_values
+from kitchen_suite.tasks.variation_request import VariationRequest, flat_values
 from kitchen_suite.tasks.varied_task import VariedTask
 
 

@@ -13,7 +13,7 @@ from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
 from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.mdp import MEDIAN
 from kitchen_suite.tasks.simulation import BatchSimulation
-from kitchen_suite.tasks.variation_requests import VariationRequest
+from kitchen_suite.tasks.variation_request import VariationRequest
 from kitchen_suite.vector_env import batching
 from kitchen_suite.vector_env.forks import leak_in_forks
 

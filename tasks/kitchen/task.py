@@ -31,6 +31,7 @@ from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict
 from kitchen_suite.tasks.kitchen.variations import VARIED
 from kitchen_suite.tasks.randomizer import Values
+from kitchen_suite.tasks.sensing import scaled
 from kitchen_suite.tasks.varied_task import START_DISTANCE
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
@@ -211,7 +212,8 @@ class KitchenTask(SuiteTask):
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics
         present = self._mdp.sensors.observed(self._simulation)
-        return bool((np.abs(observation - present) <= self._mdp.noise_scale + _ROUNDING).all())
+        greatest = scaled(self.sensing, self._mdp.noise_scale)
+        return bool((np.abs(observation - present) <= greatest + _ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         self.indices.write(physics, observation)

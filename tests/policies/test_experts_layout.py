@@ -2,58 +2,78 @@
 
 import numpy as np
 import pytest
-from layout_episodes import KITCHEN_POSES, LayoutEpisodes, successes
 
 from kitchen_suite import experts, suite
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
+from kitchen_suite.tasks.variation_request import VariationRequest
 from kitchen_suite.tasks.varied import SPLITS
 
+KITCHEN_POSES = (
+    "franka/base_pose",
+    "microwave/pose",
+    "slide_cabinet/pose",
+    "hinge_cabinet/pose",
+    "hood/pose",
+    "oven/pose",
+)
 
-def policy_of(episodes):
-    return experts.make_policy(episodes.environment, np.random.default_rng(0))
+
+def load(task_name, variations="layout", domain="kitchen", **options):
+    return suite.load(domain, task_name, {"visuals": False, "variations": variations, **options})
 
 
-@pytest.fixture(scope="module")
-def complete():
-    return LayoutEpisodes("kitchen", "complete", extra_observables=KITCHEN_POSES)
+def play(environment):
+    """Plays an episode with the expert; returns its metrics."""
+    policy, timestep = experts.make_policy(environment, np.random.default_rng(0)), environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+    return environment.task.episode_metrics
+
+
+def successes(environment, count):
+    return sum(play(environment)["success"] for _ in range(count))
+
+
+def complete(split, seed):
+    return load("complete", random=seed, variation_split=split, extra_observables=KITCHEN_POSES)
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_the_kitchens_expert_completes_its_tasks_in_drawn_layouts(complete, split):
-    assert successes(complete, policy_of(complete), split, 3, seed=1)[0] == 3
+def test_the_kitchens_expert_completes_its_tasks_in_drawn_layouts(split):
+    assert successes(complete(split, seed=1), 2) == 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("split", SPLITS)
-def test_the_kitchens_expert_completes_its_tasks_in_many_layouts(complete, split):
-    assert successes(complete, policy_of(complete), split, 50, seed=11)[0] >= 40
+def test_the_kitchens_expert_completes_its_tasks_in_many_layouts(split):
+    assert successes(complete(split, seed=11), 50) >= 40
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("drawer", ["top", "bottom"])
 def test_the_drawers_expert_opens_them_in_many_layouts(drawer, split):
-    episodes = LayoutEpisodes("open_cabinet", f"{drawer}_drawer")
-    assert successes(episodes, policy_of(episodes), split, 40, seed=11)[0] >= 38
+    environment = load(f"{drawer}_drawer", domain="open_cabinet", random=11, variation_split=split)
+    assert successes(environment, 40) >= 38
 
 
-def test_in_the_default_layout_the_poses_are_those_that_skills_are_made_for(complete):
-    complete.values = {}
-    observed = complete.environment.reset().observation
+def test_in_the_default_layout_the_poses_are_those_that_skills_are_made_for():
+    environment = complete("seen", seed=0)
+    environment.task.request_variation(environment.task.variation_request([]))
+    observed = environment.reset().observation
     layout = ObservedLayout(KITCHEN_POSES)
-    extras = np.concatenate([observed[name] for name in complete.environment.task.extra_observables])
+    extras = np.concatenate([observed[name] for name in environment.task.extra_observables])
     assert layout.size == extras.size
     for task in SKILLS:
         np.testing.assert_allclose(layout.frame(task, extras).as_matrix(), np.eye(4), atol=1e-9)
-    assert complete.play(policy_of(complete))["success"]
+    environment.task.request_variation(environment.task.variation_request([]))
+    assert play(environment)["success"]
 
 
 @pytest.mark.parametrize("burner", [1, 2])
 def test_the_kettle_is_brought_from_the_right_burners_without_further_observables(burner):
-    episodes = LayoutEpisodes("kitchen", "kettle")
-    episodes.values = {"kettle/burner": burner}
-    assert episodes.play(policy_of(episodes))["success"]
+    assert play(load("kettle", {"kettle/burner": burner}, random=0))["success"]
 
 
 def test_without_poses_other_observables_change_nothing():
@@ -81,15 +101,17 @@ def test_the_expert_says_which_observables_it_needs():
 
 
 def test_a_task_out_of_reach_is_postponed():
-    episodes = LayoutEpisodes(
-        "kitchen", "all", tasks_to_complete=("microwave", "light switch"), extra_observables=KITCHEN_POSES
-    )
-    episodes.values = {"microwave/offset": [-0.4, 0.3, 0.0]}
-    assert episodes.play(policy_of(episodes))["tasks_completed"].keys() == {"light switch"}
+    tasks = ("microwave", "light switch")
+    environment = load("all", random=0, tasks_to_complete=tasks, extra_observables=KITCHEN_POSES)
+    # Farther away than any layout that is drawn.
+    far = {"microwave/offset": np.array([-0.4, 0.3, 0.0])}
+    excluded = frozenset(environment.task.wanted_variations)
+    environment.task.request_variation(VariationRequest(excluded=excluded, values=far))
+    assert play(environment)["tasks_completed"].keys() == {"light switch"}
 
 
 @pytest.mark.parametrize("control_mode", ["joint_position", "ee_delta_pose", "ee_delta_position"])
 def test_the_expert_observes_the_layout_in_other_control_modes(control_mode):
-    episodes = LayoutEpisodes("kitchen", "microwave", extra_observables=KITCHEN_POSES, control_mode=control_mode)
-    episodes.values = {"microwave/offset": [-0.01, 0.01, 0.0], "pedestal/offset": [0.01, -0.01, 0.0]}
-    assert episodes.play(policy_of(episodes))["success"]
+    moved = {"microwave/offset": [-0.01, 0.01, 0.0], "pedestal/offset": [0.01, -0.01, 0.0]}
+    options = {"random": 0, "extra_observables": KITCHEN_POSES, "control_mode": control_mode}
+    assert play(load("microwave", moved, **options))["success"]

@@ -108,6 +108,17 @@ def test_cabinets_replay_exactly_however_long_the_environment_has_lived(run, cap
         assert all(row["difference"] == "0" for row in rows(out))
 
 
+@pytest.mark.parametrize("obs_type", ["goal", "state", "environment_state_agent_pos"])
+def test_kitchens_with_extra_observables_replay_exactly(run, capsys, obs_type):
+    kwargs = {"obs_type": obs_type, "extra_observables": ["kettle/pose", "franka/gripper_width"]}
+    command = [*KITCHEN, "--output=runs", "--num_episodes=2", f"--task_kwargs={json.dumps(kwargs)}"]
+    assert record.main(command) == 0
+    capsys.readouterr()
+    status, out, err = run("runs")
+    assert (status, err) == (0, "")
+    assert out.endswith("\n2 of 2 episodes are equal\n")
+
+
 ROLLOUTS = {
     "kitchen": [EASY, "--task_name=all", "--policy=random", "--max_episode_steps=6"],
     "kitchen, float64 feedback": ['--task_kwargs={"feedback": "true", "goal_format": "flat"}', "--max_episode_steps=6"],

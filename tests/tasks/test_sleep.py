@@ -80,3 +80,64 @@ def test_sleeping_kitchens_can_be_vectorised_and_start_awake_again():
 def test_sleep_must_be_a_bool():
     with pytest.raises(TypeError, match="sleep must be True or False, got 1"):
         load(sleep=1)
+
+
+@pytest.mark.parametrize("variations", ["layout", ["start", "layout"], {"microwave/yaw": 0.3}])
+def test_the_layout_does_not_vary_where_objects_sleep(variations):
+    with pytest.raises(ValueError, match="variations of the layout need sleep=False: sleeping objects would stay"):
+        load(sleep=True, variations=variations)
+
+
+# Doors as far as a start displaces them, and a kettle moved and turned.
+FAR = {
+    "hinge_cabinet/doors": (-0.2, 0.8),
+    "microwave/door": -0.38,
+    "kettle/pose": (0.03, -0.03, 0.3),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_episodes_with_other_starts_and_dynamics_are_nearly_the_same(seed):
+    options = {"random": seed, "variations": ["start", "dynamics"], "variation_split": "held_out"}
+    sleepy, awake = load(sleep=True, **options), load(**options)
+    # The second episode starts after objects have slept in the first one.
+    for _ in range(2):
+        for environment in (sleepy, awake):
+            environment.task.request_variation(environment.task.variation_request(values=FAR))
+            environment.reset()
+        np.testing.assert_array_equal(sleepy.physics.data.qpos, awake.physics.data.qpos)
+        doors = sleepy.physics.bind(sleepy.task.scene.props["hinge_cabinet"].joints).qpos
+        # Displaced from where they start by default, nearly closed.
+        np.testing.assert_allclose(doors, FAR["hinge_cabinet/doors"], atol=0.01)
+        for action in random_actions(np.random.default_rng(SEED), 280)[:60]:
+            sleepy.step(action), awake.step(action)
+            np.testing.assert_allclose(sleepy.physics.data.qpos, awake.physics.data.qpos, rtol=0, atol=1e-7)
+            # Also where objects that sleep are seen and touched.
+            np.testing.assert_allclose(sleepy.physics.data.xpos, awake.physics.data.xpos, rtol=0, atol=1e-7)
+        trees = sleepy.physics.model.dof_treeid
+        asleep = sleepy.physics.data.ptr.tree_asleep >= 0
+        doors = sleepy.physics.bind(sleepy.task.scene.props["hinge_cabinet"].joints).dofadr
+        assert asleep[trees[-1]], "the kettle"
+        assert asleep[trees[doors]].all(), "the doors"
+
+
+def test_a_displaced_kettle_that_sleeps_wakes_where_it_stands():
+    # With these actions the robot runs into the kettle, wherever it stands.
+    values = {"kettle/pose": (0.01, -0.02, 0.2)}
+    sleepy, awake = load(sleep=True, variations=values), load(variations=values)
+    for environment in (sleepy, awake):
+        environment.reset()
+    slept, start = False, None
+    kettle = sleepy.task.scene.props["kettle"].joints
+    tree = sleepy.physics.model.dof_treeid[-1]
+    for action in random_actions(np.random.default_rng(SEED), 280)[:STEPS]:
+        sleepy.step(action), awake.step(action)
+        is_asleep = sleepy.physics.data.ptr.tree_asleep[tree] >= 0
+        position = np.array(sleepy.physics.bind(kettle).qpos[:3])
+        if is_asleep and not slept:
+            slept, start = True, position
+    assert slept
+    assert np.abs(position - start).max() > 1e-3
+    reference = awake.physics.bind(awake.task.scene.props["kettle"].joints).qpos[:3]
+    # Contacts amplify the difference; both were pushed the same way.
+    np.testing.assert_allclose(position, reference, rtol=0, atol=2e-2)
