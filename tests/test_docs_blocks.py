@@ -20,6 +20,8 @@ from docs_blocks import (
     run,
 )
 
+pytestmark = pytest.mark.thorough
+
 BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 _COMMAND = re.compile(r"`(kitchen-\w+) ([^`]+)`")
 

@@ -24,6 +24,11 @@ def row(observations: Any, i: int) -> Any:
     return tree.map_structure(lambda array: array[i].copy(), observations)
 
 
+def copied(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns nested dicts of arrays with copies of the arrays; faster than dm-tree where there are many."""
+    return {key: copied(part) if isinstance(part, dict) else part.copy() for key, part in infos.items()}
+
+
 def with_masks(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out.
 

@@ -174,7 +174,7 @@ class BatchEpisodes:
 
         They are fresh arrays `(n, ...)`, and nested dicts of these.
         """
-        variation = tree.map_structure(np.copy, self._variation)
+        variation = batching.copied(self._variation)
         return {**self._mdp.info(self.state), "episode_step": self.steps.copy(), **variation}
 
     def show(self, i: int) -> None:

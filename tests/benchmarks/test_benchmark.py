@@ -18,6 +18,8 @@ from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.cli import benchmark
 from kitchen_suite.rendering import light_meshes
 
+pytestmark = pytest.mark.thorough
+
 SMALL = {"rounds": 1, "max_episode_steps": 2, "num_envs": (2,)}
 
 

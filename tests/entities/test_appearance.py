@@ -106,7 +106,7 @@ def test_scenes_without_visuals_offer_the_same_parameters_and_values(name):
     assert list(with_visuals.parameters) == list(without.parameters)
     for key, parameter in with_visuals.parameters.items():
         other = without.parameters[key]
-        assert parameter.quantity.visual
+        assert parameter.quantity.visual == other.quantity.visual
         assert parameter.quantity.shape == other.quantity.shape
         np.testing.assert_allclose(other.get(without.physics), parameter.get(with_visuals.physics), rtol=1e-7)
 

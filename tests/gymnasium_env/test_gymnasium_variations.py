@@ -14,6 +14,8 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 from kitchen_suite.tasks.varied import GROUPS, SPLITS
 
+pytestmark = pytest.mark.thorough
+
 CLASSES = {
     "kitchen": FrankaKitchenEnv,
     "open_cabinet": FrankaOpenCabinetEnv,

@@ -13,7 +13,7 @@ from episode_files import load_episode
 from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.rollouts.episode import flatten
 
-pytestmark = pytest.mark.rendering
+pytestmark = [pytest.mark.rendering, pytest.mark.thorough]
 
 PIXELS = {
     "obs_type": "pixels_agent_pos",

@@ -17,6 +17,8 @@ from kitchen_suite.tasks.varied import GROUPS
 from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.training.train_job import TrainJob
 
+pytestmark = pytest.mark.thorough
+
 ID = "kitchen-suite/varied-v0"
 SHORT = ["--num_envs=4", "--num_threads=1", "--num_episodes=3", "--max_episode_steps=2"]
 VARIED = ["--task_name=all", "--variations=start,layout,dynamics,sensing", "--variation_split=held_out"]

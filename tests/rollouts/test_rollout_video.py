@@ -16,6 +16,8 @@ from sweeps import brief
 from kitchen_suite.cli import rollout
 from kitchen_suite.rendering import gl, video
 
+pytestmark = pytest.mark.thorough
+
 
 def read(path):
     with contextlib.closing(imageio.get_reader(path)) as reader:

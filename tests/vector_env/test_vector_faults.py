@@ -18,6 +18,8 @@ from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE, Randomization
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
+pytestmark = pytest.mark.thorough
+
 SINGLES = {FrankaKitchenVectorEnv: FrankaKitchenEnv, FrankaOpenCabinetVectorEnv: FrankaOpenCabinetEnv}
 # Settings with which resets and steps of the cabinet draw random numbers.
 DRAWN = {FrankaKitchenVectorEnv: {}, FrankaOpenCabinetVectorEnv: {"randomization": MODERATE}}

@@ -10,6 +10,8 @@ from kitchen_suite import suite
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.vector_env import batching
 
+pytestmark = pytest.mark.thorough
+
 EXTRAS = ["franka/end_effector_pose", "franka/end_effector_velocity", "franka/gripper_width"]
 PIXELS = {"image_size": [20, 28], "render_quality": "fast", "cameras": ["overview", "franka/hand"]}
 TYPES = {

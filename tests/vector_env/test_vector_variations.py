@@ -11,6 +11,8 @@ from gymnasium.vector import AutoresetMode
 from kitchen_suite import suite
 from kitchen_suite.tasks.varied import GROUPS, SPLITS
 
+pytestmark = pytest.mark.thorough
+
 COUNT, STEPS, EPISODE = 3, 10, 4
 MODES = [mode.value for mode in AutoresetMode]
 # Settings of which the task's draws depend, and few tasks, of which the others may be done at the start.
