@@ -6,7 +6,7 @@ python docs/variation_results.py speed [rounds]       speed of 32 vectorised env
 python docs/variation_results.py soak                 200,000 control steps under all groups: NaN and warnings
 python docs/variation_results.py starts               2,000 starts under all groups: how deep objects stand in others
 
-They use seeds that were not used for tuning. `experts` needs the extra of that name; it takes 20 minutes on two cores.
+They use seeds that were not used for tuning. `experts` needs the extra of that name, and 40 minutes of processor time.
 `docs/build.py tables` makes tables of the results.
 """
 

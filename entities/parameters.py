@@ -105,18 +105,19 @@ def joint_parameters(name: str, joint: mjcf.Element) -> tuple[Parameter, ...]:
     )
 
 
-def _built_position(frame: mjcf.Element) -> NDArray[np.float64]:
+def built_position(frame: mjcf.Element) -> NDArray[np.float64]:
+    """Returns the position of a frame in its parent as the scene is built [m]."""
     return np.zeros(3) if frame.pos is None else frame.pos
 
 
 def _read_offset(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
     (frame,) = elements
-    return physics.bind(frame).pos - _built_position(frame)
+    return physics.bind(frame).pos - built_position(frame)
 
 
 def _write_offset(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
     (frame,) = elements
-    physics.bind(frame).pos = _built_position(frame) + value
+    physics.bind(frame).pos = built_position(frame) + value
 
 
 def _read_yaw(physics: mjcf.Physics, elements: Elements) -> ArrayLike:

@@ -1,4 +1,4 @@
-"""What one reset is asked to vary, and with which values."""
+"""Requests for the variation of one reset: parameters that keep their defaults, and given values."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -81,7 +81,9 @@ class VariedTask(composer.Task):
         distributions = _distributions(variations, table, offered, self._split)
         self._wanted = {name: varied for name, varied in table.items() if name in distributions}
         parameters = {name: offered[name] for name in self._wanted}
-        ranges = {name: (varied.low, varied.high) for name, varied in self._wanted.items()}
+        # Groups draw within the ranges anyway.
+        given = self._wanted if isinstance(variations, Mapping) else {}
+        ranges = {name: (varied.low, varied.high) for name, varied in given.items()}
         chosen = Randomizer(parameters, distributions, owner="variation", ranges=ranges)
         for name, each in distributions.items():
             if descriptions.is_constant(each):

@@ -4,7 +4,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.entities.parameters import Elements, Quantity
+from kitchen_suite.entities.parameters import Elements, Quantity, built_position
 
 # Number of each burner as value of the parameter; on the first one the kettle stands by default.
 BURNERS = ("bottom_left", "bottom_right", "top_right", "top_left")
@@ -14,14 +14,10 @@ BURNERS = ("bottom_left", "bottom_right", "top_right", "top_left")
 DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.441, 0.0), (0.003, 0.441, 0.0)])
 
 
-def _built_position(joint: mjcf.Element) -> NDArray[np.float64]:
-    return np.asarray(joint.parent.pos)
-
-
 def _read_burner(physics: mjcf.Physics, joints: Elements) -> ArrayLike:
     """Returns the number of the burner nearest to the object."""
     (joint,) = joints
-    moved = physics.bind(joint).qpos[:3] - _built_position(joint)
+    moved = physics.bind(joint).qpos[:3] - built_position(joint.parent)
     return np.argmin(np.linalg.norm(DISPLACEMENTS - moved, axis=1))
 
 
