@@ -86,6 +86,21 @@ def test_values_come_after_the_start_pose_and_before_the_noise():
     np.testing.assert_array_equal(environment.task.state.noise, noise)
 
 
+def test_layouts_are_drawn_again_from_a_stream_of_their_own():
+    environment = load(task="all", variations=["layout"], variation_split="held_out")
+    random, refusals = np.random.RandomState(0), 0
+    for _ in range(6):
+        environment.reset()
+        refusals += int(environment.task.variation_info["layout_refusals"])
+        for varied in environment.task.wanted_variations.values():
+            varied.held_out(random_state=random)
+        # One further number seeds the redraws, however many there are; the noise follows.
+        random.randint(2**31)
+        noise = random.uniform(-1, 1, environment.task.mdp.noise_draws) * environment.task.mdp.noise_scale
+        np.testing.assert_array_equal(environment.task.state.noise, noise)
+    assert refusals
+
+
 def test_values_given_back_leave_the_stream_as_it_was():
     environment = load(variations=GROUPS)
     first = environment.reset()
