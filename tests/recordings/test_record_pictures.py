@@ -89,7 +89,6 @@ def test_a_changed_picture_is_found(capsys):
 
 
 def test_the_expert_acts_on_the_state_whatever_is_recorded():
-    pytest.importorskip("mink")
     assert record_pictures("--policy=expert") == 0
     _, seen = load_episode("runs/episode_000000.npz")
     assert record.main(["--output=states", "--policy=expert", *SHORT]) == 0

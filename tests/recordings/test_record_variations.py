@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from episode_files import load_episode
 
-from kitchen_suite.cli import record, replay, rollout, train
+from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.tasks.varied import GROUPS
-from kitchen_suite.training.settings import TrainSettings
-from kitchen_suite.training.train_job import TrainJob
 
 pytestmark = pytest.mark.thorough
 
@@ -241,7 +239,6 @@ def test_the_layout_needs_scenes_that_do_not_sleep(capsys):
 
 
 def test_the_expert_names_the_observables_that_it_needs(capsys):
-    pytest.importorskip("mink")
     task = ["--task_name=microwave", "--policy=expert", "--variations=layout"]
     status, _, err = run(record, "--output=runs", *SHORT, *task, capsys=capsys)
     assert status == 2
@@ -253,28 +250,3 @@ def test_the_expert_names_the_observables_that_it_needs(capsys):
     assert record.main(["--output=runs", *SHORT, *task, kwargs, "--num_episodes=1"]) == 0
     status, out, _ = run(replay, "runs", capsys=capsys)
     assert (status, out.splitlines()[-1]) == (0, "1 of 1 episodes are equal")
-
-
-@pytest.mark.parametrize(
-    "flags", [["--variations=start,dynamics", "--variation_split=held_out"], []], ids=["on", "off"]
-)
-def test_training_is_in_environments_that_vary(flags, capsys, monkeypatch):
-    pytest.importorskip("skrl")
-    settings = {}
-    monkeypatch.setattr(TrainJob, "run", lambda job: settings.update(job=job) or True)
-    small = '--hyperparameters={"num_envs": 2, "hidden": [8], "rollouts": 4, "mini_batches": 1}'
-    status, _, err = run(train, "--output=runs", "--eval_episodes=2", small, *flags, capsys=capsys)
-    assert (status, err) == (0, "")
-    job = settings["job"]
-    for environments in (job._environments, job._evaluation_environments):
-        _, info = environments.reset(seed=0)
-        assert ("variation_values" in info) == bool(flags)
-        if flags:
-            assert environments.get_attr("variation_split")[0] == "held_out"
-            assert "cabinet/door_left" in info["variation_values"]
-            assert "cabinet/yaw" not in info["variation_values"]
-
-
-def test_settings_of_training_have_the_variations():
-    settings = TrainSettings(output=Path("runs"), variations='{"cabinet/door_left": 0.1}', variation_split="seen")
-    assert settings.environment_kwargs == {"variations": {"cabinet/door_left": 0.1}, "variation_split": "seen"}
