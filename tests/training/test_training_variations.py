@@ -6,7 +6,6 @@ import pytest
 
 from kitchen_suite.cli import train
 from kitchen_suite.training.settings import TrainSettings
-from kitchen_suite.training.train_job import TrainJob
 
 pytestmark = pytest.mark.clients
 
@@ -17,7 +16,7 @@ pytestmark = pytest.mark.clients
 def test_training_is_in_environments_that_vary(flags, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     jobs = []
-    monkeypatch.setattr(TrainJob, "run", lambda job: jobs.append(job) or True)
+    monkeypatch.setattr("kitchen_suite.training.train_job.TrainJob.run", lambda job: jobs.append(job) or True)
     small = '--hyperparameters={"num_envs": 2, "hidden": [8], "rollouts": 4, "mini_batches": 1}'
     assert train.main(["--output=runs", "--eval_episodes=2", small, *flags]) == 0
     assert capsys.readouterr().err == ""
