@@ -13,7 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
-from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE, KitchenMDP
+from kitchen_suite.tasks.kitchen.reward import ShapedReward
+from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
 from kitchen_suite.tasks.rewards import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -44,38 +46,68 @@ def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
 
 
 def reward(
-    achieved: NDArray[np.float64],
-    desired: NDArray[np.float64],
-    info: Infos,
-    goals: GoalSet,
-    threshold: float,
-    reward_terms: SparseReward,
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
 ) -> NDArray[np.float64]:
-    """Returns the reward `(...)` of the tasks within the threshold.
+    """Returns the reward `(...)` of a step.
 
-    A task is rewarded if the info lists it as still to complete or as completed in the step. An info without these
-    lists and masks rewards every task.
+    With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
+    info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
+    have; a task counts as completed before if the info says so.
     """
-    within = _within(achieved, desired, goals, threshold)
-    listed, has_lists = _listed_tasks(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return total(reward_terms(within & np.where(has_lists, listed, True)))
+    within, tasks = _within(achieved, desired, mdp), mdp.goals.tasks
+    if not isinstance(mdp.reward_terms, ShapedReward):
+        listed, has_lists = _listed_tasks(info, within.shape, tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+        return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
+    shaping = _shaping(info, achieved.shape[:-1], mdp.goals)
+    completed, _ = _listed_tasks(info, within.shape, tasks, (EPISODE_COMPLETIONS,))
+    in_this_step, _ = _listed_tasks(info, within.shape, tasks, (STEP_COMPLETIONS,))
+    before = completed & ~in_this_step
+    step = shares(
+        shaping,
+        goals=mdp.goals,
+        achieved=achieved,
+        desired=desired,
+        completed=before | within,
+        previously_completed=before,
+    )
+    return total(mdp.reward_terms(step))
 
 
 def terminated(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
 ) -> NDArray[np.bool_]:
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
-    within = _within(achieved, desired, goals, threshold)
-    completed, has_list = _listed_tasks(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
+    within = _within(achieved, desired, mdp)
+    completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
     return np.all(np.where(has_list, completed, within), axis=-1)
 
 
-def _within(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], goals: GoalSet, threshold: float
-) -> NDArray[np.bool_]:
-    """Returns whether `(..., n)` each task is within the threshold; infinitely far goals are not."""
+def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
+    """Returns whether `(..., n)` each task is complete; infinitely far goals are not."""
     with np.errstate(over="ignore"):
-        return goal_distances(achieved, desired, goals.starts) < threshold
+        distances = goal_distances(achieved, desired, mdp.goals.starts)
+        return mdp.success.within(achieved, distances, desired=desired)
+
+
+def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
+    """Returns what a dense reward remembers, from infos `(...)`.
+
+    Raises:
+      ValueError: an info lacks a part, or has one of another shape.
+    """
+    infos = broadcast_infos(info, shape)
+    widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
+    parts = {
+        name: np.array([_part(one, f"{REWARD_STATE}/{name}", width) for one in infos.ravel()])
+        for name, width in widths.items()
+    }
+    return Shaping(**{name: part.reshape(*shape, widths[name]) for name, part in parts.items()})
+
+
+def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
+    if key not in info:
+        raise ValueError(f"the dense rewards of other goals need {key!r} of the step's infos, got {sorted(info)}")
+    return checks.vector(info[key], width, key)
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
