@@ -16,7 +16,7 @@ from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
-from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
@@ -120,7 +120,9 @@ class KitchenExpert(Expert):
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
         self._layout = ObservedLayout(extra_observables)
         self.observation_size = _SIZE + self._layout.size
-        self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
+        self._is_strict = isinstance(self._success, StrictSuccess)
+        precise = STRICT_SKILLS if self._is_strict else SKILLS
+        self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
 
@@ -157,7 +159,7 @@ class KitchenExpert(Expert):
         if self._trajectory is None:
             return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
         distances, task = self._relative_distances(observation), self._queue.current
-        if isinstance(self._success, StrictSuccess):
+        if self._is_strict:
             self._pace = _pace(distances[task]) if task else 1.0
         if task is None:
             return self._resume_from_rest(distances, observation, joints)
