@@ -52,25 +52,14 @@ def reward(
 
     With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
     info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
-    have; a task counts as completed before if the info says so.
+    have under `reward_state/...`.
     """
-    within, tasks = _within(achieved, desired, mdp), mdp.goals.tasks
-    if not isinstance(mdp.reward_terms, ShapedReward):
-        listed, has_lists = _listed_tasks(info, within.shape, tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-        return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
-    shaping = _shaping(info, achieved.shape[:-1], mdp.goals)
-    completed, _ = _listed_tasks(info, within.shape, tasks, (EPISODE_COMPLETIONS,))
-    in_this_step, _ = _listed_tasks(info, within.shape, tasks, (STEP_COMPLETIONS,))
-    before = completed & ~in_this_step
-    step = shares(
-        shaping,
-        goals=mdp.goals,
-        achieved=achieved,
-        desired=desired,
-        completed=before | within,
-        previously_completed=before,
-    )
-    return total(mdp.reward_terms(step))
+    if isinstance(mdp.reward_terms, ShapedReward):
+        shaping = _shaping(info, achieved.shape[:-1], mdp.goals)
+        return total(mdp.reward_terms(shares(shaping, success=mdp.success, achieved=achieved, desired=desired)))
+    within = _within(achieved, desired, mdp)
+    listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+    return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
 
 
 def terminated(
@@ -101,13 +90,15 @@ def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
         name: np.array([_part(one, f"{REWARD_STATE}/{name}", width) for one in infos.ravel()])
         for name, width in widths.items()
     }
-    return Shaping(**{name: part.reshape(*shape, widths[name]) for name, part in parts.items()})
+    shaped = {name: part.reshape(*shape, widths[name]) for name, part in parts.items()}
+    return Shaping(**{**shaped, "previously_completed": shaped["previously_completed"] > 0})
 
 
 def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
     if key not in info:
-        raise ValueError(f"the dense rewards of other goals need {key!r} of the step's infos, got {sorted(info)}")
-    return checks.vector(info[key], width, key)
+        raise ValueError(f"a dense reward needs {key!r} of the step's infos, got {sorted(info)}")
+    value = checks.array_of(info[key], key)
+    return checks.vector(value.astype(np.float64) if value.dtype == bool else value, width, key)
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -95,15 +95,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """Returns a state with the terms of a dense reward."""
         assert isinstance(before.shaping, Shaping)
         assert isinstance(self.reward_terms, ShapedReward)
-        shaping = before.shaping.after(before.achieved, hand_distances, self.goals)
-        step = shares(
-            shaping,
-            goals=self.goals,
-            achieved=after.achieved,
-            desired=self.goals.desired,
-            completed=after.progress.completed,
-            previously_completed=before.progress.completed,
-        )
+        shaping = before.shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
+        step = shares(shaping, success=self.success, achieved=after.achieved, desired=self.goals.desired)
         return after._replace(shaping=shaping, terms=self.reward_terms(step))
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.success import Success
 
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1
@@ -21,6 +22,7 @@ class Shaping(NamedTuple):
       previous_achieved: `(..., k)`, achieved goals before the step.
       best_approach: `(..., n)`, greatest share of the way to the handle covered before the step.
       best_progress: `(..., n)`, greatest share of the way to the goal covered before the step.
+      previously_completed: `(..., n)`, whether each task was completed before the step.
     """
 
     initial_achieved: NDArray[np.float64]
@@ -29,6 +31,7 @@ class Shaping(NamedTuple):
     previous_achieved: NDArray[np.float64]
     best_approach: NDArray[np.float64]
     best_progress: NDArray[np.float64]
+    previously_completed: NDArray[np.bool_]
 
     @classmethod
     def start(cls, achieved: NDArray[np.float64], hand_distances: NDArray[np.float64], goals: GoalSet) -> Self:
@@ -41,13 +44,21 @@ class Shaping(NamedTuple):
             previous_achieved=achieved,
             best_approach=covered(hand_distances, hand_distances),
             best_progress=covered(distances, distances),
+            previously_completed=np.zeros(distances.shape, bool),
         )
 
-    def after(self, achieved: NDArray[np.float64], hand_distances: NDArray[np.float64], goals: GoalSet) -> Self:
+    def after(
+        self,
+        achieved: NDArray[np.float64],
+        completed: NDArray[np.bool_],
+        hand_distances: NDArray[np.float64],
+        goals: GoalSet,
+    ) -> Self:
         """Returns what is remembered after one more step.
 
         Args:
           achieved: `(..., k)`, achieved goals before the step.
+          completed: `(..., n)`, whether each task was completed before the step.
           hand_distances: `(..., n)`, after it [m].
           goals: the tasks.
         """
@@ -57,6 +68,7 @@ class Shaping(NamedTuple):
             previous_achieved=achieved,
             best_approach=self.approach,
             best_progress=np.maximum(self.best_progress, progress),
+            previously_completed=completed,
         )
 
     @property
@@ -90,34 +102,35 @@ class Shares(NamedTuple):
 def shares(
     shaping: Shaping,
     *,
-    goals: GoalSet,
+    success: Success,
     achieved: NDArray[np.float64],
     desired: NDArray[np.float64],
-    completed: NDArray[np.bool_],
-    previously_completed: NDArray[np.bool_],
 ) -> Shares:
     """Returns how far each task has come.
 
     Args:
       shaping: what is remembered, after the step.
-      goals: the tasks.
+      success: decides which tasks are complete.
       achieved: `(..., k)`, achieved goals after the step.
       desired: `(..., k)` or `(k,)`, goals that may be others than the episode's.
-      completed: `(..., n)`, whether each task has been completed.
-      previously_completed: `(..., n)`, the same before the step.
     """
+    goals, before = success.goals, shaping.previous_achieved
     with np.errstate(over="ignore"):
         initial = goal_distances(shaping.initial_achieved, desired, goals.starts)
-        progress = covered(goal_distances(achieved, desired, goals.starts), initial)
-        last = covered(goal_distances(shaping.previous_achieved, desired, goals.starts), initial)
+        distances = goal_distances(achieved, desired, goals.starts)
+        previous = goal_distances(before, desired, goals.starts)
     is_relabelled = np.logical_or.reduceat(desired != goals.desired, goals.starts, axis=-1)
+    # Of another goal, only the last step before is known.
+    previously_completed = np.where(
+        is_relabelled, success.within(before, previous, desired=desired), shaping.previously_completed
+    )
     return Shares(
         approach=shaping.approach,
         previous_approach=shaping.best_approach,
-        progress=progress,
-        previous_progress=np.where(is_relabelled, last, shaping.best_progress),
+        progress=covered(distances, initial),
+        previous_progress=np.where(is_relabelled, covered(previous, initial), shaping.best_progress),
         is_relabelled=is_relabelled,
-        completed=completed,
+        completed=previously_completed | success.within(achieved, distances, desired=desired),
         previously_completed=previously_completed,
     )
 

@@ -24,6 +24,9 @@ KITCHENS = {
     "instructed": {**EASY, "instructions": True},
     "arrays": {**EASY, "goal_format": "flat", "info_format": "arrays"},
     "paid again": {**EASY, "remove_task_when_completed": False, "terminate_on_tasks_completed": False},
+    "dense": {**EASY, "reward": "dense", "terminate_on_tasks_completed": True},
+    "dense gain": {**EASY, "reward": "dense_gain"},
+    "strict": {**EASY, "threshold": None, "success": "strict", "reward": "dense", "info_format": "arrays"},
     "no noise": {**EASY, "robot_noise_ratio": 0.0, "feedback": "target", "goal_format": "flat"},
 }
 CABINETS = {
@@ -100,6 +103,9 @@ def assert_equal_for_ever(ours, theirs, actions):
         *(("lists", mode) for mode in MODES),
         *(("instructed", mode) for mode in MODES),
         ("arrays", "SameStep"),
+        *(("dense", mode) for mode in MODES),
+        *(("dense gain", mode) for mode in MODES),
+        ("strict", "SameStep"),
         pytest.param("paid again", "NextStep", marks=pytest.mark.slow),
         pytest.param("no noise", "Disabled", marks=pytest.mark.slow),
     ],

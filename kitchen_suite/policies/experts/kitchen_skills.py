@@ -167,7 +167,7 @@ SKILLS = _skills(
 )
 
 # Skills for strict success: the kettle is pushed straighter, and as far as its goal.
-_AT_KETTLE = HandOrientation(approach=_direction(8, -15), spread=_RIGHT)
+_AT_KETTLE = HandOrientation(approach=_direction(7, -15), spread=_RIGHT)
 
 STRICT_SKILLS = MappingProxyType(
     {
@@ -178,7 +178,7 @@ STRICT_SKILLS = MappingProxyType(
                 (-0.300, 0.150, 1.70),
                 (-0.300, 0.205, 1.70),
                 (-0.300, 0.360, 1.70),
-                (-0.290, 0.635, 1.70),
+                (-0.290, 0.655, 1.70),
                 orientation=_AT_KETTLE,
                 fingers=OPEN,
                 speed=0.5,
