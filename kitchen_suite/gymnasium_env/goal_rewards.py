@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
 from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE, KitchenMDP
-from kitchen_suite.tasks.kitchen.reward import ShapedReward
-from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
+from kitchen_suite.tasks.kitchen.shaping import Shaping
 from kitchen_suite.tasks.rewards import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -54,12 +53,11 @@ def reward(
     info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
     have under `reward_state/...`.
     """
-    if isinstance(mdp.reward_terms, ShapedReward):
-        shaping = _shaping(info, achieved.shape[:-1], mdp.goals)
-        return total(mdp.reward_terms(shares(shaping, success=mdp.success, achieved=achieved, desired=desired)))
+    if mdp.is_shaped:
+        return total(mdp.shaped_terms(_shaping(info, achieved.shape[:-1], mdp.goals), achieved, desired))
     within = _within(achieved, desired, mdp)
     listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
+    return total(mdp.sparse_terms(within & np.where(has_lists, listed, True)))
 
 
 def terminated(

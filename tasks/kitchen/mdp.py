@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.reward import KitchenReward, ShapedReward
+from kitchen_suite.tasks.kitchen.reward import KitchenReward, ShapedReward, SparseReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
 from kitchen_suite.tasks.kitchen.state import KitchenState
@@ -94,10 +94,26 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
         """Returns a state with the terms of a dense reward."""
         assert isinstance(before.shaping, Shaping)
-        assert isinstance(self.reward_terms, ShapedReward)
         shaping = before.shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-        step = shares(shaping, success=self.success, achieved=after.achieved, desired=self.goals.desired)
-        return after._replace(shaping=shaping, terms=self.reward_terms(step))
+        terms = self.shaped_terms(shaping, after.achieved, self.goals.desired)
+        return after._replace(shaping=shaping, terms=terms)
+
+    @property
+    def is_shaped(self) -> bool:
+        """Whether the reward is a dense one, which depends on more than completions."""
+        return isinstance(self.reward_terms, ShapedReward)
+
+    def shaped_terms(
+        self, shaping: Shaping, achieved: NDArray[np.float64], desired: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`."""
+        assert isinstance(self.reward_terms, ShapedReward)
+        return self.reward_terms(shares(shaping, success=self.success, achieved=achieved, desired=desired))
+
+    def sparse_terms(self, completions: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of the sparse reward for completions `(..., n)`."""
+        assert isinstance(self.reward_terms, SparseReward)
+        return self.reward_terms(completions)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
@@ -107,9 +123,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def terms(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
         """Returns the terms `(...)` of the last step's reward by name."""
-        if isinstance(self.reward_terms, ShapedReward):
-            return dict(state.terms)
-        return self.reward_terms(state.progress.completions)
+        return dict(state.terms) if self.is_shaped else self.sparse_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return state.progress.all_completed & self.terminate_on_tasks_completed

@@ -129,7 +129,8 @@ def test_no_cycle_pays_more_than_once():
     for turn in range(6):
         move_door(env, (0.0, -0.4)[turn % 2])
         total += env.step(np.zeros(9))[1]
-    assert total == pytest.approx(0.75 * 0.4 / 0.75, abs=0.03)
+    # 0.4 for the door, and the nearest that its handle came to the hand.
+    assert 0.4 < total < 0.5
     move_door(env, -0.75)
     total += (step := env.step(np.zeros(9)))[1]
     assert step[2]
@@ -232,7 +233,7 @@ class TestComputeReward:
         env = make(["kettle"], "dense")
         observation, info = env.reset(seed=0)
         goals = observation["achieved_goal"], observation["desired_goal"]
-        with pytest.raises(ValueError, match="need 'reward_state/initial_achieved' of the step's infos"):
+        with pytest.raises(ValueError, match="needs 'reward_state/initial_achieved' of the step's infos"):
             env.compute_reward(*goals, {})
         with pytest.raises(ValueError, match=r"reward_state/hand_distances must have shape \(1,\)"):
             env.compute_reward(*goals, {**info, "reward_state/hand_distances": np.zeros(2)})
