@@ -57,7 +57,7 @@ def reward(
         return total(mdp.shaped_terms(_shaping(info, achieved.shape[:-1], mdp.goals), achieved, desired))
     within = _within(achieved, desired, mdp)
     listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return total(mdp.sparse_terms(within & np.where(has_lists, listed, True)))
+    return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
 
 
 def terminated(

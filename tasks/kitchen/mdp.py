@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.reward import KitchenReward, ShapedReward, SparseReward
+from kitchen_suite.tasks.kitchen.reward import ShapedReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
 from kitchen_suite.tasks.kitchen.state import KitchenState
 from kitchen_suite.tasks.mdp import MDP, ActionMode
-from kitchen_suite.tasks.rewards import total
+from kitchen_suite.tasks.rewards import Reward, total
 from kitchen_suite.tasks.simulation import Simulation
 from kitchen_suite.tasks.success import Success
 
@@ -29,7 +29,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       sensors: sensors of robot and objects.
       action_mode: meaning of the action.
       goals: the tasks, with their goals.
-      reward_terms: reward function of a step.
+      reward_terms: reward function of a step: of its completions `(..., n)`, or of the tasks' `Shares`.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
@@ -39,7 +39,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     sensors: KitchenSensors
     action_mode: ActionMode
     goals: GoalSet
-    reward_terms: KitchenReward
+    reward_terms: Reward
     noise_scale: NDArray[np.float64]
     success: Success
     terminate_on_tasks_completed: bool
@@ -107,13 +107,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         self, shaping: Shaping, achieved: NDArray[np.float64], desired: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`."""
-        assert isinstance(self.reward_terms, ShapedReward)
         return self.reward_terms(shares(shaping, success=self.success, achieved=achieved, desired=desired))
-
-    def sparse_terms(self, completions: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` of the sparse reward for completions `(..., n)`."""
-        assert isinstance(self.reward_terms, SparseReward)
-        return self.reward_terms(completions)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
@@ -123,7 +117,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def terms(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
         """Returns the terms `(...)` of the last step's reward by name."""
-        return dict(state.terms) if self.is_shaped else self.sparse_terms(state.progress.completions)
+        return dict(state.terms) if self.is_shaped else self.reward_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return state.progress.all_completed & self.terminate_on_tasks_completed

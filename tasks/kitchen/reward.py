@@ -99,8 +99,6 @@ class DenseGainReward(ShapedReward):
         )
 
 
-KitchenReward = SparseReward | ShapedReward
-
 REWARDS: Mapping[str, type[SparseReward] | type[DenseReward] | type[DenseGainReward]] = MappingProxyType(
     {"sparse": SparseReward, "dense": DenseReward, "dense_gain": DenseGainReward}
 )
