@@ -19,6 +19,22 @@ def position_sizes(joints: Sequence[mjcf.Element]) -> list[int]:
     return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in types]
 
 
+def joint_types(joints: Sequence[mjcf.Element]) -> list[str]:
+    """Returns the type of each joint, `free`, `ball`, `slide` or `hinge`; its own or that of its class."""
+    return ["free" if joint.tag == "freejoint" else _joint_type(joint) for joint in joints]
+
+
+def _joint_type(joint: mjcf.Element) -> str:
+    if joint.type:
+        return str(joint.type)
+    default = joint.dclass or joint.root.default
+    while default is not None and default.tag == "default":
+        if default.joint.type:
+            return str(default.joint.type)
+        default = default.parent
+    return "hinge"
+
+
 def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns the indices of some joints in qpos and in qvel, joint by joint."""
     bound = physics.bind(joints)

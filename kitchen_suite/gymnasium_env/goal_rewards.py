@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
-from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE, KitchenMDP
+from kitchen_suite.tasks.kitchen.shaping import Shaping
 from kitchen_suite.tasks.rewards import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -44,38 +45,58 @@ def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
 
 
 def reward(
-    achieved: NDArray[np.float64],
-    desired: NDArray[np.float64],
-    info: Infos,
-    goals: GoalSet,
-    threshold: float,
-    reward_terms: SparseReward,
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
 ) -> NDArray[np.float64]:
-    """Returns the reward `(...)` of the tasks within the threshold.
+    """Returns the reward `(...)` of a step.
 
-    A task is rewarded if the info lists it as still to complete or as completed in the step. An info without these
-    lists and masks rewards every task.
+    With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
+    info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
+    have under `reward_state/...`.
     """
-    within = _within(achieved, desired, goals, threshold)
-    listed, has_lists = _listed_tasks(info, within.shape, goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return total(reward_terms(within & np.where(has_lists, listed, True)))
+    if mdp.is_shaped:
+        return total(mdp.shaped_terms(_shaping(info, achieved.shape[:-1], mdp.goals), achieved, desired))
+    within = _within(achieved, desired, mdp)
+    listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+    return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
 
 
 def terminated(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, goals: GoalSet, threshold: float
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
 ) -> NDArray[np.bool_]:
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
-    within = _within(achieved, desired, goals, threshold)
-    completed, has_list = _listed_tasks(info, within.shape, goals.tasks, (EPISODE_COMPLETIONS,))
+    within = _within(achieved, desired, mdp)
+    completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
     return np.all(np.where(has_list, completed, within), axis=-1)
 
 
-def _within(
-    achieved: NDArray[np.float64], desired: NDArray[np.float64], goals: GoalSet, threshold: float
-) -> NDArray[np.bool_]:
-    """Returns whether `(..., n)` each task is within the threshold; infinitely far goals are not."""
+def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
+    """Returns whether `(..., n)` each task is complete; infinitely far goals are not."""
     with np.errstate(over="ignore"):
-        return goal_distances(achieved, desired, goals.starts) < threshold
+        distances = goal_distances(achieved, desired, mdp.goals.starts)
+        return mdp.success.within(achieved, distances, desired=desired)
+
+
+def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
+    """Returns what a dense reward remembers, from infos `(...)`.
+
+    Raises:
+      ValueError: an info lacks a part, or has one of another shape.
+    """
+    infos = broadcast_infos(info, shape)
+    widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
+    parts = {
+        name: np.array([_part(one, f"{REWARD_STATE}/{name}", width) for one in infos.ravel()])
+        for name, width in widths.items()
+    }
+    shaped = {name: part.reshape(*shape, widths[name]) for name, part in parts.items()}
+    return Shaping(**{**shaped, "previously_completed": shaped["previously_completed"] > 0})
+
+
+def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
+    if key not in info:
+        raise ValueError(f"a dense reward needs {key!r} of the step's infos, got {sorted(info)}")
+    value = checks.array_of(info[key], key)
+    return checks.vector(value.astype(np.float64) if value.dtype == bool else value, width, key)
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:

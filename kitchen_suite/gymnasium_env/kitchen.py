@@ -20,8 +20,8 @@ from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import THRESHOLD
 from kitchen_suite.tasks.kitchen.state import KitchenState
+from kitchen_suite.tasks.success import Thresholds
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -44,6 +44,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
       sentence; with `variations` also `variation_split`.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
+    Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
+      needs of the episode.
     Info, always: `is_success`, whether all tasks have been completed, and `episode_step`; numbers, or arrays of shape
       `()` with `info_format="arrays"`.
     """
@@ -59,14 +61,16 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def __init__(
         self,
         tasks_to_complete: Sequence[str] = tuple(GOALS),
-        terminate_on_tasks_completed: bool = True,
+        terminate_on_tasks_completed: bool | None = None,
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
         robot_noise_ratio: float = 0.01,
         *,
         velocity_scale: float | None = None,
         goals: Mapping[str, ArrayLike] | None = None,
-        threshold: float = THRESHOLD,
+        threshold: Thresholds | None = None,
+        success: str | None = None,
+        reward: str = "sparse",
         feedback: str | None = None,
         sleep: bool = False,
         goal_format: str = "dict",
@@ -78,14 +82,20 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
         Args:
           tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`; infos and flat goals keep the order.
-          terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
+          terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
+            omitted, unless the reward is `dense`.
           remove_task_when_completed: whether a task is rewarded once, or in every step within its threshold.
           object_noise_ratio: scale of the noise on the observed state of the objects.
           robot_noise_ratio: scale of the noise on the observed state of the robot.
           velocity_scale: of the control mode `joint_velocity`: joint velocity for an action of 1, by default 2 rad/s
             and 2 m/s.
           goals: goals that replace the default ones, by task.
-          threshold: distance from the goal below which a task is complete [rad, m].
+          threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
+            omitted. Not together with `success`.
+          success: `original`, by the threshold, or `strict`: every joint within 0.05 rad or 0.01 m, the kettle within
+            3 cm and upright; see `StrictSuccess`.
+          reward: `sparse`; `dense`, the approach to the handles and the progress of the joints, and 1 for each task
+            from its completion on; or `dense_gain`, the gain of that in the step. See `tasks.kitchen.reward`.
           feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
             (the default), `true` or `target`; see `KitchenTask`.
           sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
@@ -114,6 +124,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "velocity_scale": velocity_scale,
             "goals": goals,
             "threshold": threshold,
+            "success": success,
+            "reward": reward,
             "feedback": feedback,
             "sleep": sleep,
         }
@@ -190,17 +202,17 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           achieved_goal: dict by task or flat, with any leading axes.
           desired_goal: dict by task or flat, with the same leading axes.
           info: one dict, or a list of dicts for a batch; an info without lists and masks of tasks rewards every task.
+            A dense reward needs its infos under `reward_state/...`.
 
         Returns:
           A float, or a float64 array of the leading axes' shape.
 
         Raises:
           TypeError: the goals hold no numbers.
-          ValueError: a task is missing, or shapes do not fit.
+          ValueError: a task is missing, shapes do not fit, or a dense reward lacks infos.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
-        mdp = self._task.mdp
-        return _item(goal_rewards.reward(achieved, desired, info, self._goals, mdp.threshold, mdp.reward_terms))
+        return _item(goal_rewards.reward(achieved, desired, info, self._task.mdp))
 
     def compute_terminated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step that led to `achieved_goal` terminates.
@@ -208,7 +220,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         Arguments and errors as of `compute_reward`.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)
-        completed = goal_rewards.terminated(achieved, desired, info, self._goals, self._task.threshold)
+        completed = goal_rewards.terminated(achieved, desired, info, self._task.mdp)
         return _item(completed & self._task.mdp.terminate_on_tasks_completed)
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:

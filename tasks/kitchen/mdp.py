@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.reward import ShapedReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
+from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
 from kitchen_suite.tasks.kitchen.state import KitchenState
 from kitchen_suite.tasks.mdp import MDP, ActionMode
-from kitchen_suite.tasks.rewards import total
+from kitchen_suite.tasks.rewards import Reward, total
 from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.success import Success
+
+# First part of the names of infos from which a dense reward can be computed for other goals.
+REWARD_STATE = "reward_state"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -24,9 +29,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       sensors: sensors of robot and objects.
       action_mode: meaning of the action.
       goals: the tasks, with their goals.
-      reward_terms: reward function of the tasks completed in a step.
+      reward_terms: reward function of a step: of its completions `(..., n)`, or of the tasks' `Shares`.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
-      threshold: distance below which a task is complete [rad, m].
+      success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
     """
@@ -34,9 +39,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     sensors: KitchenSensors
     action_mode: ActionMode
     goals: GoalSet
-    reward_terms: SparseReward
+    reward_terms: Reward
     noise_scale: NDArray[np.float64]
-    threshold: float
+    success: Success
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
 
@@ -50,6 +55,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
+        shaping = self.start_shaping(reading)
         return KitchenState(
             noise=self.noise_scale * draws,
             positions=reading.positions,
@@ -57,7 +63,15 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
+            shaping=shaping,
+            terms={name: np.zeros(distances.shape[:-1]) for name in self.reward_terms.terms} if shaping else (),
         )
+
+    def start_shaping(self, reading: KitchenReading) -> Shaping | tuple[()]:
+        """Returns what a dense reward remembers at a reset; `()` for the sparse one."""
+        if reading.hand_distances is None:
+            return ()
+        return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
     def step(
         self,
@@ -69,26 +83,52 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         draws: NDArray[np.float64],
     ) -> KitchenState:
         del action
-        positions, achieved = reading
+        positions, achieved, hand_distances = reading
         distances = self.goals.distances(achieved)
         progress = state.progress.update(
-            distances < self.threshold, remove_task_when_completed=self.remove_task_when_completed
+            self.success.within(achieved, distances), remove_task_when_completed=self.remove_task_when_completed
         )
-        return KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress)
+        after = KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress)
+        return after if hand_distances is None else self._shaped(after, state, hand_distances)
+
+    def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
+        """Returns a state with the terms of a dense reward."""
+        assert isinstance(before.shaping, Shaping)
+        shaping = before.shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
+        terms = self.shaped_terms(shaping, after.achieved, self.goals.desired)
+        return after._replace(shaping=shaping, terms=terms)
+
+    @property
+    def is_shaped(self) -> bool:
+        """Whether the reward is a dense one, which depends on more than completions."""
+        return isinstance(self.reward_terms, ShapedReward)
+
+    def shaped_terms(
+        self, shaping: Shaping, achieved: NDArray[np.float64], desired: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`."""
+        return self.reward_terms(shares(shaping, success=self.success, achieved=achieved, desired=desired))
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
 
     def reward(self, state: KitchenState) -> NDArray[np.float64]:
-        return total(self.reward_terms(state.progress.completions))
+        return total(self.terms(state))
+
+    def terms(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of the last step's reward by name."""
+        return dict(state.terms) if self.is_shaped else self.reward_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return state.progress.all_completed & self.terminate_on_tasks_completed
 
     def info(self, state: KitchenState) -> dict[str, NDArray]:
-        """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`."""
+        """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
+
+        With a dense reward also those on its terms, and what it remembers.
+        """
         progress = state.progress
-        return {
+        infos = {
             "tasks_to_complete_mask": progress.remaining.copy(),
             "step_task_completions_mask": progress.completions.copy(),
             "episode_task_completions_mask": progress.completed,
@@ -96,3 +136,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "task_distances": state.distances.copy(),
             "is_success": progress.all_completed,
         }
+        if isinstance(state.shaping, Shaping):
+            infos |= {f"reward/{name}": np.array(term) for name, term in self.terms(state).items()}
+            infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}
+        return infos

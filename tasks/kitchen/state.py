@@ -1,11 +1,13 @@
 """State of an episode in the kitchen."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import Progress
+from kitchen_suite.tasks.kitchen.shaping import Shaping
 
 
 class KitchenState(NamedTuple):
@@ -18,6 +20,8 @@ class KitchenState(NamedTuple):
       achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
       distances: `(..., n)`, distance of each task from its goal [rad, m].
       progress: completion of the tasks.
+      shaping: what dense rewards remember; `()` for the sparse reward.
+      terms: `(...)` each, the terms of the last step's dense reward by name; `()` for the sparse reward.
     """
 
     noise: NDArray[np.float64]
@@ -26,10 +30,26 @@ class KitchenState(NamedTuple):
     achieved: NDArray[np.float64]
     distances: NDArray[np.float64]
     progress: Progress
+    shaping: Shaping | tuple[()] = ()
+    terms: dict[str, NDArray[np.float64]] | tuple[()] = ()
 
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays."""
-    progress = {name: array.copy() for name, array in state.progress._asdict().items()}
-    arrays = {name: np.array(array) for name, array in state._asdict().items() if name != "progress"}
-    return {**arrays, "progress": progress}
+    """Returns a state as nested dicts of fresh arrays, without what the sparse reward leaves empty."""
+    parts = {"progress": state.progress._asdict()}
+    if isinstance(state.shaping, Shaping):
+        parts |= {"shaping": state.shaping._asdict(), "terms": dict(state.terms)}
+    nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
+    arrays = {name: np.array(array) for name, array in state._asdict().items() if name not in _NESTED}
+    return {**arrays, **nested}
+
+
+def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
+    """Returns the state that `as_dict` returned as nested dicts, among which there may be others."""
+    parts = {name: arrays[name] for name in KitchenState._fields if name in arrays}
+    if "shaping" in parts:
+        parts["shaping"] = Shaping(**parts["shaping"])
+    return KitchenState(**{**parts, "progress": Progress(**parts["progress"])})
+
+
+_NESTED = ("progress", "shaping", "terms")

@@ -14,9 +14,8 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
-from kitchen_suite.tasks.base import Metrics, SuiteTask
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
@@ -26,12 +25,14 @@ from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
-from kitchen_suite.tasks.kitchen.reward import SparseReward
+from kitchen_suite.tasks.kitchen.progress import KitchenProgress
+from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
-from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict
+from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.variations import VARIED
 from kitchen_suite.tasks.randomizer import Values
 from kitchen_suite.tasks.sensing import scaled
+from kitchen_suite.tasks.success import Thresholds, make_success
 from kitchen_suite.tasks.varied_task import START_DISTANCE
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
@@ -40,12 +41,12 @@ TIME_LIMIT = 22.4  # [s], 280 control steps
 _ROUNDING = 1e-6
 
 
-class KitchenTask(SuiteTask):
+class KitchenTask(KitchenProgress):
     """Complete a set of tasks in the kitchen.
 
     Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
       same except for the observation noise.
-    Reward: at each step, the number of tasks within their threshold after it, among those still to be completed.
+    Reward: at each step, the number of tasks complete after it, among those still to be completed; or a dense one.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit.
     Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise.
@@ -61,12 +62,14 @@ class KitchenTask(SuiteTask):
         scene: Scene,
         *,
         tasks_to_complete: Sequence[str] = tuple(GOALS),
-        terminate_on_tasks_completed: bool = True,
+        terminate_on_tasks_completed: bool | None = None,
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
         robot_noise_ratio: float = 0.01,
         goals: Mapping[str, ArrayLike] | None = None,
-        threshold: float = THRESHOLD,
+        threshold: Thresholds | None = None,
+        success: str | None = None,
+        reward: str = "sparse",
         control_mode: str = "joint_velocity",
         **options: Any,
     ) -> None:
@@ -75,12 +78,16 @@ class KitchenTask(SuiteTask):
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
           tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order.
-          terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
+          terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
+            omitted, unless the reward is `dense`.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
           robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
           goals: goals that override the default ones, by task.
-          threshold: distance from the goal below which a task is complete [rad, m].
+          threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
+            omitted. Not together with `success`.
+          success: `original`, by the threshold, or `strict`, by joint; see `StrictSuccess`.
+          reward: `sparse`, `dense` or `dense_gain`; see `kitchen.reward`.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
             `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
@@ -100,14 +107,18 @@ class KitchenTask(SuiteTask):
         }
         control, observables = split_options(options, CONTROL_MODES)
         goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
+        self._reward_name = checks.choice(reward, REWARDS, "reward")
+        given = {"success": success, "threshold": threshold}
+        self._success_options = {name: value for name, value in given.items() if value is not None}
+        terminates = reward != "dense" if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         self._mdp = KitchenMDP(
-            sensors=KitchenSensors(scene, goal_set),
+            sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
             action_mode=make_mode(control_mode, CONTROL_MODES, control),
             goals=goal_set,
-            reward_terms=SparseReward(),
+            reward_terms=REWARDS[reward](),
             noise_scale=noise.scale(**ratios),
-            threshold=checks.number(threshold, "threshold"),
-            terminate_on_tasks_completed=checks.boolean(terminate_on_tasks_completed, "terminate_on_tasks_completed"),
+            success=make_success(goal_set, scene, default=THRESHOLD, **self._success_options),
+            terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
         )
         super().__init__(scene, **observables)
@@ -158,56 +169,13 @@ class KitchenTask(SuiteTask):
         return self._mdp.goals.instructions
 
     @property
-    def threshold(self) -> float:
-        """Distance from the goal below which a task is complete [rad, m]."""
-        return self._mdp.threshold
-
-    @property
-    def progress(self) -> Progress:
-        """Completion of the tasks; arrays of shape `(n,)`, in configured order."""
-        return self._state.progress
-
-    @property
-    def task_distances(self) -> NDArray[np.float64]:
-        """Distance of each task from its goal, in configured order [rad, m]."""
-        return self._state.distances.copy()
-
-    @property
-    def tasks_to_complete(self) -> list[str]:
-        """Tasks still to be completed, in configured order."""
-        return self._mdp.goals.names(self.progress.remaining)
-
-    @property
-    def step_task_completions(self) -> list[str]:
-        """Tasks rewarded in the last step, in configured order."""
-        return self._mdp.goals.names(self.progress.completions)
-
-    @property
-    def episode_task_completions(self) -> list[str]:
-        """Tasks completed in this episode, in order of completion."""
-        return list(self.completion_steps)
-
-    @property
-    def completion_steps(self) -> dict[str, int]:
-        """Control step, from 1, at which each task was first completed, in order of completion."""
-        return self._mdp.goals.by_completion(self.progress.completion_steps)
-
-    @property
     def observation_size(self) -> int:
         return self._mdp.noise_scale.size + self.extra_size + 2 * self._mdp.goals.desired.size
 
     @property
     def policy_key(self) -> str:
-        return "_".join(self._mdp.goals.tasks).replace(" ", "_")
-
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether all tasks were completed, and the control step of each completion."""
-        steps = self._mdp.goals.by_completion(infos["completion_steps"])
-        return {"success": len(steps) == len(self._mdp.goals.tasks), "tasks_completed": steps}
-
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
-        """Returns the number of completed tasks."""
-        return infos["episode_task_completions_mask"].sum(axis=-1)
+        reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
+        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + reward
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics
@@ -217,10 +185,16 @@ class KitchenTask(SuiteTask):
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         self.indices.write(physics, observation)
-        positions, achieved = self._mdp.sensors.read(self._simulation)
-        distances = self._mdp.goals.distances(achieved)
+        self._mdp.sensors.refresh(physics)
+        reading = self._mdp.sensors.read(self._simulation)
         self._set_state(
-            self._state._replace(positions=positions, target=positions, achieved=achieved, distances=distances)
+            self._state._replace(
+                positions=reading.positions,
+                target=reading.positions,
+                achieved=reading.achieved,
+                distances=self._mdp.goals.distances(reading.achieved),
+                shaping=self._mdp.start_shaping(reading),
+            )
         )
         self._start_command(physics)
 
@@ -228,20 +202,6 @@ class KitchenTask(SuiteTask):
         robot, changed = noise.SLICES[0], self._state.noise.copy()
         changed[robot] = observation[robot] - self._state.positions
         self._set_state(self._state._replace(noise=changed))
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        distances = self._recorded_distances(arrays)
-        return None if distances is None else (self._mdp.goals.tasks, distances < self._mdp.threshold)
-
-    def _recorded_distances(self, arrays: Mapping[str, NDArray]) -> NDArray[np.float64] | None:
-        """Returns the distances `(T + 1, n)` in a recording: from achieved goals where it has them, or from infos."""
-        key, goals = "observation/achieved_goal", self._mdp.goals
-        by_task = [f"{key}/{task}" for task in goals.tasks]
-        if key in arrays:
-            return goals.distances(arrays[key])
-        if arrays.keys() >= {*by_task}:
-            return goals.distances(np.concatenate([arrays[name] for name in by_task], axis=1))
-        return arrays.get("info/task_distances")
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
@@ -268,7 +228,7 @@ class KitchenTask(SuiteTask):
     def _corrected(self, values: Values) -> Values:
         """Returns values with which the props of asked tasks that would start nearly complete start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
-        near = goals.distances(achieved) < START_DISTANCE * self._mdp.threshold
+        near = self._mdp.success.within(achieved, goals.distances(achieved), factor=START_DISTANCE)
         if not near.any():
             return values
         props = {GOALS[task].prop for task in goals.names(near)}
@@ -283,8 +243,7 @@ class KitchenTask(SuiteTask):
         goals = self._mdp.goals
         if not np.array_equal(state["desired"], goals.desired):
             raise ValueError(f"the state has other goals, {state['desired']}, than the task, {goals.desired}")
-        arrays = {name: state[name] for name in KitchenState._fields}
-        self._set_state(KitchenState(**{**arrays, "progress": Progress(**state["progress"])}))
+        self._set_state(from_dict(state))
 
     def _show(self, physics: mjcf.Physics | None) -> None:
         """Updates observation noise and colours."""

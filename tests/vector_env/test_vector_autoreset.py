@@ -25,6 +25,9 @@ KITCHENS = {
     "instructed": {**EASY, "instructions": True},
     "arrays": {**EASY, "goal_format": "flat", "info_format": "arrays"},
     "paid again": {**EASY, "remove_task_when_completed": False, "terminate_on_tasks_completed": False},
+    "dense": {**EASY, "reward": "dense", "terminate_on_tasks_completed": True},
+    "dense gain": {**EASY, "reward": "dense_gain"},
+    "strict": {**EASY, "goals": {"microwave": [0.02]}, "threshold": None, "success": "strict", "reward": "dense_gain"},
     "no noise": {**EASY, "robot_noise_ratio": 0.0, "feedback": "target", "goal_format": "flat"},
 }
 CABINETS = {
@@ -102,10 +105,20 @@ def assert_equal_for_ever(ours, theirs, actions):
             *(("lists", mode) for mode in MODES),
             *(("instructed", mode) for mode in MODES),
             ("arrays", "SameStep"),
+            *(("dense", mode) for mode in MODES),
+            *(("dense gain", mode) for mode in MODES),
+            ("strict", "SameStep"),
             ("paid again", "NextStep"),
             ("no noise", "Disabled"),
         ],
-        kept=[("lists", "NextStep"), ("arrays", "SameStep"), ("instructed", "Disabled")],
+        kept=[
+            ("lists", "NextStep"),
+            ("arrays", "SameStep"),
+            ("instructed", "Disabled"),
+            ("dense", "SameStep"),
+            ("dense gain", "NextStep"),
+            ("strict", "SameStep"),
+        ],
     ),
 )
 def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
@@ -113,7 +126,7 @@ def test_the_kitchen_is_gymnasiums_vector_of_single_ones(name, mode):
         *pair(KITCHEN_ID, mode, max_episode_steps=14, **KITCHENS[name]), kitchen_actions()
     )
     assert truncated >= 3
-    assert (terminated > 0) == (name != "paid again")
+    assert (terminated > 0) == (name not in ("paid again", "strict"))
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,8 @@ class Expert(abc.ABC):
       observation_size: elements of an observation.
     """
 
+    # Share of the style's speed at which the trajectory is followed at present.
+    _pace: float = 1.0
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
     observation_size: int
 
@@ -136,7 +138,7 @@ class Expert(abc.ABC):
         if (trajectory := self._next_trajectory(observation, joints)) is not None:
             self._trajectory, self._time, self._halted_steps, self._target = trajectory, 0.0, 0, joints
         if self._encoder.follows(joints, self._target):
-            self._time, self._halted_steps = self._time + self._style.speed, 0
+            self._time, self._halted_steps = self._time + self._style.speed * self._pace, 0
         else:
             self._halted_steps += 1
         self._target, fingers = self._current_trajectory.at(self._time)

@@ -2,21 +2,21 @@
 
 import functools
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, build_kitchen_scene
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_kitchen_scene
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
-from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
@@ -33,6 +33,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
+from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
 _ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
 _GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
@@ -50,6 +51,9 @@ _HAND_RESPONSE = 0.55
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
 _DONE = 0.98
+# With strict tolerances, objects are moved more slowly from so many tolerances before their goal, down to this share of
+# the speed.
+_SLOW_DISTANCE, _LEAST_PACE = 8.0, 0.12
 # Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
 _SETTLE_STEPS = 6
 
@@ -79,7 +83,8 @@ class KitchenExpert(Expert):
         self,
         tasks: Sequence[str],
         *,
-        threshold: float = THRESHOLD,
+        threshold: Thresholds | None = None,
+        success: str | None = None,
         goals: Mapping[str, ArrayLike] | None = None,
         in_order: bool = False,
         style: MotionStyle | None = None,
@@ -91,8 +96,9 @@ class KitchenExpert(Expert):
 
         Args:
           tasks: names of the tasks, spelt as in `tasks.GOALS`.
-          threshold: distance from its goal below which a task is done [rad, m]; if it is below the environment's, the
-            expert moves on later than necessary.
+          threshold: distance from its goal below which a task is done, of all tasks or by task [rad, m]; if it is below
+            the environment's, the expert moves on later than necessary. 0.3 when omitted.
+          success: the environment's: `original`, by the threshold, or `strict`. Not together with `threshold`.
           goals: goals that replace the usual ones, by task. The motions stay the same; they stop at the goal.
           in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
           style: speed, noise and jitter of the motions.
@@ -106,22 +112,32 @@ class KitchenExpert(Expert):
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
         self._goals = GoalSet.build(GOALS, tasks, goals)
-        self._threshold = checks.number(threshold, "threshold", positive=True)
+        self._success = make_success(
+            self._goals, _scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
+        )
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
         self._layout = ObservedLayout(extra_observables)
         self.observation_size = _SIZE + self._layout.size
-        self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
+        self._is_strict = isinstance(self._success, StrictSuccess)
+        precise = STRICT_SKILLS if self._is_strict else SKILLS
+        self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
+
+    @classmethod
+    def for_task(cls, task: KitchenTask, **options: Any) -> Self:
+        if "threshold" in options or "success" in options:
+            options = {**dict.fromkeys(task.success_options), **options}
+        return super().for_task(task, **options)
 
     @classmethod
     def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
         return {
             "tasks": task.mdp.goals.tasks,
             "goals": task.goals,
-            "threshold": task.threshold,
+            **task.success_options,
             "extra_observables": tuple(task.extra_observables),
         }
 
@@ -143,6 +159,8 @@ class KitchenExpert(Expert):
         if self._trajectory is None:
             return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
         distances, task = self._relative_distances(observation), self._queue.current
+        if self._is_strict:
+            self._pace = _pace(distances[task]) if task else 1.0
         if task is None:
             return self._resume_from_rest(distances, observation, joints)
         if distances[task] < _DONE:
@@ -168,10 +186,9 @@ class KitchenExpert(Expert):
         return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
 
     def _relative_distances(self, observation: NDArray[np.float64]) -> dict[str, float]:
-        """Distances of the objects from the tasks' goals, in units of the threshold."""
+        """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
         achieved = np.concatenate([_achieved(task, observation) for task in self._goals.tasks])
-        distances = self._goals.distances(achieved) / self._threshold
-        return dict(zip(self._goals.tasks, distances.tolist(), strict=True))
+        return dict(zip(self._goals.tasks, self._success.ratios(achieved).tolist(), strict=True))
 
     def _then_current_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
         """Appends the trajectory of the queue's current task, if there is one; postpones tasks that are out of reach.
@@ -233,6 +250,11 @@ class KitchenExpert(Expert):
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
 
 
+def _pace(distance: float) -> float:
+    """Returns the share of the speed at which an object is moved at a distance from its goal, in units of tolerance."""
+    return min(max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE), 1.0)
+
+
 def _is_reachable(trajectory: JointTrajectory) -> bool:
     return trajectory.position_error <= OUT_OF_REACH
 
@@ -253,8 +275,12 @@ def _arm_model() -> ArmModel:
 @functools.cache
 def _elements() -> Mapping[str, NDArray[np.int64]]:
     """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
-    scene = build_kitchen_scene(visuals=False)
-    return {task: goal.elements_in(scene) for task, goal in GOALS.items()}
+    return {task: goal.elements_in(_scene()) for task, goal in GOALS.items()}
+
+
+@functools.cache
+def _scene() -> Scene:
+    return build_kitchen_scene(visuals=False)
 
 
 def _achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -166,6 +166,27 @@ SKILLS = _skills(
     knob_angle=-1.3,
 )
 
+# Skills for strict success: the kettle is pushed straighter, and as far as its goal.
+_AT_KETTLE = HandOrientation(approach=_direction(7, -15), spread=_RIGHT)
+
+STRICT_SKILLS = MappingProxyType(
+    {
+        **SKILLS,
+        "kettle": dataclasses.replace(
+            SKILLS["kettle"],
+            moves=_push(
+                (-0.300, 0.150, 1.70),
+                (-0.300, 0.205, 1.70),
+                (-0.300, 0.360, 1.70),
+                (-0.290, 0.655, 1.70),
+                orientation=_AT_KETTLE,
+                fingers=OPEN,
+                speed=0.5,
+            ),
+        ),
+    }
+)
+
 # The hand's orientation at a reset: 4 degrees to the right, 3 degrees up.
 AT_RESET = HandOrientation(approach=(0.0735, 0.9960, 0.0517), spread=(0.9967, -0.0752, 0.0319))
 

@@ -1,0 +1,164 @@
+"""Completion by thresholds or by strict tolerances, decided by one object."""
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.entities.joints import joint_types
+from kitchen_suite.experts import KitchenExpert
+from kitchen_suite.gymnasium_env import FrankaKitchenEnv
+from kitchen_suite.tasks import GOALS
+
+KETTLE = np.array(GOALS["kettle"].value)
+
+
+def load(tasks, **options):
+    return suite.load(
+        "kitchen", "all", task_kwargs={"random": 0, "visuals": False, "tasks_to_complete": tasks, **options}
+    )
+
+
+def strict(task, **options):
+    return load([task], success="strict", **options).task.mdp.success
+
+
+def within(success, achieved, **options):
+    achieved = np.asarray(achieved, np.float64)
+    return success.within(achieved, success.goals.distances(achieved), **options)
+
+
+@pytest.mark.parametrize(
+    ("task", "inside", "outside"),
+    [
+        ("microwave", [[-0.701], [-0.799]], [[-0.699], [-0.801]]),
+        ("slide cabinet", [[0.361], [0.379]], [[0.359], [0.381]]),
+        ("hinge cabinet", [[0.049, 1.401]], [[0.051, 1.45], [0.0, 1.399]]),
+        ("light switch", [[-0.645, -0.041]], [[-0.645, -0.039], [-0.63, -0.05]]),
+        # Burners travel less than their tolerance, so that the knobs decide.
+        ("bottom burner", [[-0.85, 0.0], [-0.85, -0.009]], [[-0.8, -0.009]]),
+    ],
+)
+def test_strict_success_asks_every_joint(task, inside, outside):
+    success = strict(task)
+    assert within(success, inside).all()
+    assert not within(success, outside).any()
+
+
+def test_the_kettle_must_stand_near_its_goal_turned_or_not():
+    success = strict("kettle")
+
+    def pose(offset=(0, 0, 0), axis=(0, 0, 1), angle=0.0):
+        return np.concatenate([KETTLE[:3] + offset, [np.cos(angle / 2)], np.sin(angle / 2) * np.array(axis)])
+
+    inside = [pose(), pose((0.02, 0.02, 0)), pose(angle=2.0), pose(axis=(1, 0, 0), angle=-0.19), -pose(angle=-0.1)]
+    outside = [pose((0.022, 0.022, 0)), pose((0, 0, 0.031)), pose(axis=(0, 1, 0), angle=0.21)]
+    inside[-1][:3] = KETTLE[:3]
+    assert within(success, inside)[:, 0].tolist() == [True] * 5
+    assert within(success, outside)[:, 0].tolist() == [False] * 3
+    # One row has the same numbers alone and among many.
+    rows = np.array(inside + outside)
+    np.testing.assert_array_equal(success.ratios(rows), [success.ratios(row) for row in rows])
+    assert (success.ratios(rows) <= 1.0)[:, 0].tolist() == within(success, rows)[:, 0].tolist()
+
+
+def test_factors_widen_thresholds_and_tolerances():
+    assert within(strict("microwave"), [-0.695], factor=1.2)
+    thresholds = load(["microwave"], threshold=0.1).task.mdp.success
+    assert [bool(within(thresholds, [-0.64], factor=factor)[0]) for factor in (1.0, 1.2)] == [False, True]
+
+
+def test_types_of_joints_are_those_of_the_compiled_model():
+    environment = load(list(GOALS))
+    environment.reset()
+    for goal in GOALS.values():
+        joints = goal.joints_in(environment.task.scene)
+        numbers = [int(environment.physics.bind(joint).type) for joint in joints]
+        assert [("free", "ball", "slide", "hinge")[number] for number in numbers] == joint_types(joints)
+
+
+def test_thresholds_may_differ_by_task():
+    environment = load(["microwave", "kettle"], threshold={"kettle": 9.0})
+    environment.reset()
+    environment.step(np.zeros(9))
+    assert environment.task.episode_task_completions == ["kettle"]
+    assert environment.task.threshold == {"microwave": 0.3, "kettle": 9.0}
+    assert [load(["kettle"], **given).task.threshold for given in ({}, {"threshold": 1})] == [0.3, 1.0]
+    assert load(["kettle"], success="strict").task.threshold is None
+
+
+def test_original_success_is_the_default():
+    assert load(["kettle"], success="original").task.threshold == 0.3
+
+
+def test_gymnasium_decides_as_the_task_does():
+    env = FrankaKitchenEnv(["microwave", "kettle"], success="strict", goal_format="flat")
+    desired = env.reset(seed=0)[0]["desired_goal"]
+    near = desired + np.array([0.2, *np.zeros(7)])
+    assert [env.compute_reward(goal, desired, {}) for goal in (desired, near)] == [2.0, 1.0]
+    assert [env.compute_terminated(goal, desired, {}) for goal in (desired, near)] == [True, False]
+    # The goals of a relabelled step decide, not those of the task.
+    assert env.compute_reward(near, near, {}) == 2.0
+
+
+def test_recordings_show_what_was_reached():
+    task = load(["microwave"], success="strict").task
+    arrays = {"observation/achieved_goal": np.array([[0.0], [-0.6], [-0.74]])}
+    assert task.goals_reached(arrays)[1].tolist() == [[False], [False], [True]]
+    # Distances do not say which joints are off.
+    assert task.goals_reached({"info/task_distances": np.zeros((3, 1))}) is None
+    by_distance = load(["microwave"]).task.goals_reached({"info/task_distances": np.array([[0.5], [0.1]])})
+    assert by_distance[1].tolist() == [[False], [True]]
+
+
+def test_no_asked_task_starts_within_a_widened_tolerance():
+    for angle, start in ((-0.25, 0.0), (-0.22, -0.22)):
+        options = {"goals": {"microwave": [-0.3]}, "variations": {"microwave/door": angle}}
+        environment = load(["microwave"], success="strict", **options)
+        environment.reset()
+        assert environment.task.state.achieved[0] == pytest.approx(start, abs=5e-3)
+
+
+STRICT_TASKS = ("slide cabinet", "light switch")
+
+
+@pytest.mark.parametrize(
+    "task", [*STRICT_TASKS, *(pytest.param(task, marks=pytest.mark.slow) for task in GOALS if task not in STRICT_TASKS)]
+)
+def test_the_expert_is_strict_where_the_environment_is(task):
+    environment = load([task], success="strict")
+    expert = KitchenExpert.for_task(environment.task)
+    successes = 0
+    for seed in range(60, 63):
+        environment.random_state.seed(seed)
+        timestep = environment.reset()
+        expert.reset(np.random.default_rng(0))
+        while not timestep.last():
+            flat = np.concatenate([np.ravel(part) for part in timestep.observation.values()])[:59]
+            timestep = environment.step(expert.act(flat))
+        successes += environment.task.episode_metrics["success"]
+    assert successes >= (2 if task == "kettle" else 3)
+
+
+def test_an_experts_own_threshold_replaces_the_tasks_success():
+    task = load(["kettle"], success="strict").task
+    KitchenExpert.for_task(task, threshold=0.1)
+    KitchenExpert.for_task(load(["kettle"], threshold=0.2).task, success="strict")
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "words"),
+    [
+        ({"success": "strikt"}, ValueError, "did you mean 'strict'"),
+        ({"success": 1}, TypeError, "success must be a string, got 1"),
+        ({"success": "strict", "threshold": 0.1}, ValueError, "exclude each other"),
+        ({"success": "original", "threshold": 0.3}, ValueError, "exclude each other"),
+        ({"threshold": {"kettel": 0.1}}, ValueError, "threshold of task 'kettel' does not exist.*'kettle'"),
+        ({"threshold": {"microwave": 0.1}}, ValueError, r"choose from \['kettle'\]"),
+        ({"threshold": {"kettle": -1}}, ValueError, "threshold of 'kettle' must be finite and non-negative"),
+        ({"threshold": {"kettle": True}}, TypeError, "threshold of 'kettle' must be a number"),
+        ({"threshold": [0.1]}, TypeError, r"threshold must be a number, got \[0.1\]"),
+    ],
+)
+def test_bad_input_is_refused(settings, error, words):
+    with pytest.raises(error, match=words):
+        load(["kettle"], **settings)
