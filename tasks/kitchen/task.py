@@ -1,4 +1,4 @@
-"""The task of the kitchen domain: bring the objects of some of seven tasks to their goals."""
+"""The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
 import collections
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,14 @@ from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.base import Metrics, SuiteTask
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.done import START_DISTANCE, done_parameter, may_be_done
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 from kitchen_suite.tasks.kitchen.reward import SparseReward
@@ -41,8 +41,9 @@ _ROUNDING = 1e-6
 class KitchenTask(SuiteTask):
     """Complete a set of tasks in the kitchen.
 
-    Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
-      same except for the observation noise.
+    Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; tasks that
+      close, turn off or return a prop start with it at the goal of the task that they undo. Always the same except for
+      the observation noise.
     Reward: at each step, the number of tasks within their threshold after it, among those still to be completed.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit.
@@ -58,7 +59,7 @@ class KitchenTask(SuiteTask):
         self,
         scene: Scene,
         *,
-        tasks_to_complete: Sequence[str] = tuple(GOALS),
+        tasks_to_complete: Sequence[str] = DEFAULT_TASKS,
         terminate_on_tasks_completed: bool = True,
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
@@ -72,7 +73,8 @@ class KitchenTask(SuiteTask):
 
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
-          tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order.
+          tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order. The tasks of
+            the reference by default.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
@@ -89,15 +91,15 @@ class KitchenTask(SuiteTask):
 
         Raises:
           TypeError: an argument of the wrong type.
-          ValueError: an unknown, repeated or missing name, a goal of the wrong length, or a number that is negative or
-            not finite.
+          ValueError: an unknown, repeated or missing name, two tasks that exclude each other, a goal of the wrong
+            length, or a number that is negative or not finite.
         """
         ratios = {
             "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
             "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
         }
         control, observables = split_options(options, CONTROL_MODES)
-        goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
+        goal_set = build_goals(tasks_to_complete, goals)
         self._mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set),
             action_mode=make_mode(control_mode, CONTROL_MODES, control),
@@ -242,12 +244,15 @@ class KitchenTask(SuiteTask):
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
+        self._starts = starts(self._mdp.goals.goals, self._scene, physics)
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         del random_state
         indices, data = self.indices, physics.data
         data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
+        for start in self._starts:
+            data.qpos[start.columns] = start.positions
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 

@@ -27,10 +27,9 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
+from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
@@ -105,7 +104,7 @@ class KitchenExpert(Expert):
           TypeError: an argument of the wrong type.
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
-        self._goals = GoalSet.build(GOALS, tasks, goals)
+        self._goals = build_goals(tasks, goals)
         self._threshold = checks.number(threshold, "threshold", positive=True)
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
