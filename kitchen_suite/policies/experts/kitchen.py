@@ -15,8 +15,8 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.kitchen_further_skills import ALL_FIXED_SKILLS, ALL_SKILLS, left_door_skill
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
-from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
@@ -106,12 +106,12 @@ class KitchenExpert(Expert):
         """
         self._goals = build_goals(tasks, goals)
         self._threshold = checks.number(threshold, "threshold", positive=True)
-        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
+        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
         self._layout = ObservedLayout(extra_observables)
         self.observation_size = _SIZE + self._layout.size
-        self._skills = SKILLS if encoder.turns_hand else FIXED_SKILLS
+        self._skills = ALL_SKILLS if encoder.turns_hand else ALL_FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
 
@@ -226,6 +226,8 @@ class KitchenExpert(Expert):
         if task == "slide cabinet":
             _, door = _achieved("hinge cabinet", observation)
             skill = kitchen_skills.slide_skill_beside_door(skill, door) or skill
+        if task == "left hinge cabinet":
+            skill = left_door_skill(*_achieved(task, observation)) or skill
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
