@@ -33,17 +33,17 @@ _LEFT_DOOR = Revolute(elements=(0,), anchor=(-0.984, 0.71, 2.6), axis=UP)
 
 
 def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Skill:
-    """Skill that turns a knob back by pushing the upper end of its bar around from the right to the top.
+    """Skill that turns a knob back by pushing the lower end of its bar around from the left to the right.
 
-    The finger tips begin below the bar, wherever it stands, so the poses do not follow the knob.
+    The finger tips begin above that end, wherever it stands, so the poses do not follow the knob.
     """
     y, lever = 0.65, 0.048
     # From the vertical, to the right.
-    angles = np.radians(np.linspace(125.0, -30.0, 9)).tolist()
+    angles = np.radians(np.linspace(-55.0, -270.0, 12)).tolist()
     tips: list[Vector] = [(x + lever * math.sin(angle), y, height + lever * math.cos(angle)) for angle in angles]
     free = (tips[0][0], y - 0.06, tips[0][2])
     return Skill(
-        moves=push(free, *tips, orientation=orientation, speed=0.06),
+        moves=push(free, *tips, orientation=orientation, speed=0.07),
         ik_seed=_AT_KNOBS,
         retreat=(0.0, -0.04, 0.0),
     )
@@ -197,7 +197,7 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         ),
         "return kettle": Skill(
             moves=carry(
-                (-0.23, 0.75, 1.879), orientations["return kettle"], lift=0.01, displacement=(-0.04, -0.40, 0.0)
+                (-0.23, 0.75, 1.879), orientations["return kettle"], lift=0.03, displacement=(-0.04, -0.40, 0.0)
             ),
             ik_seed=(-0.4, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
             object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.23, 0.75, 1.62)),
@@ -208,16 +208,15 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
     return MappingProxyType(skills)
 
 
-_KNOB_BACK = HandOrientation(approach=direction(-15, -15), spread=DOWN)
 _BEHIND_LEFT_DOOR = HandOrientation(approach=direction(-50, 35), spread=DOWN)
 
 _ORIENTATIONS = {
     "bottom right burner": KNOB,
     "top right burner": KNOB,
-    "turn off bottom burner": _KNOB_BACK,
-    "turn off top burner": _KNOB_BACK,
-    "turn off bottom right burner": _KNOB_BACK,
-    "turn off top right burner": _KNOB_BACK,
+    "turn off bottom burner": KNOB,
+    "turn off top burner": KNOB,
+    "turn off bottom right burner": KNOB,
+    "turn off top right burner": KNOB,
     "left hinge cabinet": HandOrientation(approach=direction(-50, 35), spread=RIGHT),
     "behind left door": _BEHIND_LEFT_DOOR,
     "close left hinge cabinet": HandOrientation(approach=direction(-50, 0), spread=DOWN),
@@ -225,16 +224,16 @@ _ORIENTATIONS = {
     "close microwave": HandOrientation(approach=direction(-30, -15), spread=RIGHT),
     "close slide cabinet": HandOrientation(approach=direction(-15, -20), spread=DOWN),
     "turn off light switch": HandOrientation(approach=direction(10, -10), spread=RIGHT),
-    "return kettle": HandOrientation(approach=direction(0, -15), spread=UP),
+    "return kettle": HandOrientation(approach=direction(20, 0), spread=UP),
 }
 
 # An order with short motions between the tasks, in which open doors are in no other task's way.
 _ORDER = (
-    *("kettle", "return kettle", "microwave", "close microwave"),
+    *("close microwave", "close hinge cabinet", "close left hinge cabinet", "kettle", "return kettle", "microwave"),
     *("bottom burner", "bottom right burner", "turn off bottom burner", "turn off bottom right burner"),
     *("top burner", "top right burner", "turn off top burner", "turn off top right burner"),
-    *("close hinge cabinet", "close left hinge cabinet", "slide cabinet", "close slide cabinet"),
-    *("light switch", "turn off light switch", "left hinge cabinet", "hinge cabinet"),
+    *("slide cabinet", "close slide cabinet", "light switch", "turn off light switch"),
+    *("left hinge cabinet", "hinge cabinet"),
 )
 
 
