@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from kitchen_suite.domains.base import build_environment
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks import GOALS, KitchenTask
+from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.kitchen import variations
 
 SHEET = Path(__file__).parent / "pictures" / "variations_kitchen.jpg"
@@ -38,7 +38,7 @@ def kitchen() -> Environment:
     """Returns the kitchen with the textures to choose from."""
     scene = build_kitchen_scene()
     scene.prepare_appearance()
-    task = KitchenTask(scene, tasks_to_complete=tuple(GOALS))
+    task = KitchenTask(scene)
     return build_environment(task, time_limit=None, random=0, render_quality="high", environment_kwargs=None)
 
 

@@ -130,6 +130,9 @@ _FURTHER = {
 
 GOALS: Mapping[str, Goal] = MappingProxyType({**_ORIGINAL, **_FURTHER, **reverse_goals({**_ORIGINAL, **_FURTHER})})
 
+# Handles whose sites the hand cannot reach: the left door is moved at the lower end of its bar, and at its edge.
+OUT_OF_REACH = frozenset({"left_handle"})
+
 # The tasks where none are asked for: those of the reference.
 DEFAULT_TASKS = tuple(_ORIGINAL)
 

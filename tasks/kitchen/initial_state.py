@@ -49,12 +49,14 @@ class Start(NamedTuple):
     """Where the joints of a goal start an episode.
 
     Attributes:
+      prop: name of the prop.
       columns: `(k,)`, indices in qpos.
       positions: `(k,)`, positions at the start [rad, m, quaternion].
       low: `(k,)`, least positions to which variations of the start may displace the joints.
       high: `(k,)`, greatest ones.
     """
 
+    prop: str
     columns: NDArray[np.int64]
     positions: NDArray[np.float64]
     low: NDArray[np.float64]
@@ -68,14 +70,14 @@ class Start(NamedTuple):
 
 def starts(goals: Iterable[Goal], scene: Scene, physics: mjcf.Physics) -> list[Start]:
     """Returns the starts of the goals that have one; hinges and slides start within their ranges."""
-    return [_start(goal.start, goal.joints_in(scene), physics) for goal in goals if goal.start is not None]
+    return [_start(goal, goal.start, goal.joints_in(scene), physics) for goal in goals if goal.start is not None]
 
 
-def _start(values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:
+def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:
     columns, _ = addresses(physics, joints)
     positions = np.array(values)
     if len(joints) == positions.size:
         low, high = physics.bind(joints).range.T
-        return Start(columns, np.clip(positions, low, high), low, high)
+        return Start(goal.prop, columns, np.clip(positions, low, high), low, high)
     reach = np.array([_BURNER_RADIUS] * 3 + [np.inf] * 4)
-    return Start(columns, positions, positions - reach, positions + reach)
+    return Start(goal.prop, columns, positions, positions - reach, positions + reach)

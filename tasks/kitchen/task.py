@@ -22,7 +22,7 @@ from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.done import START_DISTANCE, done_parameter, may_be_done
-from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, OUT_OF_REACH, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
@@ -261,19 +261,25 @@ class KitchenTask(SuiteTask):
         return INITIAL_QPOS[: len(self.robot.joints)]
 
     def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        return [goal.handle_in(scene) for goal in self._mdp.goals.goals]
+        handles = (goal.handle_in(scene) for goal in self._mdp.goals.goals)
+        return [handle for handle in handles if handle.name not in OUT_OF_REACH]
 
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
         done = done_parameter(scene, may_be_done(self._mdp.goals.tasks))
         return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
-        """Returns values with which the props of asked tasks that would start nearly complete start as by default."""
+        """Returns values with which some props of asked tasks start as by default.
+
+        These are props that would start with their task nearly complete, or out of the bounds of a reverse's start.
+        """
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
         near = goals.distances(achieved) < START_DISTANCE * self._mdp.threshold
-        if not near.any():
-            return values
+        qpos = self._simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
+        props |= {start.prop for start in self._starts if not start.allows(qpos)}
+        if not props:
+            return values
         moved = [name for name in self._randomizer.displacements if name.partition("/")[0] in props]
         return {**values, **{name: self._randomizer.defaults[name] for name in moved}}
 
