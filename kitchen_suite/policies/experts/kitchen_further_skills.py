@@ -1,6 +1,5 @@
 """Skills for the kitchen's tasks beyond the reference's seven; their figures were found by search in simulation."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -116,9 +115,8 @@ def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Sk
         ArcMove(angle=-0.6, speed=0.6),
         Move(position=aside, orientation=behind, fingers=OPEN, speed=0.2),
     )
-    pushes = (dataclasses.replace(move, in_free_space=False) for move in _push_left_door(behind).moves)
     return Skill(
-        moves=(*moves, *pushes),
+        moves=(*moves, *_push_left_door(behind).moves),
         ik_seed=_AT_LEFT_DOOR,
         object_joint=_LEFT_DOOR,
         retreat=(0.1, -0.1, 0.0),
