@@ -80,12 +80,17 @@ def _swing_shut(
     )
 
 
-def _push_left_door(orientation: HandOrientation) -> Skill:
-    """Skill that pushes the left door, which stands ajar, wide open from behind its edge."""
+def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2.40)) -> Skill:
+    """Skill that pushes the left door, which stands ajar, wide open from behind its edge.
+
+    Args:
+      orientation: of the hand.
+      free: position of the finger tips before they move behind the door [m].
+    """
     height = 2.44
     return Skill(
         moves=push(
-            *((-0.56, 0.42, 2.40), (-0.60, 0.55, height)),
+            *(free, (-0.60, 0.55, height)),
             *((-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height)),
             orientation=orientation,
             speed=0.3,
@@ -206,8 +211,6 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
     return MappingProxyType(skills)
 
 
-_BEHIND_LEFT_DOOR = HandOrientation(approach=direction(-50, 35), spread=DOWN)
-
 _ORIENTATIONS = {
     "bottom right burner": KNOB,
     "top right burner": KNOB,
@@ -216,7 +219,7 @@ _ORIENTATIONS = {
     "turn off bottom right burner": KNOB,
     "turn off top right burner": KNOB,
     "left hinge cabinet": HandOrientation(approach=direction(-50, 35), spread=RIGHT),
-    "behind left door": _BEHIND_LEFT_DOOR,
+    "behind left door": HandOrientation(approach=direction(-50, 35), spread=DOWN),
     "close left hinge cabinet": HandOrientation(approach=direction(-50, 0), spread=DOWN),
     "close hinge cabinet": HandOrientation(approach=direction(-20, 8), spread=RIGHT),
     "close microwave": HandOrientation(approach=direction(-30, -15), spread=RIGHT),
@@ -246,7 +249,7 @@ ALL_FIXED_SKILLS = _ordered(FIXED_SKILLS, _skills(dict.fromkeys(_ORIENTATIONS, A
 
 # Angle from which the left door is pushed and no longer pulled open [rad].
 _AJAR = -0.35
-_AJAR_SKILL = _push_left_door(_BEHIND_LEFT_DOOR)
+_AJAR_SKILL = _push_left_door(HandOrientation(approach=direction(-35, 35), spread=DOWN), (-0.52, 0.40, 2.38))
 
 
 def left_door_skill(door: float) -> Skill | None:
