@@ -73,8 +73,7 @@ class KitchenTask(SuiteTask):
 
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
-          tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order. The tasks of
-            the reference by default.
+          tasks_to_complete: names of the tasks, keys of `goals.GOALS`, the reference's by default; lists keep the order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
@@ -269,10 +268,7 @@ class KitchenTask(SuiteTask):
         return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
-        """Returns values with which some props of asked tasks start as by default.
-
-        These are props that would start with their task nearly complete, or out of the bounds of a reverse's start.
-        """
+        """Returns values with which props that start too near to an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
         near = goals.distances(achieved) < START_DISTANCE * self._mdp.threshold
         qpos = self._simulation.read("qpos", slice(None))
