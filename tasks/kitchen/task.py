@@ -73,7 +73,7 @@ class KitchenTask(SuiteTask):
 
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
-          tasks_to_complete: names of the tasks, keys of `goals.GOALS`, the reference's by default; lists keep the order.
+          tasks_to_complete: keys of `goals.GOALS`, by default the reference's; lists keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
@@ -268,7 +268,7 @@ class KitchenTask(SuiteTask):
         return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
-        """Returns values with which props that start too near to an asked goal, or out of bounds, start as by default."""
+        """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
         near = goals.distances(achieved) < START_DISTANCE * self._mdp.threshold
         qpos = self._simulation.read("qpos", slice(None))
