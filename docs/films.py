@@ -1,10 +1,11 @@
 """Film strips and a video of the scripted experts and the trained policies.
 
 python docs/films.py strips    a film strip of each task into docs/pictures/
+python docs/films.py further   a film strip of each of the kitchen's tasks beyond the reference's
 python docs/films.py trained   a film strip of each policy that comes with the package
 python docs/films.py video     all tasks side by side: docs/pictures/experts.mp4 (needs the extra `video`)
 
-All need a GL library; `strips` and `video` need the extra `experts`.
+All need a GL library; `strips`, `further` and `video` need the extra `experts`.
 """
 
 import sys
@@ -18,6 +19,7 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.rendering import video
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 PICTURES = Path(__file__).parent / "pictures"
 FRAMES = 6  # In a strip.
@@ -25,8 +27,11 @@ COLUMNS = 3  # Tiles in a row of the video.
 HEIGHT, WIDTH = 210, 280
 FRAMES_PER_SECOND = 12.5
 SINGLE_TASKS = [
-    (domain, task) for domain, task in suite.ALL_TASKS if task not in ("complete", "partial", "mixed", "all")
+    *(("kitchen", task.replace(" ", "_")) for task in DEFAULT_TASKS),
+    *(("open_cabinet", task) for task in suite.TASKS_BY_DOMAIN["open_cabinet"]),
 ]
+FURTHER_TASKS = [("kitchen", task.replace(" ", "_")) for task in GOALS if task not in DEFAULT_TASKS]
+SETS = [("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]
 
 
 class Film:
@@ -57,7 +62,13 @@ class Film:
 
 def write_strips() -> None:
     """Writes a film strip of the expert for each task."""
-    for domain, task in [*SINGLE_TASKS, ("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]:
+    for domain, task in [*SINGLE_TASKS, *SETS]:
+        write_strip(f"expert_{task}", Film(domain, task))
+
+
+def write_further_strips() -> None:
+    """Writes a film strip of the expert for each of the kitchen's tasks beyond the reference's."""
+    for domain, task in FURTHER_TASKS:
         write_strip(f"expert_{task}", Film(domain, task))
 
 
@@ -86,7 +97,12 @@ def write_video() -> None:
 
 
 if __name__ == "__main__":
-    commands = {"strips": write_strips, "trained": write_trained_strips, "video": write_video}
+    commands = {
+        "strips": write_strips,
+        "further": write_further_strips,
+        "trained": write_trained_strips,
+        "video": write_video,
+    }
     if len(sys.argv) != 2 or sys.argv[1] not in commands:
         sys.exit(__doc__)
     commands[sys.argv[1]]()

@@ -9,7 +9,7 @@ from PIL import Image
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.microwave_table.task import GOAL
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.tasks.pictures import DEFAULT_SIZE
@@ -102,12 +102,12 @@ def write_camera_sheets() -> None:
 
 
 def write_goal_sheet() -> None:
-    """Renders the kitchen before and after each task from `workspace`, as small as agents see it."""
+    """Renders the kitchen before and after each default task from `workspace`, as small as agents see it."""
     environment = suite.load("kitchen", "all", {"random": 0})
     environment.reset()
     physics = environment.physics
     state, pictures = physics.get_state(), [small_picture(physics, "workspace")]
-    for goal in GOALS.values():
+    for goal in (GOALS[task] for task in DEFAULT_TASKS):
         with physics.reset_context():
             physics.set_state(state)
             qpos, _ = addresses(physics, goal.joints_in(environment.task.scene))

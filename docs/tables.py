@@ -5,7 +5,7 @@ import functools
 import inspect
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -67,18 +67,24 @@ def observation_table() -> str:
 
 
 def goal_table() -> str:
-    """Returns the table of the seven goals of the kitchen."""
+    """Returns the table of the goals of the kitchen."""
     kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
     rows = [
         (
             f"`{task}`",
             goal.instructions[0],
             ", ".join(map(str, 9 + goal.elements_in(kitchen))),
-            ", ".join(map(str, goal.value)),
+            numbers(goal.value),
+            numbers(goal.start or ()),
         )
         for task, goal in GOALS.items()
     ]
-    return markdown(("task", "instruction", "qpos", "goal"), rows)
+    return markdown(("task", "instruction", "qpos", "goal", "start"), rows)
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Returns numbers as text, with at most four decimals."""
+    return ", ".join(f"{round(value, 4) + 0.0:g}" for value in values)
 
 
 def instruction_table() -> str:

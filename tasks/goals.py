@@ -26,6 +26,7 @@ class Goal:
       prop: name of the prop.
       joints: names of the joints in the prop's own model; None for all of its joints.
       value: goal positions, joint by joint [rad, m; a free joint: m and a quaternion w, x, y, z].
+      start: positions of these joints at the start of an episode; those of the scene's initial state when None.
       instructions: the task in words, a sentence and paraphrases of it; see `tasks.instructions`.
       handle: name of the prop's site at which the robot moves it; the first of its handles when None.
     """
@@ -33,6 +34,7 @@ class Goal:
     prop: str
     joints: tuple[str, ...] | None = None
     value: tuple[float, ...]
+    start: tuple[float, ...] | None = None
     instructions: tuple[str, ...] = ()
     handle: str | None = None
 
@@ -47,6 +49,12 @@ class Goal:
           ValueError: the scene has no such prop, or its prop no such joint.
         """
         return scene.joints(self.prop, self.joints)
+
+    def shares_joints(self, other: Self) -> bool:
+        """Whether another goal is set for one of the same joints."""
+        if self.joints is None or other.joints is None:
+            return self.prop == other.prop
+        return self.prop == other.prop and not set(self.joints).isdisjoint(other.joints)
 
     def handle_in(self, scene: Scene) -> mjcf.Element:
         """Returns the site at which the robot moves the prop.

@@ -1,6 +1,7 @@
 """The kitchen's arena, and the scene of the kitchen domain: arena, robot and props."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from kitchen_suite.entities import surfaces
 from kitchen_suite.entities.parameters import POSITION_OFFSET, Parameter
@@ -24,8 +25,13 @@ _PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
     kitchen_props.Kettle,
 )
 
-# Names of the props with joints, in the order in which these are observed.
-OBSERVED_PROPS = tuple(prop.xml_name for prop in _PROPS if prop.joint_names)
+# Names of the joints of each prop with joints, in the order in which these are observed.
+JOINT_NAMES: Mapping[str, Sequence[str]] = MappingProxyType(
+    {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
+)
+
+# Names of these props.
+OBSERVED_PROPS = tuple(JOINT_NAMES)
 
 
 class KitchenArena(SiteArena):

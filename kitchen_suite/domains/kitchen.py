@@ -57,7 +57,7 @@ def kitchen(
     )
 
 
-# Spelt and ordered as in `tasks.GOALS`.
+# Spelt and ordered as `tasks.DEFAULT_TASKS`.
 _GOALS = (
     "bottom burner",
     "top burner",
@@ -68,6 +68,23 @@ _GOALS = (
     "kettle",
 )
 
+# Further tasks, one at a time.
+_FURTHER_GOALS = (
+    "bottom right burner",
+    "top right burner",
+    "left hinge cabinet",
+    "close microwave",
+    "close slide cabinet",
+    "close hinge cabinet",
+    "close left hinge cabinet",
+    "turn off bottom burner",
+    "turn off top burner",
+    "turn off bottom right burner",
+    "turn off top right burner",
+    "turn off light switch",
+    "return kettle",
+)
+
 # `complete` and `partial` are two data sets of D4RL, of demonstrations for the same four goals.
 _TASKS = {
     **{name.replace(" ", "_"): (name,) for name in _GOALS},
@@ -75,6 +92,7 @@ _TASKS = {
     "partial": ("microwave", "kettle", "light switch", "slide cabinet"),
     "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
     "all": _GOALS,
+    **{name.replace(" ", "_"): (name,) for name in _FURTHER_GOALS},
 }
 
 KITCHEN = Domain(

@@ -17,7 +17,7 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.observations import ObservationConfig
 from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.state import KitchenState
@@ -60,7 +60,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     def __init__(
         self,
-        tasks_to_complete: Sequence[str] = tuple(GOALS),
+        tasks_to_complete: Sequence[str] = DEFAULT_TASKS,
         terminate_on_tasks_completed: bool | None = None,
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
@@ -81,7 +81,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Builds the environment.
 
         Args:
-          tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`; infos and flat goals keep the order.
+          tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`; infos and flat goals keep the order. The
+            seven of FrankaKitchen-v1 by default.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
             omitted, unless the reward is `dense`.
           remove_task_when_completed: whether a task is rewarded once, or in every step within its threshold.

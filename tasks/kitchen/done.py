@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
 from kitchen_suite.entities.scenes.scene import Scene
 from kitchen_suite.tasks.goals import Goal
-from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS
 
-# Whether each of the seven tasks is done at the start; without effect on those that are asked, and on those that would
-# be in their way.
+# Whether each of the default tasks is done at the start; without effect on those that move the same joints as
+# asked ones, and on those that would be in their way.
 DONE = "tasks/done"
 
 # The open door of the hinge cabinet stands before the handle of the slide cabinet.
@@ -21,8 +21,13 @@ _IN_THE_WAY = {"slide cabinet": "hinge cabinet"}
 
 def may_be_done(asked: Collection[str]) -> dict[str, Goal]:
     """Returns the goals of the tasks that may be done at the start where some are asked, by task."""
-    excluded = {*asked, *(_IN_THE_WAY[task] for task in asked if task in _IN_THE_WAY)}
-    return {task: goal for task, goal in GOALS.items() if task not in excluded}
+    in_the_way = {_IN_THE_WAY[task] for task in asked if task in _IN_THE_WAY}
+    moved = [GOALS[task] for task in asked]
+    return {
+        task: GOALS[task]
+        for task in DEFAULT_TASKS
+        if task not in in_the_way and not any(GOALS[task].shares_joints(goal) for goal in moved)
+    }
 
 
 def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:
@@ -37,15 +42,15 @@ def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
         del elements
-        for task, is_done in zip(GOALS, value > 0.5, strict=True):
+        for task, is_done in zip(DEFAULT_TASKS, value > 0.5, strict=True):
             if is_done and task in joints:
                 physics.bind(joints[task]).qpos = tasks[task].value
 
     quantity = Quantity(
-        read=lambda physics, elements: np.zeros(len(GOALS)),
+        read=lambda physics, elements: np.zeros(len(DEFAULT_TASKS)),
         write=write,
         model_fields=(),
-        shape=(len(GOALS),),
+        shape=(len(DEFAULT_TASKS),),
         non_negative=True,
     )
     return Parameter(name=DONE, unit="0 or 1", quantity=quantity, elements=elements)

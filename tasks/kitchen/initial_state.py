@@ -3,9 +3,17 @@
 Nine joints start slightly outside their ranges, and the kettle's quaternion is not normalised; both are kept.
 """
 
-import numpy as np
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
-from kitchen_suite.entities.scenes.kitchen import in_observed_order
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities import Scene
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.scenes.kitchen import JOINT_NAMES, in_observed_order
+from kitchen_suite.tasks.goals import Goal
 
 _ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
 _FINGERS = (0.0479267505, 0.0371350919)
@@ -25,4 +33,51 @@ _OBJECTS = {
     "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
 }
 
+# A kettle that starts on a burner stays on it: half of the distance between burners [m].
+_BURNER_RADIUS = 0.2
+
 INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *in_observed_order(_OBJECTS)])
+
+
+def initial_positions(prop: str, joints: Sequence[str] | None = None) -> tuple[float, ...]:
+    """Returns the initial positions of a prop's joints, or of some of them, which are hinges or slides [rad, m]."""
+    positions: tuple[float, ...] = _OBJECTS[prop]
+    return positions if joints is None else tuple(positions[JOINT_NAMES[prop].index(name)] for name in joints)
+
+
+class Start(NamedTuple):
+    """Where the joints of a goal start an episode.
+
+    Attributes:
+      prop: name of the prop.
+      columns: `(k,)`, indices in qpos.
+      positions: `(k,)`, positions at the start [rad, m, quaternion].
+      low: `(k,)`, least positions to which variations of the start may displace the joints.
+      high: `(k,)`, greatest ones.
+    """
+
+    prop: str
+    columns: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    def allows(self, qpos: NDArray[np.float64]) -> bool:
+        """Whether the joints are within their bounds."""
+        positions = qpos[self.columns]
+        return bool(((self.low <= positions) & (positions <= self.high)).all())
+
+
+def starts(goals: Iterable[Goal], scene: Scene, physics: mjcf.Physics) -> list[Start]:
+    """Returns the starts of the goals that have one; hinges and slides start within their ranges."""
+    return [_start(goal, goal.start, goal.joints_in(scene), physics) for goal in goals if goal.start is not None]
+
+
+def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:
+    columns, _ = addresses(physics, joints)
+    positions = np.array(values)
+    if len(joints) == positions.size:
+        low, high = physics.bind(joints).range.T
+        return Start(goal.prop, columns, np.clip(positions, low, high), low, high)
+    reach = np.array([_BURNER_RADIUS] * 3 + [np.inf] * 4)
+    return Start(goal.prop, columns, positions, positions - reach, positions + reach)

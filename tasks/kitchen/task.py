@@ -1,4 +1,4 @@
-"""The task of the kitchen domain: bring the objects of some of seven tasks to their goals."""
+"""The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
 import collections
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,13 @@ from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.done import done_parameter, may_be_done
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, OUT_OF_REACH, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 from kitchen_suite.tasks.kitchen.progress import KitchenProgress
@@ -44,8 +43,9 @@ _ROUNDING = 1e-6
 class KitchenTask(KitchenProgress):
     """Complete a set of tasks in the kitchen.
 
-    Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; always the
-      same except for the observation noise.
+    Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; tasks that
+      close, turn off or return a prop start with it at the goal of the task that they undo. Always the same except for
+      the observation noise.
     Reward: at each step, the number of tasks complete after it, among those still to be completed; or a dense one.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit.
@@ -61,7 +61,7 @@ class KitchenTask(KitchenProgress):
         self,
         scene: Scene,
         *,
-        tasks_to_complete: Sequence[str] = tuple(GOALS),
+        tasks_to_complete: Sequence[str] = DEFAULT_TASKS,
         terminate_on_tasks_completed: bool | None = None,
         remove_task_when_completed: bool = True,
         object_noise_ratio: float = 0.0005,
@@ -77,7 +77,7 @@ class KitchenTask(KitchenProgress):
 
         Args:
           scene: the furnished kitchen; each task needs a scene of its own.
-          tasks_to_complete: names of the tasks, keys of `goals.GOALS`; lists of tasks keep this order.
+          tasks_to_complete: keys of `goals.GOALS`, by default the reference's; lists keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
             omitted, unless the reward is `dense`.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
@@ -98,15 +98,15 @@ class KitchenTask(KitchenProgress):
 
         Raises:
           TypeError: an argument of the wrong type.
-          ValueError: an unknown, repeated or missing name, a goal of the wrong length, or a number that is negative or
-            not finite.
+          ValueError: an unknown, repeated or missing name, two tasks that exclude each other, a goal of the wrong
+            length, or a number that is negative or not finite.
         """
         ratios = {
             "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
             "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
         }
         control, observables = split_options(options, CONTROL_MODES)
-        goal_set = GoalSet.build(GOALS, tasks_to_complete, goals)
+        goal_set = build_goals(tasks_to_complete, goals)
         self._reward_name = checks.choice(reward, REWARDS, "reward")
         given = {"success": success, "threshold": threshold}
         self._success_options = {name: value for name, value in given.items() if value is not None}
@@ -205,12 +205,15 @@ class KitchenTask(KitchenProgress):
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
+        self._starts = starts(self._mdp.goals.goals, self._scene, physics)
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         del random_state
         indices, data = self.indices, physics.data
         data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
+        for start in self._starts:
+            data.qpos[start.columns] = start.positions
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
@@ -219,19 +222,22 @@ class KitchenTask(KitchenProgress):
         return INITIAL_QPOS[: len(self.robot.joints)]
 
     def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        return [goal.handle_in(scene) for goal in self._mdp.goals.goals]
+        handles = (goal.handle_in(scene) for goal in self._mdp.goals.goals)
+        return [handle for handle in handles if handle.name not in OUT_OF_REACH]
 
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
         done = done_parameter(scene, may_be_done(self._mdp.goals.tasks))
         return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
-        """Returns values with which the props of asked tasks that would start nearly complete start as by default."""
+        """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
         near = self._mdp.success.within(achieved, goals.distances(achieved), factor=START_DISTANCE)
-        if not near.any():
-            return values
+        qpos = self._simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
+        props |= {start.prop for start in self._starts if not start.allows(qpos)}
+        if not props:
+            return values
         moved = [name for name in self._randomizer.displacements if name.partition("/")[0] in props]
         return {**values, **{name: self._randomizer.defaults[name] for name in moved}}
 

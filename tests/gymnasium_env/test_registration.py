@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 from kitchen_suite import gymnasium_env, suite
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as KITCHEN_TIMESTEP
 from kitchen_suite.tasks.kitchen.task import TIME_LIMIT as KITCHEN_LIMIT
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP as CABINET_TIMESTEP
@@ -52,7 +52,7 @@ def test_the_page_lists_every_id():
 
 def test_the_table_of_domains_agrees_with_the_tasks():
     kitchen, cabinet = suite.DOMAINS["kitchen"], suite.DOMAINS["open_cabinet"]
-    assert kitchen.tasks["all"] == {"tasks_to_complete": tuple(GOALS)}
+    assert kitchen.tasks["all"] == {"tasks_to_complete": DEFAULT_TASKS}
     assert kitchen.episode_steps == round(KITCHEN_LIMIT / KITCHEN_TIMESTEP)
     assert cabinet.episode_steps == round(CABINET_LIMIT / CABINET_TIMESTEP)
     assert suite.kitchen.__kwdefaults__["time_limit"] == KITCHEN_LIMIT

@@ -15,6 +15,7 @@ from kitchen_suite.policies.experts.encoding import ENCODERS, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
@@ -22,9 +23,8 @@ from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 # Those that are not the default, which other tests cover.
 KITCHEN_MODES = [mode for mode in CONTROL_MODES if mode != "joint_velocity"]
 CABINET_MODES = [mode for mode in OFFSET_MODES if mode != "joint_offset"]
-SINGLE_TASKS = [
-    task for task in suite.TASKS_BY_DOMAIN["kitchen"] if task not in {"complete", "partial", "mixed", "all"}
-]
+SINGLE_TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
+FURTHER_TASKS = [task.replace(" ", "_") for task in GOALS if task not in DEFAULT_TASKS]
 DRAWERS = ("top_drawer", "bottom_drawer")
 
 # Rounding to single precision may leave a bound by this fraction of it.
@@ -68,6 +68,17 @@ def test_kitchen_tasks_are_completed(task, mode):
     spec = environment.action_spec()
     margin = ROUNDING * np.maximum(np.abs(spec.minimum), np.abs(spec.maximum))
     assert np.all((spec.minimum - margin <= actions) & (actions <= spec.maximum + margin))
+
+
+@pytest.mark.parametrize(
+    ("task", "mode"),
+    brief(
+        itertools.product(FURTHER_TASKS, ["joint_delta", "ee_delta_pose"]),
+        kept=[("close_microwave", "joint_delta"), ("return_kettle", "ee_delta_pose")],
+    ),
+)
+def test_further_tasks_are_completed(task, mode):
+    assert successes(load("kitchen", task, mode), [101]) == 1
 
 
 @pytest.mark.parametrize(("task", "mode"), once_per_mode(DRAWERS, CABINET_MODES))

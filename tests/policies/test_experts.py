@@ -16,9 +16,12 @@ from kitchen_suite.policies import registry
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import Move
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.kitchen.reverse_goals import REVERSES
 
 KITCHEN_TASKS = suite.TASKS_BY_DOMAIN["kitchen"]
+SINGLE_TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
+FURTHER_TASKS = [task.replace(" ", "_") for task in GOALS if task not in DEFAULT_TASKS]
 SEEDS = (101, 102, 103)
 
 
@@ -88,6 +91,35 @@ def test_observations_alone_are_enough():
         assert info["is_success"]
 
 
+# Sets with tasks beyond the reference's: pairs of an object's two doors, and objects in each other's way.
+MIXED_SETS = [
+    ("close microwave", "kettle", "turn off bottom burner", "close slide cabinet"),
+    ("close left hinge cabinet", "hinge cabinet"),
+    ("close hinge cabinet", "slide cabinet", "left hinge cabinet"),
+    ("return kettle", "bottom right burner", "top right burner", "bottom burner", "top burner"),
+    tuple(REVERSES),
+]
+
+
+@pytest.mark.parametrize("tasks", MIXED_SETS)
+def test_sets_with_further_tasks_are_completed(load, tasks):
+    env = load("all", tasks_to_complete=tasks, time_limit=60.0)
+    assert episode(env, experts.make(env.task), 1)[0].keys() == {*tasks}
+
+
+def test_a_left_door_that_stands_ajar_is_pushed_open(load):
+    env = load("left_hinge_cabinet")
+    env.random_state.seed(0)
+    timestep, expert = env.reset(), experts.make(env.task)
+    env.physics.bind(env.task.scene.joints("hinge_cabinet", ("left_hinge_cabinet",))).qpos = -0.5
+    timestep, steps = env.step(np.zeros(9)), 1
+    while not timestep.last():
+        timestep, steps = env.step(expert.act(observe(timestep))), steps + 1
+    assert env.task.completion_steps
+    # Without the grasp, which takes more than half of the time from the closed door.
+    assert steps < 90
+
+
 def test_instances_do_not_disturb_each_other(load):
     env = load("kettle")
     _, alone = episode(env, experts.make(env.task), 5)
@@ -147,7 +179,7 @@ def test_a_motion_style_changes_the_actions_and_still_succeeds(load, style):
 
 def test_a_tighter_threshold_moves_objects_farther(load):
     env = load("all", terminate_on_tasks_completed=False, time_limit=24.0)
-    completed, _ = episode(env, experts.KitchenExpert(tuple(GOALS), threshold=0.15), 2)
+    completed, _ = episode(env, experts.KitchenExpert(DEFAULT_TASKS, threshold=0.15), 2)
     assert len(completed) == 7
     assert env.task.task_distances.max() < 0.25
 
@@ -261,7 +293,8 @@ def test_the_suite_and_its_other_policies_do_not_import_mink():
 
 # Task, time limit [s], and the least number of 100 episodes that must succeed.
 SUCCESS_RATES = [
-    *((task, 22.4, 99) for task in KITCHEN_TASKS if task not in {"complete", "partial", "mixed", "all"}),
+    *((task, 22.4, 99) for task in SINGLE_TASKS),
+    *((task, 22.4, 95) for task in FURTHER_TASKS),
     *((task, 22.4, 95) for task in ("complete", "partial", "mixed")),
     ("all", 22.4, 90),
     ("all", 36.0, 95),
@@ -296,7 +329,7 @@ def test_demanding_styles(load, style, least):
 
 @pytest.mark.slow
 def test_random_orders_that_end_with_the_hinge_cabinet(load):
-    others = [task for task in GOALS if task != "hinge cabinet"]
+    others = [task for task in DEFAULT_TASKS if task != "hinge cabinet"]
     generator, env = np.random.default_rng(0), load("all", time_limit=36.0)
     for seed in range(50):
         order = (*generator.permutation(others).tolist(), "hinge cabinet")

@@ -10,13 +10,13 @@ from kitchen_suite.domains.base import build_environment
 from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
 from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks import GOALS, KitchenTask
+from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.tasks.varied import SPLITS
 
 TASKS = {
-    "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options), tasks_to_complete=tuple(GOALS)),
+    "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options)),
     "open_cabinet": lambda **options: OpenCabinetTask(prepared(build_open_cabinet_scene, **options)),
     "microwave_table": lambda **options: MicrowaveTableTask(prepared(build_microwave_table_scene, **options)),
 }

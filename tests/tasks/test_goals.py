@@ -24,7 +24,7 @@ def physics(kitchen):
     return mjcf.Physics.from_mjcf_model(kitchen.arena.mjcf_model)
 
 
-def test_the_goals_elements_in_the_kitchen_are_the_references(kitchen):
+def test_the_goals_elements_in_the_kitchen_are_their_joints(kitchen):
     assert {task: tuple(goal.elements_in(kitchen)) for task, goal in GOALS.items()} == {
         "bottom burner": (2, 3),
         "top burner": (6, 7),
@@ -33,6 +33,19 @@ def test_the_goals_elements_in_the_kitchen_are_the_references(kitchen):
         "hinge cabinet": (11, 12),
         "microwave": (13,),
         "kettle": (14, 15, 16, 17, 18, 19, 20),
+        "bottom right burner": (0, 1),
+        "top right burner": (4, 5),
+        "left hinge cabinet": (11,),
+        "close microwave": (13,),
+        "close slide cabinet": (10,),
+        "close hinge cabinet": (12,),
+        "close left hinge cabinet": (11,),
+        "turn off bottom burner": (2, 3),
+        "turn off top burner": (6, 7),
+        "turn off bottom right burner": (0, 1),
+        "turn off top right burner": (4, 5),
+        "turn off light switch": (8, 9),
+        "return kettle": (14, 15, 16, 17, 18, 19, 20),
     }
 
 

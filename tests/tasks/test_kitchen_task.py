@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, position_target
@@ -43,7 +43,7 @@ def test_a_kept_task_is_rewarded_in_every_step_within_its_threshold():
     assert [timestep.reward for timestep in run(environment, 3)] == [None, 1.0, 1.0, 1.0]
     set_objects(environment, "microwave", -0.5)
     assert environment.step(np.zeros(9)).reward == 0.0
-    assert environment.task.tasks_to_complete == list(GOALS)
+    assert environment.task.tasks_to_complete == list(DEFAULT_TASKS)
     assert environment.task.episode_task_completions == ["microwave"]
 
 

@@ -15,8 +15,13 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.kitchen_further_skills import (
+    ALL_FIXED_SKILLS,
+    ALL_SKILLS,
+    ALL_STRICT_SKILLS,
+    left_door_skill,
+)
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
-from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
@@ -27,10 +32,9 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD
+from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
@@ -111,18 +115,18 @@ class KitchenExpert(Expert):
           TypeError: an argument of the wrong type.
           ValueError: a name that is unknown or repeated, or a number out of range.
         """
-        self._goals = GoalSet.build(GOALS, tasks, goals)
+        self._goals = build_goals(tasks, goals)
         self._success = make_success(
             self._goals, _scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
-        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
+        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
         self._layout = ObservedLayout(extra_observables)
         self.observation_size = _SIZE + self._layout.size
         self._is_strict = isinstance(self._success, StrictSuccess)
-        precise = STRICT_SKILLS if self._is_strict else SKILLS
-        self._skills = precise if encoder.turns_hand else FIXED_SKILLS
+        precise = ALL_STRICT_SKILLS if self._is_strict else ALL_SKILLS
+        self._skills = precise if encoder.turns_hand else ALL_FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
         super().__init__(style, encoder)
 
@@ -244,6 +248,8 @@ class KitchenExpert(Expert):
         if task == "slide cabinet":
             _, door = _achieved("hinge cabinet", observation)
             skill = kitchen_skills.slide_skill_beside_door(skill, door) or skill
+        if task == "left hinge cabinet":
+            skill = left_door_skill(*_achieved(task, observation)) or skill
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation

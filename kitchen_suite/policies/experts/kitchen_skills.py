@@ -1,15 +1,23 @@
-"""Skills for the kitchen's seven tasks; their figures were found by search in simulation."""
+"""Skills for the seven tasks of the reference in the kitchen; their figures were found by search in simulation."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.policies.experts.kitchen_motions import (
+    BACK,
+    DOWN,
+    RIGHT,
+    UP,
+    carry,
+    direction,
+    pull,
+    push,
+)
 from kitchen_suite.policies.experts.skills import (
-    CLOSED,
     OPEN,
     ArcMove,
     HandOrientation,
@@ -20,58 +28,21 @@ from kitchen_suite.policies.experts.skills import (
     Vector,
 )
 
-# Directions in the world; the robot faces y.
-_RIGHT: Vector = (1.0, 0.0, 0.0)
-_DOWN: Vector = (0.0, 0.0, -1.0)
-_UP: Vector = (0.0, 0.0, 1.0)
-_BACK: Vector = (0.0, -1.0, 0.0)
 
-# Distance from the hand's site to the finger tips [m].
-_TIP = 0.05
-
-
-def _direction(yaw: float, pitch: float) -> Vector:
-    """Unit vector straight ahead, turned to the right by yaw and up by pitch [degrees]."""
-    yaw, pitch = math.radians(yaw), math.radians(pitch)
-    return math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)
-
-
-def _push(*tips: Vector, orientation: HandOrientation, fingers: float = CLOSED, speed: float) -> tuple[Move, ...]:
-    """Moves that bring the finger tips to positions [m]: in free space, at the object, and then along the push."""
-    free, start, *rest = (orientation.standoff_position(tip, _TIP) for tip in tips)
-    return (
-        Move(position=free, orientation=orientation, fingers=fingers, in_free_space=True),
-        Move(position=start, orientation=orientation, fingers=fingers),
-        *(Move(position=position, orientation=orientation, fingers=fingers, speed=speed) for position in rest),
-    )
-
-
-def _turn_knob(height: float, orientation: HandOrientation, angle: float) -> Skill:
+def turn_knob(height: float, orientation: HandOrientation, angle: float, *, x: float = -0.256) -> Skill:
     """Skill that turns the knob at a height [m] by pushing the upper end of its bar to the right, to an angle [rad]."""
     # Centre of the bar, and distance to the left of it and above it at which the finger tips push its upper end [m].
-    x, y, lever = -0.256, 0.65, 0.03
+    y, lever = 0.65, 0.03
     tip = (x - lever, y, height + lever)
     free = (x - lever, y - 0.06, height + lever)
     return Skill(
         moves=(
-            *_push(free, tip, orientation=orientation, speed=1.0),
+            *push(free, tip, orientation=orientation, speed=1.0),
             ArcMove(angle=angle, speed=1.5),
         ),
         ik_seed=(-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0),
-        object_joint=Revolute(elements=(0,), anchor=(x, y, height), axis=_BACK),
+        object_joint=Revolute(elements=(0,), anchor=(x, y, height), axis=BACK),
         retreat=(0.0, -0.04, 0.0),
-    )
-
-
-def _pull(bar: Vector, orientation: HandOrientation, arc: ArcMove) -> tuple[Move | ArcMove, ...]:
-    """Moves that grasp the upright bar of a door and swing the door open."""
-    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.13, 0.08, 0.01))
-    return (
-        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
-        Move(position=near, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=4),
-        arc,
     )
 
 
@@ -85,7 +56,7 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
     skills = {
         # Two fingers side by side, low on the kettle: one finger would turn it, a push high up would tip it over.
         "kettle": Skill(
-            moves=_push(
+            moves=push(
                 (-0.275, 0.150, 1.70),
                 (-0.275, 0.205, 1.70),
                 (-0.275, 0.360, 1.70),
@@ -100,20 +71,20 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
         "microwave": Skill(
-            moves=_pull(
+            moves=pull(
                 (-0.642, 0.492, 1.87),
                 orientations["microwave"],
                 ArcMove(angle=-1.0, hand_rotation_ratio=-0.2, speed=1.0),
             ),
             ik_seed=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
-            object_joint=Revolute(elements=(0,), anchor=(-1.1276, 0.455, 1.79), axis=_UP),
+            object_joint=Revolute(elements=(0,), anchor=(-1.1276, 0.455, 1.79), axis=UP),
             retreat=(0.05, -0.10, 0.0),
             release_steps=3,
         ),
-        "bottom burner": _turn_knob(2.226, orientations["bottom burner"], knob_angle),
-        "top burner": _turn_knob(2.34, orientations["top burner"], knob_angle),
+        "bottom burner": turn_knob(2.226, orientations["bottom burner"], knob_angle),
+        "top burner": turn_knob(2.34, orientations["top burner"], knob_angle),
         "slide cabinet": Skill(
-            moves=_push(
+            moves=push(
                 (-0.185, 0.565, 2.475),
                 (-0.160, 0.635, 2.475),
                 (0.280, 0.635, 2.475),
@@ -125,7 +96,7 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
             retreat=(0.0, -0.05, 0.0),
         ),
         "light switch": Skill(
-            moves=_push(
+            moves=push(
                 (-0.310, 0.560, 2.28),
                 (-0.315, 0.620, 2.28),
                 (-0.500, 0.620, 2.28),
@@ -137,13 +108,13 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         ),
         # The hand comes from the left, so that the left finger hooks behind the bar; the bar turns between the fingers.
         "hinge cabinet": Skill(
-            moves=_pull(
+            moves=pull(
                 (-0.526, 0.582, 2.56),
                 orientations["hinge cabinet"],
                 ArcMove(angle=1.45, hand_rotation_ratio=-0.15, speed=1.0),
             ),
             ik_seed=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
-            object_joint=Revolute(elements=(1,), anchor=(-0.224, 0.71, 2.6), axis=_UP),
+            object_joint=Revolute(elements=(1,), anchor=(-0.224, 0.71, 2.6), axis=UP),
             retreat=(0.10, -0.10, 0.0),
             release_steps=3,
         ),
@@ -151,30 +122,30 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
     return MappingProxyType(skills)
 
 
-_KNOB = HandOrientation(approach=_direction(4, -22), spread=_DOWN)
+KNOB = HandOrientation(approach=direction(4, -22), spread=DOWN)
 
 SKILLS = _skills(
     {
-        "kettle": HandOrientation(approach=_direction(15, -15), spread=_RIGHT),
-        "microwave": HandOrientation(approach=_direction(-30, -15), spread=_RIGHT),
-        "bottom burner": _KNOB,
-        "top burner": _KNOB,
-        "slide cabinet": HandOrientation(approach=_direction(0, -20), spread=_DOWN),
-        "light switch": HandOrientation(approach=_direction(-10, -10), spread=_RIGHT),
-        "hinge cabinet": HandOrientation(approach=_direction(10, 8), spread=_RIGHT),
+        "kettle": HandOrientation(approach=direction(15, -15), spread=RIGHT),
+        "microwave": HandOrientation(approach=direction(-30, -15), spread=RIGHT),
+        "bottom burner": KNOB,
+        "top burner": KNOB,
+        "slide cabinet": HandOrientation(approach=direction(0, -20), spread=DOWN),
+        "light switch": HandOrientation(approach=direction(-10, -10), spread=RIGHT),
+        "hinge cabinet": HandOrientation(approach=direction(10, 8), spread=RIGHT),
     },
     knob_angle=-1.3,
 )
 
 # Skills for strict success: the kettle is pushed straighter, and as far as its goal.
-_AT_KETTLE = HandOrientation(approach=_direction(7, -15), spread=_RIGHT)
+_AT_KETTLE = HandOrientation(approach=direction(7, -15), spread=RIGHT)
 
 STRICT_SKILLS = MappingProxyType(
     {
         **SKILLS,
         "kettle": dataclasses.replace(
             SKILLS["kettle"],
-            moves=_push(
+            moves=push(
                 (-0.300, 0.150, 1.70),
                 (-0.300, 0.205, 1.70),
                 (-0.300, 0.360, 1.70),
@@ -199,29 +170,14 @@ FIXED_SKILLS = MappingProxyType(
 )
 
 
-def _carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
-    """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
-    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.01))
-    up = (at[0], at[1], at[2] + lift)
-    to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
-    return (
-        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
-        Move(position=near, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=5),
-        Move(position=up, orientation=orientation, fingers=CLOSED),
-        Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
-    )
-
-
 # The hand comes from the left; pushes would have to come from the right, around the kettle.
-_FROM_LEFT = HandOrientation(approach=_direction(49, -1), spread=_UP)
+_FROM_LEFT = HandOrientation(approach=direction(49, -1), spread=UP)
 
 
 def _carry_skill(ik_seed: tuple[float, ...], displacement: Vector) -> Skill:
     """Skill that carries the kettle by its handle along a displacement [m]."""
     return Skill(
-        moves=_carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
+        moves=carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
         ik_seed=ik_seed,
         object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
         retreat=(-0.07, -0.07, 0.0),
