@@ -5,6 +5,7 @@ adds these materials to a scene before it is compiled. Parameters are written to
 """
 
 import dataclasses
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -103,41 +104,54 @@ def _source(texture: mjcf.Element) -> tuple[str, str]:
     return texture.type, texture.file.get_vfs_filename()
 
 
-def _ids(physics: mjcf.Physics, kind: mujoco.mjtObj, names: Sequence[str]) -> NDArray[np.int64]:
-    """Returns the numbers of those elements that a scene has."""
-    numbers = [mujoco.mj_name2id(physics.model.ptr, kind, name) for name in names]
-    return np.array([number for number in numbers if number >= 0], np.int64)
+class _Ids:
+    """Numbers of named elements in compiled scenes, each of which is searched once."""
+
+    def __init__(self, kind: mujoco.mjtObj, names: Sequence[str]) -> None:
+        self._kind, self._names = kind, names
+        self._found: weakref.WeakKeyDictionary[mujoco.MjModel, NDArray[np.int64]] = weakref.WeakKeyDictionary()
+
+    def __call__(self, physics: mjcf.Physics) -> NDArray[np.int64]:
+        """Returns the numbers of those elements that a scene has."""
+        model = physics.model.ptr
+        found = self._found.get(model)
+        if found is None:
+            numbers = [mujoco.mj_name2id(model, self._kind, name) for name in self._names]
+            found = self._found[model] = np.array([number for number in numbers if number >= 0], np.int64)
+        return found
 
 
 def _color(surface: Surface) -> Quantity:
     names = (*surface.materials, *surface.variants)
+    materials, geoms = _Ids(_MATERIAL, names), _Ids(_GEOM, surface.geoms)
 
     def arrays(physics: mjcf.Physics) -> tuple[tuple[NDArray, NDArray[np.int64]], ...]:
         model = physics.model.ptr
-        materials, geoms = _ids(physics, _MATERIAL, names), _ids(physics, _GEOM, surface.geoms)
-        return (model.mat_rgba, materials), (model.geom_rgba, geoms)
+        return (model.mat_rgba, materials(physics)), (model.geom_rgba, geoms(physics))
 
     def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
         return next((rgba[ids[0], :3] for rgba, ids in arrays(physics) if ids.size), surface.color)
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
         for rgba, ids in arrays(physics):
-            rgba[ids, :3] = value
+            if ids.size:
+                rgba[ids, :3] = value
 
     fields = (*(["mat_rgba"] if names else []), *(["geom_rgba"] if surface.geoms else []))
     return Quantity(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
 
 
 def _texture(surface: Surface) -> Quantity:
+    own, variants = _Ids(_MATERIAL, surface.materials), _Ids(_MATERIAL, surface.variants)
+
     def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-        shown = _ids(physics, _MATERIAL, surface.variants)
-        return max((i for i, number in enumerate(shown, start=1) if number in physics.model.ptr.geom_matid), default=0)
+        shown = enumerate(variants(physics), start=1)
+        return max((i for i, number in shown if number in physics.model.ptr.geom_matid), default=0)
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        own, variants = (_ids(physics, _MATERIAL, names) for names in (surface.materials, surface.variants))
-        matid = physics.model.ptr.geom_matid
-        if value and variants.size:
-            matid[np.isin(matid, own)] = variants[int(value) - 1]
+        if value and (numbers := variants(physics)).size:
+            matid = physics.model.ptr.geom_matid
+            matid[np.isin(matid, own(physics))] = numbers[int(value) - 1]
 
     return Quantity(
         read=read, write=write, model_fields=("geom_matid",), visual=True, choices=1 + len(surface.textures)

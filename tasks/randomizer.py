@@ -70,6 +70,11 @@ class Randomizer:
         self.values, self.defaults = {}, {}
         quantities = {name: parameter.quantity for name, parameter in self._parameters.items()}
         variations.check_constants(self._variations, quantities, owner)
+        self._fitting = {
+            name
+            for name, each in self._variations.items()
+            if variations.draws_fit(each, quantities[name], self._labels[name])
+        }
 
     def add(self, other: Self) -> None:
         """Adds the parameters of another randomizer, to be drawn and set after the present ones.
@@ -85,6 +90,7 @@ class Randomizer:
         self._variations |= other._variations
         self._labels |= other._labels
         self._ranges |= other._ranges
+        self._fitting |= other._fitting
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -129,7 +135,8 @@ class Randomizer:
           ValueError: it returned the wrong shape, or numbers that are out of range.
         """
         drawn = {name: _evaluated(each, random_state) for name, each in self._variations.items()}
-        return self.checked({**drawn, **{name: np.clip(drawn[name], *bounds) for name, bounds in self._ranges.items()}})
+        drawn |= {name: np.clip(drawn[name], *bounds) for name, bounds in self._ranges.items()}
+        return drawn | self.checked({name: value for name, value in drawn.items() if name not in self._fitting})
 
     def checked(self, values: Mapping[str, NDArray]) -> Values:
         """Returns values of the wanted parameters that `set` accepts; raises as `draw`."""

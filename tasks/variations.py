@@ -56,18 +56,20 @@ class Bands(variation.Variation):
     def __init__(self, bands: Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
         """Takes intervals `(low, high)`; bounds are numbers, or arrays `(n,)` with one for each element."""
         self._bands = np.asarray(bands, np.float64)
+        count, _, *self._shape = self._bands.shape
+        self._last, self._columns = count - 1, np.indices(self._shape, sparse=True)
+        self._low, self._width = self._bands[0, 0], self._bands[0, 1] - self._bands[0, 0]
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
     ) -> NDArray[np.float64]:
-        count, _, *shape = self._bands.shape
         # One draw for each element chooses the interval and the place in it.
-        places = count * (random_state or np.random).random_sample(shape)
-        if count == 1:
-            (low, high), index = self._bands[0], 0
-        else:
-            index = np.minimum(places, count - 1).astype(np.int64)
-            low, high = (self._bands[(index, side, *np.indices(shape, sparse=True))] for side in (0, 1))
+        places = (random_state or np.random).random_sample(self._shape)
+        if not self._last:
+            return self._low + places * self._width
+        places = (self._last + 1) * places
+        index = np.minimum(places, self._last).astype(np.int64)
+        low, high = (self._bands[(index, side, *self._columns)] for side in (0, 1))
         return low + (places - index) * (high - low)
 
     @property
@@ -159,6 +161,31 @@ def checked(
       ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
     """
     return {name: quantities[name].checked(value, f"{owner}'s {name}") for name, value in values.items()}
+
+
+def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
+    """Checks the extremes of a bounded distribution; returns whether all of its draws then fit a quantity.
+
+    Args:
+      each: a variation.
+      quantity: kind of the parameter.
+      name: of the parameter, for messages.
+
+    Returns:
+      False for variations whose draws have to be checked one by one.
+
+    Raises:
+      ValueError: an extreme has the wrong shape, or is negative where it must not be.
+    """
+    if isinstance(each, Choice):
+        extremes = [*each.values]
+    elif isinstance(each, Bands) and quantity.choices is None:
+        extremes = [each.low, each.high]
+    else:
+        return False
+    for extreme in extremes:
+        quantity.checked(extreme, name)
+    return True
 
 
 def check_constants(wanted: Mapping[str, Variation], quantities: Mapping[str, Quantity], owner: str) -> None:

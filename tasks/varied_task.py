@@ -197,9 +197,9 @@ class VariedTask(composer.Task):
         request, self._request = self._request, VariationRequest()
         start, self._refusals = np.array(physics.data.qpos), 0
         if self._layout_check:
-            generator = np.random.RandomState(random_state.randint(2**31))
+            seed = random_state.randint(2**31)
             self._bind_layout_check(physics, self._layout_check)
-            self._set_accepted(physics, self._layout_check, start, drawn, request, generator)
+            self._set_accepted(physics, self._layout_check, start, drawn, request, seed)
         else:
             self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
 
@@ -210,17 +210,20 @@ class VariedTask(composer.Task):
         start: NDArray[np.float64],
         drawn: Values,
         request: VariationRequest,
-        generator: np.random.RandomState,
+        seed: int,
     ) -> None:
-        """Sets the values of an episode, after drawing its layout again while it is refused."""
+        """Sets the values of an episode, after drawing its layout again, from a seed, while it is refused."""
         trial, defaults = request, self._randomizer.defaults
         if not any(request.draws(name) for name in self._layout):
             # All values are given back: the infos count as many refusals as when they were drawn.
             trial = dataclasses.replace(request, values={})
         redrawn = [name for name in self._layout if trial.draws(name)]
         self._set_variation(physics, start, trial.applied(drawn, defaults))
+        # Starting a generator takes as long as checking a layout.
+        generator: np.random.RandomState | None = None
         while redrawn and self._refusals < MAX_REFUSALS and not check.accepts(physics):
             self._refusals += 1
+            generator = generator or np.random.RandomState(seed)
             others = defaults if self._refusals == MAX_REFUSALS else self._randomizer.draw(generator)
             drawn = {**drawn, **{name: others[name] for name in redrawn}}
             self._set_variation(physics, start, trial.applied(drawn, defaults))

@@ -120,7 +120,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         return self._episodes.observation(), self._episodes.state, self._pictures.take()
 
     def _get_info(self) -> dict[str, Any]:
-        """Returns the infos of all environments, in fresh arrays with a leading axis."""
+        """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""
         return self._episodes.info()
 
     @property  # type: ignore[misc]
@@ -160,7 +160,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._ended = self._ended & ~mask
-            return self._get_obs(), batching.masked(self._get_info(), mask)
+            return self._get_obs(), self._masked_infos(mask)
 
     def step(
         self, actions: ArrayLike
@@ -201,6 +201,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
             infos = batching.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step(diverged)
             infos |= batching.with_masks(self._get_info(), np.full(self.num_envs, True))
+            infos |= self._episodes.shown_variation()
             return self._get_obs(), rewards, terminations, truncations, infos
 
     def _restarting(self) -> NDArray[np.bool_]:
@@ -232,8 +233,12 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         observations, last = self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
             last[i] = batching.row(observations, i)
-        info = batching.masked(self._get_info(), ended)
+        info = self._masked_infos(ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
+
+    def _masked_infos(self, mask: NDArray[np.bool_]) -> dict[str, Any]:
+        """Returns all infos in fresh arrays, with masks; 0 or None where the mask `(n,)` is False."""
+        return batching.masked({**self._get_info(), **self._episodes.variation_info()}, mask)
 
     def render(self) -> tuple[NDArray, ...] | None:
         """Returns an image of every environment; see `render_some`."""

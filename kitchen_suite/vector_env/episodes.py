@@ -60,6 +60,7 @@ class BatchEpisodes:
         self.command: Any = batching.repeat(self._task.command, count)
         self._sensing: Any = batching.repeat(self._task.sensing, count)
         self._variation: Any = batching.repeat(self._task.variation_info, count)
+        self._shown_variation: dict[str, Any] | None = None
         self._requests: dict[int, VariationRequest] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
@@ -84,7 +85,7 @@ class BatchEpisodes:
         (indices,) = mask.nonzero()
         if not indices.size:
             return
-        environment = self._environment
+        environment, self._shown_variation = self._environment, None
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         arrays = tree.flatten((self.state, self.command, self._sensing, self._variation))
@@ -170,12 +171,22 @@ class BatchEpisodes:
         return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
 
     def info(self) -> dict[str, Any]:
-        """Returns the infos of the MDP, the number of steps as `episode_step`, and the infos on the variation.
+        """Returns the infos of the MDP, and the number of steps as `episode_step`: fresh arrays `(n, ...)`."""
+        return {**self._mdp.info(self.state), "episode_step": self.steps.copy()}
 
-        They are fresh arrays `(n, ...)`, and nested dicts of these.
+    def variation_info(self) -> dict[str, Any]:
+        """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
+        return batching.copied(self._variation)
+
+    def shown_variation(self) -> dict[str, Any]:
+        """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
+
+        Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
-        variation = batching.copied(self._variation)
-        return {**self._mdp.info(self.state), "episode_step": self.steps.copy(), **variation}
+        if self._shown_variation is None:
+            everyone = np.full(self.steps.shape, True)
+            self._shown_variation = batching.read_only(batching.with_masks(self.variation_info(), everyone))
+        return batching.fresh_dicts(self._shown_variation)
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
@@ -60,7 +61,7 @@ def test_a_kept_set_terminates_once_every_task_was_completed_at_some_step():
     assert environment.task.completion_steps == {"microwave": 1, "slide cabinet": 2}
 
 
-@pytest.mark.parametrize("task", GOALS)
+@pytest.mark.parametrize("task", brief(GOALS, kept=[*DEFAULT_TASKS, "close hinge cabinet", "return kettle"]))
 def test_every_task_is_completed_by_reaching_its_goal(task):
     environment = load(task.replace(" ", "_"))
     environment.reset()

@@ -7,7 +7,7 @@ from kitchen_suite import suite
 from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 KETTLE = np.array(GOALS["kettle"].value)
 
@@ -68,7 +68,7 @@ def test_factors_widen_thresholds_and_tolerances():
 
 
 def test_types_of_joints_are_those_of_the_compiled_model():
-    environment = load(list(GOALS))
+    environment = load(list(DEFAULT_TASKS))
     environment.reset()
     for goal in GOALS.values():
         joints = goal.joints_in(environment.task.scene)
