@@ -264,6 +264,23 @@ def test_rewards_are_computed_from_infos_with_variations():
 
 
 @each_domain
+def test_values_are_the_same_read_only_arrays_until_an_episode_starts(domain):
+    env, name = many(domain, "NextStep"), EXAMPLES[domain][1]
+    _, started = env.reset(seed=[1, 2, 3])
+    infos = [env.step(actions_of(env, step))[4] for step in range(2)]
+    first, second = infos[0]["variation_values"], infos[1]["variation_values"]
+    assert first is not second
+    assert first[name] is second[name]
+    assert not first[name].flags.writeable
+    np.testing.assert_array_equal(first[name], started["variation_values"][name])
+    before = first[name].copy()
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    after = env.step(actions_of(env, 0))[4]["variation_values"][name]
+    np.testing.assert_array_equal(first[name], before)
+    assert (after != before).tolist() == [False, True, False]
+
+
+@each_domain
 @pytest.mark.filterwarnings("error")
 def test_a_simulation_that_diverged_starts_with_new_values(domain):
     env, twin = (many(domain, "SameStep") for _ in range(2))
