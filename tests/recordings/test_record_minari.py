@@ -16,6 +16,8 @@ from kitchen_suite.recordings.sources import find
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
+pytestmark = pytest.mark.thorough
+
 KITCHEN = ["--num_threads=1", "--output=runs", "--num_episodes=3", "--num_envs=2", "--seed=5", "--max_episode_steps=5"]
 ID = "kitchen-suite/random-v0"
 DATASETS = {
