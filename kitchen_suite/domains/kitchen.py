@@ -95,10 +95,15 @@ _TASKS = {
     **{name.replace(" ", "_"): (name,) for name in _FURTHER_GOALS},
 }
 
+# Each episode asks for so many of the default tasks.
+_RANDOM = {
+    f"random_{count}": {"tasks_to_complete": _GOALS, "tasks_per_episode": count} for count in range(1, len(_GOALS) + 1)
+}
+
 KITCHEN = Domain(
     name="kitchen",
     build=kitchen,
-    tasks=MappingProxyType({name: {"tasks_to_complete": goals} for name, goals in _TASKS.items()}),
+    tasks=MappingProxyType({**{name: {"tasks_to_complete": goals} for name, goals in _TASKS.items()}, **_RANDOM}),
     env_id="KitchenSuite/FrankaKitchen-v1",
     env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
     vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
@@ -109,7 +114,7 @@ KITCHEN = Domain(
     replaceable=("tasks_to_complete",),
     array_options=MappingProxyType({"info_format": "arrays"}),
     flat_options=MappingProxyType({"goal_format": "flat"}),
-    cloning_options=("tasks_to_complete", "goals", "velocity_scale", "feedback", *CONTROL_OPTIONS),
+    cloning_options=("tasks_to_complete", "tasks_per_episode", "goals", "velocity_scale", "feedback", *CONTROL_OPTIONS),
     hyperparameters=MappingProxyType(
         {
             "num_envs": 32,
