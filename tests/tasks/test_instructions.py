@@ -13,7 +13,6 @@ from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS
 
-
 _OTHERS = [pair for pair in suite.ALL_TASKS if pair[0] != "kitchen"]
 
 
