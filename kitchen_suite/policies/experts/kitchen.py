@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
-from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.encoding import make_encoder
-from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.kinematics import ARM
+from kitchen_suite.policies.experts.kitchen_arm import arm_model
 from kitchen_suite.policies.experts.kitchen_further_skills import (
     ALL_FIXED_SKILLS,
     ALL_SKILLS,
@@ -36,25 +35,12 @@ from kitchen_suite.policies.experts.trajectories import (
 from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
-
-_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
-_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
-# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
-# first-order lag.
-_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
-
-# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
-# the torque of gravity.
-_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
-
-# Fraction of the hand's error that the control modes of the end effector remove in a control step.
-_HAND_RESPONSE = 0.55
 
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
@@ -128,14 +114,14 @@ class KitchenExpert(Expert):
         )
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
-        encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
+        encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = ALL_STRICT_SKILLS if self._is_strict else ALL_SKILLS
         self._skills = precise if encoder.turns_hand else ALL_FIXED_SKILLS
-        self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
+        self._limits, self._kinematics = encoder.limits, arm_model().kinematics
         super().__init__(style, encoder)
 
     @classmethod
@@ -281,21 +267,8 @@ def _is_reachable(trajectory: JointTrajectory) -> bool:
     return trajectory.position_error <= OUT_OF_REACH
 
 
-@functools.cache
-def _arm_model() -> ArmModel:
-    """The arm in the kitchen, shared by all instances."""
-    return ArmModel(
-        kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
-        gains=_GAINS,
-        joint_response=_RESPONSE,
-        hand_response=_HAND_RESPONSE,
-        joint_speed=_JOINT_SPEED,
-        timestep=CONTROL_TIMESTEP,
-    )
-
-
 @functools.lru_cache(maxsize=1024)
 def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, limits: JointSpeedLimits) -> JointTrajectory:
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
-    return plan(_arm_model().kinematics, limits, skill, object_position=position)
+    return plan(arm_model().kinematics, limits, skill, object_position=position)
