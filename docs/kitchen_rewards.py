@@ -1,102 +1,128 @@
-"""Measures dense rewards and strict success of the kitchen with its expert.
+"""Measures rewards and success of the kitchen's twenty tasks with the expert.
 
-`python docs/kitchen_rewards.py` prints a table for docs/kitchen.md. Of 3 episodes of each task with dense rewards: the
-greatest fall of the potential before completion (mean of five steps), its greatest value before it, and the returns of
-the expert and of standing still. Of 20 episodes with strict success: successes, and the median number of control steps
-to completion. `python docs/kitchen_rewards.py 1` plays one of each. It needs the extra `experts`.
+`python docs/kitchen_rewards.py` plays 100 episodes of each task with each criterion of success, and 20 with the reward
+`dense`, in as many processes as there are CPUs, and writes docs/benchmarks/kitchen_rewards.json. That takes 40 minutes
+of processor time; `python docs/kitchen_rewards.py 5` plays 5 of each. It needs the extra `experts`.
+`docs/build.py tables` makes a table of the results.
 """
 
+import functools
+import itertools
+import json
+import multiprocessing
 import statistics
 import sys
-from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tabulate import tabulate
 from tqdm import tqdm
 
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import GOALS
 
+RESULTS = Path(__file__).parent / "benchmarks" / "kitchen_rewards.json"
+
 # Seeds that were not used for tuning.
 FIRST_SEED = 50_000
-EPISODES, DENSE_EPISODES = 20, 3
+EPISODES, DENSE_EPISODES = 100, 20
 STEPS = 280
 
 # Steps over which the potential is averaged.
 _WINDOW = 5
 
-Policy = Callable[[dict[str, Any]], NDArray]
+# Policies, and arguments of the environment, by the name of a case.
+CASES: dict[str, tuple[str, dict[str, str]]] = {
+    "original": ("expert", {"reward": "dense_gain"}),
+    "strict": ("expert", {"success": "strict"}),
+    "dense": ("expert", {"reward": "dense"}),
+    "waiting": ("zero", {"reward": "dense"}),
+    "waiting_gain": ("zero", {"reward": "dense_gain"}),
+}
 
 
-def play(env: FrankaKitchenEnv, seed: int, policy: Policy) -> tuple[NDArray[np.float64], int]:
-    """Plays an episode; returns its rewards, and the control step at which the task was completed, or -1."""
+class Episode(NamedTuple):
+    """An episode that was played.
+
+    Attributes:
+      rewards: `(t,)`, of its control steps.
+      completion: control step, from 1, at which the task was completed; -1 if it was not.
+    """
+
+    rewards: NDArray[np.float64]
+    completion: int
+
+    @property
+    def potential_before(self) -> NDArray[np.float64]:
+        """The rewards before completion; with the reward `dense` they are the potential."""
+        return self.rewards[: self.completion - 1] if self.completion > 0 else self.rewards
+
+
+@functools.lru_cache(maxsize=1)
+def load(task: str, case: str) -> FrankaKitchenEnv:
+    """Returns an environment; consecutive episodes of a case share it."""
+    return FrankaKitchenEnv([task], **CASES[case][1])
+
+
+def play(episode: tuple[str, str, int]) -> Episode:
+    """Plays an episode of a task in a case, from a seed."""
+    task, case, seed = episode
+    env = load(task, case)
+    acts = CASES[case][0] == "expert"
+    expert = KitchenExpert.for_task(env.environment.task) if acts else None
     observation, info = env.reset(seed=seed)
     rewards = []
     for _ in range(STEPS):
-        observation, reward, terminated, _, info = env.step(policy(observation))
-        rewards.append(reward)
+        action = expert.act(observation["observation"]) if expert else np.zeros(9)
+        observation, reward, terminated, _, info = env.step(action)
+        rewards.append(float(reward))
         if terminated:
             break
-    return np.array(rewards), int(info["completion_steps"].max())
-
-
-def expert(env: FrankaKitchenEnv) -> Policy:
-    """Returns the policy of an expert at the start of an episode."""
-    one = KitchenExpert.for_task(env.environment.task)
-    return lambda observation: one.act(observation["observation"])
-
-
-def stand_still(observation: dict[str, Any]) -> NDArray:
-    """Returns an action of zeros."""
-    del observation
-    return np.zeros(9)
+    return Episode(np.array(rewards), int(info["completion_steps"].max()))
 
 
 def greatest_fall(potential: NDArray[np.float64]) -> float:
-    """Returns the greatest fall of the mean over a window below an earlier one."""
+    """Returns how far the mean over a window falls below an earlier one at most; 0 in episodes shorter than that."""
+    if potential.size < _WINDOW:
+        return 0.0
     means = np.convolve(potential, np.ones(_WINDOW) / _WINDOW, "valid")
     return float((np.maximum.accumulate(means) - means).max())
 
 
-def row(task: str, episodes: int) -> list[object]:
-    """Returns the measures of a task."""
-    seeds = range(FIRST_SEED, FIRST_SEED + min(DENSE_EPISODES, episodes))
-    envs = {reward: FrankaKitchenEnv([task], reward=reward) for reward in ("dense", "dense_gain")}
-    dense = [play(envs["dense"], seed, expert(envs["dense"])) for seed in seeds]
-    still = [play(envs["dense"], seed, stand_still)[0].sum() for seed in seeds]
-    gains = [play(envs["dense_gain"], seed, expert(envs["dense_gain"]))[0].sum() for seed in seeds]
-    waiting = [play(envs["dense_gain"], seed, stand_still)[0].sum() for seed in seeds]
-    strict = FrankaKitchenEnv([task], success="strict")
-    steps = [play(strict, FIRST_SEED + number, expert(strict))[1] for number in range(episodes)]
-    done = [step for step in steps if step > 0]
-    return [
-        f"`{task}`",
-        f"{max(greatest_fall(rewards[:step]) for rewards, step in dense):.3f}",
-        f"{max(rewards[: step - 1].max() for rewards, step in dense):.2f}",
-        f"{min(rewards.sum() for rewards, _ in dense):.0f}, {max(still):.1f}",
-        f"{min(gains):.3f}, {max(waiting):.3f}",
-        f"{statistics.median(step for _, step in dense):.0f}",
-        f"{len(done)} of {episodes} ({statistics.median(done) if done else 0:.0f})",
-    ]
+def row(task: str, played: dict[str, list[Episode]]) -> dict[str, Any]:
+    """Returns the results of a task."""
+    result: dict[str, Any] = {"task": task, "episodes": len(played["strict"]), "dense_episodes": len(played["dense"])}
+    for case in ("original", "strict"):
+        steps = [episode.completion for episode in played[case] if episode.completion > 0]
+        result[f"{case}_success"] = len(steps)
+        result[f"{case}_steps"] = statistics.median(steps) if steps else None
+    befores = [episode.potential_before for episode in played["dense"]]
+    done = {
+        case: [each.rewards.sum() for each in played[case] if each.completion > 0] for case in ("dense", "original")
+    }
+    return {
+        **result,
+        "greatest_fall": max(map(greatest_fall, befores)),
+        "greatest_potential": max(float(before.max(initial=0.0)) for before in befores),
+        "dense_return": min(done["dense"], default=None),
+        "dense_waiting": max(episode.rewards.sum() for episode in played["waiting"]),
+        "gain_return": min(done["original"], default=None),
+        "gain_waiting": max(episode.rewards.sum() for episode in played["waiting_gain"]),
+    }
 
 
-def main(count: str = str(EPISODES)) -> None:
-    """Prints the table."""
-    headers = [
-        "task",
-        "greatest fall",
-        "greatest potential before completion",
-        "`dense`: expert, standing still",
-        "`dense_gain`: expert, standing still",
-        "steps, `original`",
-        "successes (steps), `strict`",
-    ]
-    rows = [row(task, int(count)) for task in tqdm(GOALS)]
-    print(tabulate(rows, headers, tablefmt="github", disable_numparse=True))
+def measure(count: int) -> None:
+    """Plays `count` episodes of each task, and fewer with the reward `dense`; writes the results."""
+    fewer = min(count, DENSE_EPISODES)
+    counts = {"original": count, "strict": count, "dense": fewer, "waiting": fewer, "waiting_gain": fewer}
+    episodes = [(task, case, FIRST_SEED + number) for task in GOALS for case in CASES for number in range(counts[case])]
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        played = iter(list(tqdm(pool.imap(play, episodes, chunksize=fewer), total=len(episodes), smoothing=0.0)))
+    rows = [row(task, {case: list(itertools.islice(played, counts[case])) for case in CASES}) for task in GOALS]
+    RESULTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    measure(*map(int, sys.argv[1:2] or [EPISODES]))
