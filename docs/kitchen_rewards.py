@@ -1,7 +1,7 @@
 """Measures rewards and success of the kitchen's twenty tasks with the expert.
 
-`python docs/kitchen_rewards.py` plays 100 episodes of each task with each criterion of success, and 20 with the reward
-`dense`, in as many processes as there are CPUs, and writes docs/benchmarks/kitchen_rewards.json. That takes 40 minutes
+`python docs/kitchen_rewards.py` plays 100 episodes of each task with each criterion of success, and 10 with the reward
+`dense`, in as many processes as there are CPUs, and writes docs/benchmarks/kitchen_rewards.json. That takes 20 minutes
 of processor time; `python docs/kitchen_rewards.py 5` plays 5 of each. It needs the extra `experts`.
 `docs/build.py tables` makes a table of the results.
 """
@@ -27,7 +27,7 @@ RESULTS = Path(__file__).parent / "benchmarks" / "kitchen_rewards.json"
 
 # Seeds that were not used for tuning.
 FIRST_SEED = 50_000
-EPISODES, DENSE_EPISODES = 100, 20
+EPISODES, DENSE_EPISODES = 100, 10
 STEPS = 280
 
 # Steps over which the potential is averaged.

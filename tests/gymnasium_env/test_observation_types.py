@@ -15,6 +15,8 @@ from kitchen_suite.gymnasium_env.layouts import GOAL_LAYOUTS
 from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
 from kitchen_suite.rollouts.settings import PICTURES_PREFIX
 
+pytestmark = pytest.mark.thorough
+
 CLASSES = {
     "kitchen": FrankaKitchenEnv,
     "open_cabinet": FrankaOpenCabinetEnv,

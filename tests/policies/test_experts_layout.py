@@ -9,6 +9,8 @@ from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.tasks.variation_request import VariationRequest
 from kitchen_suite.tasks.varied import SPLITS
 
+pytestmark = pytest.mark.thorough
+
 KITCHEN_POSES = (
     "franka/base_pose",
     "microwave/pose",

@@ -30,6 +30,8 @@ from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 
+pytestmark = pytest.mark.thorough
+
 COMMAND = [sys.executable, "-m", "kitchen_suite.cli.record"]
 SHORT = ["--max_episode_steps=5"]
 # The microwave's goal lies within its threshold from the start, the kettle's does not.

@@ -21,6 +21,8 @@ from kitchen_suite.recordings.replay_job import choose
 from kitchen_suite.rollouts.episode import flatten, unflatten
 from kitchen_suite.versions import installed_versions
 
+pytestmark = pytest.mark.thorough
+
 ID = "kitchen-suite/random-v0"
 KITCHEN = ["--num_threads=1", "--num_envs=4", "--max_episode_steps=6"]
 # The microwave's goal lies within its threshold from the start, the kettle's does not.

@@ -10,6 +10,8 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.variations import Bands
 from kitchen_suite.tasks.varied import GROUPS, around, between, one_of
 
+pytestmark = pytest.mark.thorough
+
 
 def load(domain="kitchen", task=None, random=0, **options):
     task = task or next(iter(suite.DOMAINS[domain].tasks))
