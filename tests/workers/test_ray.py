@@ -210,7 +210,7 @@ def test_a_cluster_elsewhere_plays_and_the_command_writes(run, cluster, tmp_path
         text=True,
         timeout=120,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
     assert run(record, "--output=one", *command)[0] == 0
     assert len(load_all("many")) == 5
     assert_same_episodes("many", "one")
