@@ -104,6 +104,10 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", unset="started for the command"
         ),
         "rounds": Option("Rounds that count.", minimum=1, maximum=1_000_000),
+        "training_kwargs": Option(
+            "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
+            "domain's."
+        ),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
         "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
         "eval_interval": Option(

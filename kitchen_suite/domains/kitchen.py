@@ -112,18 +112,42 @@ KITCHEN = Domain(
     cloning_options=("tasks_to_complete", "goals", "velocity_scale", "feedback", *CONTROL_OPTIONS),
     hyperparameters=MappingProxyType(
         {
+            "num_envs": 64,
+            "rollouts": 32,
+            "learning_epochs": 5,
+            "mini_batches": 4,
+            "hidden": (128, 128),
+            "learning_rate": 5e-4,
+            "value_learning_rate": 5e-4,
+            "kl_target": 0.0,
+            "discount": 0.98,
+            "entropy_scale": 0.0,
+            "reward_scale": 10.0,
+            "exploration": 0.5,
+            "noise_correlation": 0.7,
+            "action_scale": (1.0,) * 9,
+        }
+    ),
+    cloning_hyperparameters=MappingProxyType(
+        {
             "num_envs": 32,
             "rollouts": 140,
             "hidden": (512, 512),
             "mini_batches": 10,
             "learning_rate": 1e-4,
-            "kl_target": 0.0,
+            "value_learning_rate": 1e-3,
             "discount": 0.995,
-            "entropy_scale": 0.0,
             "reward_scale": 1.0,
             "exploration": 0.1,
             "noise_correlation": 0.0,
             "action_scale": (0.5,) * 9,
+        }
+    ),
+    training_options=MappingProxyType(
+        {
+            "max_episode_steps": 100,
+            "reward": "dense_gain",
+            "sleep": True,
         }
     ),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",

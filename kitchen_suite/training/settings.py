@@ -17,6 +17,7 @@ class TrainSettings(TaskSettings):
 
     output: Path
     domain_name: str = "open_cabinet"
+    training_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     demonstrations: Path | None = None
     num_steps: int = 49_000_000

@@ -19,7 +19,7 @@ from kitchen_suite.training.settings import TrainSettings
 
 pytestmark = pytest.mark.clients
 
-DESCRIPTION = RunDescription(**METADATA, hyperparameters={}, seed=0)
+DESCRIPTION = RunDescription(**METADATA, training_kwargs={}, hyperparameters={}, seed=0)
 
 EVALUATION = {f"evaluation/{name}" for name in ("success", "progress", "length", "return")}
 BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
@@ -29,6 +29,7 @@ BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
     "policy/standard deviation",
     "learning/learning rate",
     "time/steps_per_second",
+    "time/update_milliseconds",
 }
 
 
@@ -97,8 +98,8 @@ def assert_same(one, other):
 def test_the_documented_curves_are_written(make_run, tmp_path):
     make_run(4)[0].run(lambda row: None)
     found = curves(tmp_path)
-    assert set(found) >= EVALUATION | BATCHES | {"time/minutes"}
-    for name in EVALUATION | {"time/minutes"}:
+    assert set(found) >= EVALUATION | BATCHES | {"time/minutes", "time/processor_minutes"}
+    for name in EVALUATION | {"time/minutes", "time/processor_minutes"}:
         assert list(found[name]) == [0, 2 * BATCH, 4 * BATCH]
     for name in BATCHES:
         assert list(found[name]) == [batches * BATCH for batches in (1, 2, 3, 4)]
@@ -130,7 +131,7 @@ def test_the_learner_is_restored(make_run):
     assert rate == before.agent.optimizer.param_groups[0]["lr"] != 3e-4
     # The optimiser's moments are restored, too.
     assert any(part["exp_avg"].any() for part in after.agent.optimizer.state_dict()["state"].values())
-    assert after.agent.checkpoint_modules["observation_preprocessor"].current_count > 4 * BATCH
+    assert after.agent.observation_scaler.current_count > 4 * BATCH
 
 
 def test_an_exported_policy_is_the_same_after_resuming(make_run):
