@@ -18,6 +18,7 @@ from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.instructions import InstructedTask
 from kitchen_suite.tasks.mdp import MEDIAN, ActionMode
 from kitchen_suite.tasks.observed import ObservedTask
+from kitchen_suite.tasks.reset_options import OptionedTask
 from kitchen_suite.tasks.simulation import PhysicsSimulation, columns
 from kitchen_suite.tasks.varied_task import VariedTask
 
@@ -28,7 +29,7 @@ SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 Metrics = dict[str, bool | float | dict[str, int]]
 
 
-class SuiteTask(InstructedTask, VariedTask, ObservedTask):
+class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -272,10 +273,14 @@ class SuiteTask(InstructedTask, VariedTask, ObservedTask):
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
         self._sensing = sensing.start(self.randomizer.values, mdp.noise_parts, mdp.noise_draws, positions)
-        start = mdp.initial_state(mdp.sensors.read(self._simulation), sensing.scaled(self._sensing, draws))
+        start = self._initial_state(sensing.scaled(self._sensing, draws))
         carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
         self._set_state(start._replace(**carried), physics)
         self._start_command(physics)
+
+    def _initial_state(self, draws: NDArray[np.float64]) -> Any:
+        """Returns the state before the first step; `draws` as in `MDP.initial_state`."""
+        return self.mdp.initial_state(self.mdp.sensors.read(self._simulation), draws)
 
     def _start_command(self, physics: mjcf.Physics) -> None:
         """Makes the control mode start from the present state of the physics."""

@@ -95,10 +95,15 @@ _TASKS = {
     **{name.replace(" ", "_"): (name,) for name in _FURTHER_GOALS},
 }
 
+# Each episode asks for so many of the default tasks.
+_RANDOM = {
+    f"random_{count}": {"tasks_to_complete": _GOALS, "tasks_per_episode": count} for count in range(1, len(_GOALS) + 1)
+}
+
 KITCHEN = Domain(
     name="kitchen",
     build=kitchen,
-    tasks=MappingProxyType({name: {"tasks_to_complete": goals} for name, goals in _TASKS.items()}),
+    tasks=MappingProxyType({**{name: {"tasks_to_complete": goals} for name, goals in _TASKS.items()}, **_RANDOM}),
     env_id="KitchenSuite/FrankaKitchen-v1",
     env="kitchen_suite.gymnasium_env.kitchen:FrankaKitchenEnv",
     vector_env="kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",

@@ -186,7 +186,7 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
           options: `{"state": ...}` continues from a state returned by `get_state`; a seed beside it replaces only the
             random state. `{"variation": names}` has the parameters and groups that vary in this episode, of those of
             `variations`; the others have their defaults. `{"variation_values": {name: value}}` replaces values that
-            would be drawn.
+            would be drawn. A task may have options of its own; see its environment.
 
         Raises:
           TypeError: the seed is no integer, or the options are no dict.
@@ -194,12 +194,13 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        chosen = checks.reset_options(options, ("state", VARIATION, VARIATION_VALUES))
+        chosen = checks.reset_options(options, ("state", VARIATION, VARIATION_VALUES, *self._task.reset_options))
         state = chosen.get("state")
         if state is None:
             request(self._task, chosen)
         elif len(chosen) > 1:
-            raise ValueError("a state has its own values: leave out variation and variation_values")
+            others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.reset_options))
+            raise ValueError(f"a state has its own values: leave out {others}")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")
         if state is not None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
 from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE, KitchenMDP
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.shaping import Shaping
 from kitchen_suite.tasks.rewards import total
 
@@ -54,10 +55,12 @@ def reward(
     have under `reward_state/...`.
     """
     if mdp.is_shaped:
-        return total(mdp.shaped_terms(_shaping(info, achieved.shape[:-1], mdp.goals), achieved, desired))
+        shaping, asked = _shaping(info, achieved.shape[:-1], mdp.goals), _asked(info, achieved.shape[:-1], mdp)
+        return total(mdp.shaped_terms(shaping, achieved, desired, asked))
     within = _within(achieved, desired, mdp)
     listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    return total(mdp.reward_terms(within & np.where(has_lists, listed, True)))
+    rewarded, asked = np.where(has_lists, listed, True), _asked(info, within.shape[:-1], mdp)
+    return total(mdp.reward_terms(within & (rewarded if asked is None else rewarded & asked)))
 
 
 def terminated(
@@ -66,7 +69,16 @@ def terminated(
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
     within = _within(achieved, desired, mdp)
     completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
-    return np.all(np.where(has_list, completed, within), axis=-1)
+    done, asked = np.where(has_list, completed, within), _asked(info, within.shape[:-1], mdp)
+    return np.all(done if asked is None else done | ~asked, axis=-1)
+
+
+def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP) -> NDArray[np.bool_] | None:
+    """Returns which tasks `(..., n)` infos `(...)` ask for, all where an info does not say; None without draws."""
+    if mdp.task_draw is None:
+        return None
+    asked, has_list = _listed_tasks(info, (*shape, len(mdp.goals.tasks)), mdp.goals.tasks, (REQUESTED,))
+    return np.where(has_list, asked, True)
 
 
 def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.state import KitchenState
 from kitchen_suite.tasks.success import Thresholds
 
@@ -37,17 +38,21 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """FrankaKitchen-v1, keyword for keyword and key for key, over `KitchenTask`.
 
     Observation: a dict of `observation` (59 numbers, float64; table in docs/kitchen.md), `achieved_goal` and
-      `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`.
+      `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`. With `tasks_per_episode` also
+      `requested_tasks` `(n,)` float64, 1 where a task is asked and 0 elsewhere.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
       order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
-      sentence; with `variations` also `variation_split`.
+      sentence; with `variations` also `variation_split`; with `tasks_per_episode` also `requested_tasks`, in the order
+      asked.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
+    Info, with `tasks_per_episode`: `requested_tasks_mask` `(n,)` bool, and `requested_order` `(n,)` int64, the place of
+      each task in the order asked, from 0, and -1 where it is not asked. All other infos concern the tasks asked.
     Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
       needs of the episode.
-    Info, always: `is_success`, whether all tasks have been completed, and `episode_step`; numbers, or arrays of shape
-      `()` with `info_format="arrays"`.
+    Info, always: `is_success`, whether all tasks asked have been completed, and `episode_step`; numbers, or arrays of
+      shape `()` with `info_format="arrays"`.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
@@ -71,6 +76,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         threshold: Thresholds | None = None,
         success: str | None = None,
         reward: str = "sparse",
+        tasks_per_episode: int | Sequence[int] | None = None,
         feedback: str | None = None,
         sleep: bool = False,
         goal_format: str = "dict",
@@ -97,6 +103,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             3 cm and upright; see `StrictSuccess`.
           reward: `sparse`; `dense`, the approach to the handles and the progress of the joints, and 1 for each task
             from its completion on; or `dense_gain`, the gain of that in the step. See `tasks.kitchen.reward`.
+          tasks_per_episode: number of tasks that an episode asks for, or a pair of the least and greatest number; each
+            reset draws which of `tasks_to_complete`, and their order. `reset(options={"requested_tasks": names})` asks
+            for given ones, in the order of the names. Every episode asks for all when omitted.
           feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
             (the default), `true` or `target`; see `KitchenTask`.
           sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
@@ -127,6 +136,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "threshold": threshold,
             "success": success,
             "reward": reward,
+            "tasks_per_episode": tasks_per_episode,
             "feedback": feedback,
             "sleep": sleep,
         }
@@ -139,7 +149,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         environment = suite.kitchen(**task_options)
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in environment.task.task_observables.items():
-            part.enabled = not key.startswith(_GOALS)
+            part.enabled = not key.startswith((*_GOALS, REQUESTED))
         return environment
 
     def _default_camera_config(self) -> dict[str, Any]:
@@ -167,10 +177,23 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     def _goals_by_key(self, state: KitchenState) -> dict[str, NDArray]:
         split, goals = self._goals.split, self._goals_of(state)
-        return {f"{kind}/{task}": part for kind, flat in goals.items() for task, part in split(flat).items()}
+        parts = {f"{kind}/{task}": part for kind, flat in goals.items() for task, part in split(flat).items()}
+        return {**parts, **self._requests_of(state)}
+
+    def _requests_of(self, state: KitchenState) -> dict[str, NDArray]:
+        """Returns the observation of the tasks asked `(..., n)`; empty if every episode asks for all."""
+        mdp = self._task.mdp
+        return {REQUESTED: mdp.asked_mask(state).astype(np.float64)} if mdp.task_draw else {}
 
     def _make_goals(self) -> layouts.Goals:
-        return layouts.Goals(space=self._goal_space(), lay_out=self._lay_goals_out, by_key=self._goals_by_key)
+        mask = spaces.Box(0.0, 1.0, (len(self._goals.tasks),), np.float64)
+        return layouts.Goals(
+            space=self._goal_space(),
+            lay_out=self._lay_goals_out,
+            by_key=self._goals_by_key,
+            further={REQUESTED: mask} if self._task.mdp.task_draw else {},
+            lay_further_out=self._requests_of,
+        )
 
     def _lay_goals_out(self, state: KitchenState) -> dict[str, Any]:
         return {kind: self.format_goal(goal) for kind, goal in self._goals_of(state).items()}
@@ -188,6 +211,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({INSTRUCTION: self.instruction} if self._instructed else {}),
             **({VARIATION_SPLIT: task.variation_split} if task.varies else {}),
+            **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
         }
         return {
             **(names if self._info_format == "lists" else {}),
@@ -202,7 +226,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         Args:
           achieved_goal: dict by task or flat, with any leading axes.
           desired_goal: dict by task or flat, with the same leading axes.
-          info: one dict, or a list of dicts for a batch; an info without lists and masks of tasks rewards every task.
+          info: one dict, or a list of dicts for a batch; an info without lists and masks of tasks rewards every task;
+            with `tasks_per_episode` only those listed under `requested_tasks`, or its mask, are rewarded.
             A dense reward needs its infos under `reward_state/...`.
 
         Returns:

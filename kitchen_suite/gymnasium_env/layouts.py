@@ -8,7 +8,7 @@ import abc
 import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -25,11 +25,15 @@ class Goals:
       space: of the achieved and of the desired goal.
       lay_out: returns both for a state of the MDP, by key, in fresh arrays.
       by_key: returns both in fresh arrays as the suite's own observation has them.
+      further: spaces `(n,)` of vectors that every observation type has after its own parts, by key.
+      lay_further_out: returns these vectors `(..., n)` for a state of the MDP, by key, in fresh arrays.
     """
 
     space: spaces.Space
     lay_out: Callable[[Any], dict[str, Any]]
     by_key: Callable[[Any], dict[str, NDArray]]
+    further: Mapping[str, spaces.Box] = dataclasses.field(default_factory=dict)
+    lay_further_out: Callable[[Any], dict[str, NDArray]] = lambda state: {}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,7 +61,7 @@ class Layout(abc.ABC):
       has_pictures: whether observations hold pictures, and so need cameras.
     """
 
-    has_pictures: ClassVar[bool] = False
+    has_pictures: bool = False
     space: spaces.Space
 
     @abc.abstractmethod
@@ -154,6 +158,33 @@ class PixelsAgentPos(Layout):
 
     def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, Any]:
         return {**_lay_pictures_out(self._kinds, pictures), "agent_pos": flat.take(self._robot, axis=-1)}
+
+
+class Extended(Layout):
+    """An observation type with the goals' further vectors: at the end of an array of the state, else as dict keys."""
+
+    def __init__(self, layout: Layout, goals: Goals) -> None:
+        """Extends the space of a layout."""
+        self._layout, self._goals, self.has_pictures = layout, goals, layout.has_pictures
+        if isinstance(layout, State):
+            assert isinstance(layout.space, spaces.Box)
+            boxes = [layout.space, *goals.further.values()]
+            low, high = (np.concatenate([getattr(box, side) for box in boxes]) for side in ("low", "high"))
+            self.space = spaces.Box(low, high, dtype=layout.space.dtype.type)
+            self._size = layout.space.shape[0]
+            return
+        inner = layout.space.spaces if isinstance(layout.space, spaces.Dict) else {"pixels": layout.space}
+        self.space = spaces.Dict([*inner.items(), *goals.further.items()])
+
+    def __call__(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> Any:
+        observation, further = self._layout(flat, state, pictures), self._goals.lay_further_out(state)
+        if isinstance(self._layout, State):
+            parts = [observation, *further.values()]
+            return np.concatenate(parts, axis=-1, dtype=observation.dtype, casting="same_kind")
+        return {**(observation if isinstance(observation, Mapping) else {"pixels": observation}), **further}
+
+    def flat(self, observation: Any) -> NDArray | None:
+        return self._layout.flat(observation[..., : self._size] if isinstance(self._layout, State) else observation)
 
 
 # Observation types of all domains by public name, and those that need goals.

@@ -129,7 +129,10 @@ class Observations:
         bound = np.repeat(limits, sizes).astype(config.dtype)
         self.space = spaces.Box(-bound, bound, dtype=config.dtype)
         indices = np.concatenate([*robot, np.zeros(0, np.int64)])
-        self.layout = layout(layouts.Parts(flat=self.space, robot=indices, goals=goals, pictures=self._pictures))
+        parts = layouts.Parts(flat=self.space, robot=indices, goals=goals, pictures=self._pictures)
+        self.layout: layouts.Layout = layout(parts)
+        if goals and goals.further:
+            self.layout = layouts.Extended(self.layout, goals)
 
     def flat(self, observation: Mapping[str, NDArray]) -> NDArray:
         """Returns the flat observation `(m,)` in one of the suite's own, in a fresh array."""

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from kitchen_suite.environment import Environment
+from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.varied_task import VariedTask
 
 # Options of `reset`.
@@ -47,10 +48,15 @@ def space_of(task: VariedTask) -> spaces.Dict:
     return spaces.Dict(boxes)
 
 
-def request(task: VariedTask, options: Mapping[str, Any]) -> None:
-    """Makes a task's next reset follow the options of a reset; raises as `VariedTask.variation_request`."""
+def request(task: SuiteTask, options: Mapping[str, Any]) -> None:
+    """Makes a task's next reset follow the options of a reset.
+
+    Raises as `VariedTask.variation_request` and `OptionedTask.reset_request`; the task is unchanged then.
+    """
+    own = task.reset_request(options)
     chosen = task.variation_request(options.get(VARIATION), options.get(VARIATION_VALUES))
     task.request_variation(chosen)
+    task.request_reset(own)
 
 
 class VariedEnv:

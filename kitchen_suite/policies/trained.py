@@ -27,8 +27,8 @@ _LAYER = ("weight", "bias")
 # Folder of the policies that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
 
-# Keys of a goal observation, in the order of the dm_env observation.
-_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
+# Keys of a goal observation, in the order of the dm_env observation; the last one only with `tasks_per_episode`.
+_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal", "requested_tasks")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -190,11 +190,11 @@ def flat(observations: Any) -> NDArray:
 
     Args:
       observations: `(..., m)`, returned as they are; or a dict of the kitchen with `goal_format="flat"`, whose arrays
-        are concatenated in the order of the dm_env observation: state, achieved goals, desired goals.
+        are concatenated in the order of the dm_env observation: state, achieved goals, desired goals, tasks asked.
     """
     if not isinstance(observations, Mapping):
         return observations
-    return np.concatenate([observations[key] for key in _GOAL_KEYS], axis=-1)
+    return np.concatenate([observations[key] for key in _GOAL_KEYS if key in observations], axis=-1)
 
 
 def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:

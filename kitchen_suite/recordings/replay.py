@@ -13,6 +13,7 @@ from kitchen_suite.gymnasium_env.varied import VARIATION_VALUES
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.single_rollout import Actions, play
 from kitchen_suite.rollouts.spec import reset_to_seed
+from kitchen_suite.tasks.base import SuiteTask
 
 
 def replay(
@@ -74,8 +75,9 @@ def _check_shape(recorded: EpisodeArrays, name: str, array: NDArray, expected: t
 def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
     """Resets to where the recorded episode began; returns the observation and the info there."""
     inner = suite_env(environment)
-    observation, info = reset_to_seed(environment, recorded.seed or 0, seeding, _variation(recorded))
-    task, physics = inner.environment.task, inner.environment.physics
+    task = inner.environment.task
+    observation, info = reset_to_seed(environment, recorded.seed or 0, seeding, _options(task, recorded))
+    physics = inner.environment.physics
     states = _task_states(environment, recorded)
     if states is None:
         return observation, info
@@ -88,11 +90,11 @@ def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) ->
     return observation, info
 
 
-def _variation(recorded: EpisodeArrays) -> dict[str, Any] | None:
-    """Returns the options of a reset that give recorded values of varied parameters back; None if there are none."""
+def _options(task: SuiteTask, recorded: EpisodeArrays) -> dict[str, Any] | None:
+    """Returns the options of a reset that repeat what was drawn in a recorded episode; None if there are none."""
     prefix = f"info/{VARIATION_VALUES}/"
     values = {name.removeprefix(prefix): rows[0] for name, rows in recorded.arrays.items() if name.startswith(prefix)}
-    return {VARIATION_VALUES: values} if values else None
+    return {**({VARIATION_VALUES: values} if values else {}), **task.recorded_options(recorded.arrays)} or None
 
 
 def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Actions:

@@ -98,13 +98,13 @@ def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
 
 
 def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
-    """Returns an episode's observations `(T + 1, n)` as a trained policy takes them: state, achieved, desired goals.
+    """Returns an episode's observations `(T + 1, n)` as a trained policy takes them; see `trained.flat`.
 
     Goals recorded by task have one array for each task, in the configured order, which is that of flat goals.
     """
     if "observation" in arrays:
         return arrays["observation"]
-    keys = [f"observation/{key}" for key in ("observation", "achieved_goal", "desired_goal")]
+    keys = [f"observation/{key}" for key in ("observation", "achieved_goal", "desired_goal", "requested_tasks")]
     parts = [array for key in keys for name, array in arrays.items() if name.startswith(key)]
     return np.concatenate(parts, axis=-1)
 

@@ -34,7 +34,7 @@ class SharedAttributes:
     @property
     def instruction(self) -> tuple[str, ...]:
         """The sentence of each environment's task."""
-        return (self._template_env.instruction,) * self.num_envs
+        return self._each("instruction")
 
     @property
     def variation_space(self) -> spaces.Dict:
@@ -53,6 +53,10 @@ class SharedAttributes:
         except ValueError as error:
             # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
             raise AttributeError(str(error)) from error
+        return self._each(name)
+
+    def _each(self, name: str) -> tuple[Any, ...]:
+        """Returns one of `SHARED_ATTRIBUTES` of every single environment."""
         return (getattr(self._template_env, name),) * self.num_envs
 
     def call(self, name: str) -> tuple[Any, ...]:

@@ -141,7 +141,8 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         Args:
           seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
           options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True;
-            `variation` and `variation_values` as for the single environment, values with a leading axis `(n,)`.
+            `variation` and `variation_values` as for the single environment, values with a leading axis `(n,)`; options
+            of the task as for the single environment, in sequences with an element for each environment.
 
         Raises:
           TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
@@ -151,12 +152,15 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """
         self._check_process()
-        seeds, mask = vector_checks.seeds(seed, self.num_envs), vector_checks.reset_mask(options, self.num_envs)
+        task = self._template_env.environment.task
+        seeds = vector_checks.seeds(seed, self.num_envs)
+        mask = vector_checks.reset_mask(options, self.num_envs, task.reset_options)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        requests = vector_checks.variation_requests(options, self._template_env.environment.task, mask)
+        requests = vector_checks.variation_requests(options, task, mask)
+        own_requests = vector_checks.task_requests(options, task, mask)
         with self._all_or_nothing():
-            self._episodes.request_variation(requests)
+            self._episodes.request(requests, own_requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._ended = self._ended & ~mask

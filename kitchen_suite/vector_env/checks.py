@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES
+from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.variation_request import VariationRequest, flat_values
 from kitchen_suite.tasks.varied_task import VariedTask
 
@@ -57,14 +58,19 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     return [None if one is None else checks.integer(one, "seed", minimum=0) for one in each]
 
 
-def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool_]:
+def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str] = ()) -> NDArray[np.bool_]:
     """Returns the mask `(count,)` of environments that a reset with these options starts; all without options.
+
+    Args:
+      options: of the reset.
+      count: number of environments.
+      own: names of options that belong to the task.
 
     Raises:
       TypeError: the options are no dict, or the mask is no array of bools.
       ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
     """
-    options = checks.reset_options(options, ("reset_mask", VARIATION, VARIATION_VALUES))
+    options = checks.reset_options(options, ("reset_mask", VARIATION, VARIATION_VALUES, *own))
     if "reset_mask" not in options:
         return np.full(count, True)
     mask = options["reset_mask"]
@@ -75,6 +81,25 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> NDArray[np.bool
     if not mask.any():
         raise ValueError("reset_mask must choose at least one environment")
     return mask
+
+
+def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:
+    """Returns the task's own requests of a reset's options for the environments of its mask, by index.
+
+    Each option is a sequence with an element for each environment, None for none; see `OptionedTask.reset_request`.
+
+    Raises:
+      TypeError: an option is no sequence, or one of its elements is of the wrong type.
+      ValueError: an option has not one element for each environment, or one that the task refuses.
+    """
+    each = {name: (options or {})[name] for name in task.reset_options if (options or {}).get(name) is not None}
+    for name, rows in each.items():
+        if not isinstance(rows, list | tuple | np.ndarray):
+            raise TypeError(f"{name} must be a sequence of one element for each environment, got {rows!r}")
+        if len(rows) != mask.size:
+            raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(rows)}")
+    indices = mask.nonzero()[0].tolist() if each else ()
+    return {i: task.reset_request({name: rows[i] for name, rows in each.items()}) for i in indices}
 
 
 def variation_requests(

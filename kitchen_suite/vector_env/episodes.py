@@ -61,6 +61,7 @@ class BatchEpisodes:
         self._sensing: Any = batching.repeat(self._task.sensing, count)
         self._variation: Any = batching.repeat(self._task.variation_info, count)
         self._requests: dict[int, VariationRequest] = {}
+        self._own_requests: dict[int, Any] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
@@ -75,9 +76,14 @@ class BatchEpisodes:
         for name in self._mdp.carried:
             getattr(self.state, name)[slice(None) if mask is None else mask] = total_steps
 
-    def request_variation(self, requests: Mapping[int, VariationRequest]) -> None:
-        """Makes the next start of some episodes follow requests, by index of the episode."""
-        self._requests = dict(requests)
+    def request(self, variations: Mapping[int, VariationRequest], own: Mapping[int, Any]) -> None:
+        """Makes the next start of some episodes follow requests, by index of the episode.
+
+        Args:
+          variations: those of variations.
+          own: those that `OptionedTask.reset_request` returned.
+        """
+        self._requests, self._own_requests = dict(variations), dict(own)
 
     def start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask `(n,)` is True."""
@@ -93,6 +99,8 @@ class BatchEpisodes:
             environment.random_state = self.streams[i].random_state
             if i in self._requests:
                 self._task.request_variation(self._requests.pop(i))
+            if i in self._own_requests:
+                self._task.request_reset(self._own_requests.pop(i))
             environment.start_episode()
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():

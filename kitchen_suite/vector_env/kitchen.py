@@ -1,6 +1,7 @@
 """The vectorised kitchen: many kitchens stepped together as one Gymnasium vector environment."""
 
 import operator
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -10,7 +11,11 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
 from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# Attributes that depend on the tasks asked.
+_WORDS = ("instruction", "instructions", "task", "task_description")
 
 
 # VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
@@ -49,6 +54,18 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         arrays = {key: array for key, array in info.items() if not key.startswith("_")}
         return [tree.map_structure(operator.itemgetter(i), arrays) for i in range(self.num_envs)]
 
+    @property
+    def _orders(self) -> NDArray[np.int64]:
+        """Places `(n, m)` of the tasks in the order that each environment asks for; with `tasks_per_episode` only."""
+        return self._episodes.state.requested_order
+
+    def _each(self, name: str) -> tuple[Any, ...]:
+        task = self._template_env.environment.task
+        if name not in _WORDS or task.mdp.task_draw is None:
+            return super()._each(name)
+        instructions = [task.instructions_in(order) for order in self._orders]
+        return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
+
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
         task, progress = self._template_env.environment.task, self._episodes.state.progress
@@ -59,5 +76,6 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
             **({VARIATION_SPLIT: (task.variation_split,) * self.num_envs} if task.varies else {}),
+            **({REQUESTED: [task.tasks_in(row) for row in self._orders]} if task.mdp.task_draw else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

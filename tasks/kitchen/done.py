@@ -1,6 +1,6 @@
 """A parameter of the kitchen: which tasks are done at the start of an episode."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from dm_control import mjcf
@@ -30,21 +30,22 @@ def may_be_done(asked: Collection[str]) -> dict[str, Goal]:
     }
 
 
-def done_parameter(scene: Scene, tasks: Mapping[str, Goal]) -> Parameter:
+def done_parameter(scene: Scene, tasks: Callable[[], Mapping[str, Goal]]) -> Parameter:
     """Returns the parameter that completes some tasks at the start.
 
     Args:
       scene: with the goals' props.
-      tasks: goals of the tasks that it can complete; those of other tasks are ignored.
+      tasks: returns the goals of the tasks that it can complete in the episode that starts; it ignores others.
     """
-    joints = {task: goal.joints_in(scene) for task, goal in tasks.items()}
-    elements = tuple(joint for each in joints.values() for joint in each)
+    joints = {task: GOALS[task].joints_in(scene) for task in DEFAULT_TASKS}
+    elements = tuple(joint for task in tasks() for joint in joints[task])
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
         del elements
+        goals = tasks()
         for task, is_done in zip(DEFAULT_TASKS, value > 0.5, strict=True):
-            if is_done and task in joints:
-                physics.bind(joints[task]).qpos = tasks[task].value
+            if is_done and task in goals:
+                physics.bind(joints[task]).qpos = goals[task].value
 
     quantity = Quantity(
         read=lambda physics, elements: np.zeros(len(DEFAULT_TASKS)),

@@ -3,7 +3,7 @@
 Nine joints start slightly outside their ranges, and the kettle's quaternion is not normalised; both are kept.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,9 +68,13 @@ class Start(NamedTuple):
         return bool(((self.low <= positions) & (positions <= self.high)).all())
 
 
-def starts(goals: Iterable[Goal], scene: Scene, physics: mjcf.Physics) -> list[Start]:
-    """Returns the starts of the goals that have one; hinges and slides start within their ranges."""
-    return [_start(goal, goal.start, goal.joints_in(scene), physics) for goal in goals if goal.start is not None]
+def starts(goals: Mapping[str, Goal], scene: Scene, physics: mjcf.Physics) -> dict[str, Start]:
+    """Returns the starts of the goals that have one, by task; hinges and slides start within their ranges."""
+    return {
+        task: _start(goal, goal.start, goal.joints_in(scene), physics)
+        for task, goal in goals.items()
+        if goal.start is not None
+    }
 
 
 def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:

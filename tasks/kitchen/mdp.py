@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen.requested import REQUESTED, TaskDraw
 from kitchen_suite.tasks.kitchen.reward import ShapedReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
@@ -19,6 +20,9 @@ from kitchen_suite.tasks.success import Success
 
 # First part of the names of infos from which a dense reward can be computed for other goals.
 REWARD_STATE = "reward_state"
+
+# Name of the info on the order of the tasks asked.
+REQUESTED_ORDER = "requested_order"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,6 +38,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
+      task_draw: how many of the tasks an episode asks for; None for all.
     """
 
     sensors: KitchenSensors
@@ -44,6 +49,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     success: Success
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
+    task_draw: TaskDraw | None = None
 
     @property
     def noise_draws(self) -> int:
@@ -67,6 +73,15 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             terms={name: np.zeros(distances.shape[:-1]) for name in self.reward_terms.terms} if shaping else (),
         )
 
+    def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
+        """Returns the state before the first step of an episode that asks for some tasks; see `requested`."""
+        return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
+
+    def asked_mask(self, state: KitchenState) -> NDArray[np.bool_]:
+        """Returns which tasks `(..., n)` the episode asks for."""
+        order = state.requested_order
+        return np.full(state.distances.shape, True) if isinstance(order, tuple) else order >= 0
+
     def start_shaping(self, reading: KitchenReading) -> Shaping | tuple[()]:
         """Returns what a dense reward remembers at a reset; `()` for the sparse one."""
         if reading.hand_distances is None:
@@ -85,17 +100,22 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         del action
         positions, achieved, hand_distances = reading
         distances = self.goals.distances(achieved)
-        progress = state.progress.update(
-            self.success.within(achieved, distances), remove_task_when_completed=self.remove_task_when_completed
+        within, order = self.success.within(achieved, distances), state.requested_order
+        if not isinstance(order, tuple):
+            within = within & (order >= 0)
+        progress = state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed)
+        after = KitchenState(
+            self.noise_scale * draws, positions, target, achieved, distances, progress, requested_order=order
         )
-        after = KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress)
         return after if hand_distances is None else self._shaped(after, state, hand_distances)
 
     def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
         """Returns a state with the terms of a dense reward."""
         assert isinstance(before.shaping, Shaping)
         shaping = before.shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-        terms = self.shaped_terms(shaping, after.achieved, self.goals.desired)
+        order = after.requested_order
+        asked = None if isinstance(order, tuple) else order >= 0
+        terms = self.shaped_terms(shaping, after.achieved, self.goals.desired, asked)
         return after._replace(shaping=shaping, terms=terms)
 
     @property
@@ -104,10 +124,18 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return isinstance(self.reward_terms, ShapedReward)
 
     def shaped_terms(
-        self, shaping: Shaping, achieved: NDArray[np.float64], desired: NDArray[np.float64]
+        self,
+        shaping: Shaping,
+        achieved: NDArray[np.float64],
+        desired: NDArray[np.float64],
+        asked: NDArray[np.bool_] | None = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`."""
-        return self.reward_terms(shares(shaping, success=self.success, achieved=achieved, desired=desired))
+        """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`.
+
+        Tasks outside the mask `asked`, `(..., n)`, add nothing.
+        """
+        each = shares(shaping, success=self.success, achieved=achieved, desired=desired)
+        return self.reward_terms(each if asked is None else each.masked(asked))
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
@@ -120,12 +148,20 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return dict(state.terms) if self.is_shaped else self.reward_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
-        return state.progress.all_completed & self.terminate_on_tasks_completed
+        return self.all_completed(state) & self.terminate_on_tasks_completed
+
+    def all_completed(self, state: KitchenState) -> NDArray[np.bool_]:
+        """Returns whether `(...)` all tasks that the episode asks for have been completed."""
+        order = state.requested_order
+        if isinstance(order, tuple):
+            return state.progress.all_completed
+        completed: NDArray[np.bool_] = np.logical_and.reduce(state.progress.completed | (order < 0), axis=-1)
+        return completed
 
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
 
-        With a dense reward also those on its terms, and what it remembers.
+        With a dense reward also those on its terms, and what it remembers; with `task_draw` those on the tasks asked.
         """
         progress = state.progress
         infos = {
@@ -134,8 +170,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "episode_task_completions_mask": progress.completed,
             "completion_steps": progress.completion_steps.copy(),
             "task_distances": state.distances.copy(),
-            "is_success": progress.all_completed,
+            "is_success": self.all_completed(state),
         }
+        if not isinstance(state.requested_order, tuple):
+            infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
         if isinstance(state.shaping, Shaping):
             infos |= {f"reward/{name}": np.array(term) for name, term in self.terms(state).items()}
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}

@@ -2,7 +2,7 @@
 
 import collections
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from dm_control import mjcf
@@ -13,6 +13,7 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
 
 
 class KitchenObservables:
@@ -24,6 +25,7 @@ class KitchenObservables:
       objects' joints; noise by `object_noise_ratio`.
     - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
       a task's goal is set for, from qpos, and the goal; no noise.
+    - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is asked, 0 elsewhere.
 
     The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
 
@@ -33,8 +35,21 @@ class KitchenObservables:
       noise: `(59,)`, noise of the present observation.
     """
 
-    def __init__(self, scene: Scene, goals: GoalSet, extra: Mapping[str, observable.Observable]) -> None:
-        """Builds the observables; `extra` ones come between state and goals."""
+    def __init__(
+        self,
+        scene: Scene,
+        goals: GoalSet,
+        extra: Mapping[str, observable.Observable],
+        requested: Callable[[], NDArray[np.float64]] | None = None,
+    ) -> None:
+        """Builds the observables.
+
+        Args:
+          scene: the kitchen.
+          goals: the tasks.
+          extra: observables that come between state and goals.
+          requested: returns the last observable, `requested_tasks`; None for none.
+        """
         self.noise = np.zeros(noise.AMPLITUDES.size)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
         state = {
@@ -56,6 +71,8 @@ class KitchenObservables:
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             {**state, **extra, **achieved, **desired}
         )
+        if requested is not None:
+            self.by_name[REQUESTED] = observable.Generic(lambda physics: requested())
         for part in self.by_name.values():
             part.enabled = True
 

@@ -6,18 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.base import Metrics, SuiteTask
+from kitchen_suite.tasks.base import Metrics
 from kitchen_suite.tasks.goals import Progress
-from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
-from kitchen_suite.tasks.kitchen.state import KitchenState
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
+from kitchen_suite.tasks.kitchen.requesting import RequestingTask
 from kitchen_suite.tasks.success import ThresholdSuccess
 
 
-class KitchenProgress(SuiteTask):
+class KitchenProgress(RequestingTask):
     """A task of the kitchen's MDP that reports how far its episode has come."""
 
-    _mdp: KitchenMDP
-    _state: KitchenState
     _reward_name: str
     _success_options: Mapping[str, Any]
 
@@ -77,9 +75,10 @@ class KitchenProgress(SuiteTask):
         return self._mdp.goals.by_completion(self.progress.completion_steps)
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether all tasks were completed, and the control step of each completion."""
-        steps = self._mdp.goals.by_completion(infos["completion_steps"])
-        return {"success": len(steps) == len(self._mdp.goals.tasks), "tasks_completed": steps}
+        """Returns whether all tasks asked were completed, and the control step of each completion."""
+        steps, asked = self._mdp.goals.by_completion(infos["completion_steps"]), infos.get(f"{REQUESTED}_mask")
+        count = len(self._mdp.goals.tasks) if asked is None else int(np.count_nonzero(asked))
+        return {"success": len(steps) == count, "tasks_completed": steps}
 
     def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
         """Returns the number of completed tasks."""
@@ -89,7 +88,10 @@ class KitchenProgress(SuiteTask):
         achieved, goals = self._recorded_goals(arrays), self._mdp.goals
         distances = arrays.get("info/task_distances") if achieved is None else goals.distances(achieved)
         within = None if distances is None else self._mdp.success.within_recorded(achieved, distances)
-        return None if within is None else (goals.tasks, within)
+        if within is None:
+            return None
+        asked = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
+        return goals.tasks, within if asked is None else within & (asked > 0)
 
     def _recorded_goals(self, arrays: Mapping[str, NDArray]) -> NDArray[np.float64] | None:
         """Returns the achieved goals `(T + 1, k)` in a recording, if it has them."""

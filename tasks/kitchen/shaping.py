@@ -98,6 +98,10 @@ class Shares(NamedTuple):
     completed: NDArray[np.bool_]
     previously_completed: NDArray[np.bool_]
 
+    def masked(self, mask: NDArray[np.bool_]) -> Self:
+        """Returns the shares with those of tasks outside a mask `(..., n)` set to 0 and False, which pay nothing."""
+        return type(self)(*(np.where(mask, part, np.zeros((), part.dtype)) for part in self))
+
 
 def shares(
     shaping: Shaping,

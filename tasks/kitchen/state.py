@@ -22,6 +22,8 @@ class KitchenState(NamedTuple):
       progress: completion of the tasks.
       shaping: what dense rewards remember; `()` for the sparse reward.
       terms: `(...)` each, the terms of the last step's dense reward by name; `()` for the sparse reward.
+      requested_order: `(..., n)`, place of each task in the order asked, from 0, and -1 where it is not asked; `()` if
+        every episode asks for all tasks.
     """
 
     noise: NDArray[np.float64]
@@ -32,15 +34,17 @@ class KitchenState(NamedTuple):
     progress: Progress
     shaping: Shaping | tuple[()] = ()
     terms: dict[str, NDArray[np.float64]] | tuple[()] = ()
+    requested_order: NDArray[np.int64] | tuple[()] = ()
 
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays, without what the sparse reward leaves empty."""
+    """Returns a state as nested dicts of fresh arrays, without the fields that are `()`."""
     parts = {"progress": state.progress._asdict()}
     if isinstance(state.shaping, Shaping):
         parts |= {"shaping": state.shaping._asdict(), "terms": dict(state.terms)}
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
-    arrays = {name: np.array(array) for name, array in state._asdict().items() if name not in _NESTED}
+    flat = {name: part for name, part in state._asdict().items() if name not in _NESTED and not isinstance(part, tuple)}
+    arrays = {name: np.array(array) for name, array in flat.items()}
     return {**arrays, **nested}
 
 

@@ -19,12 +19,13 @@ from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.done import done_parameter, may_be_done
+from kitchen_suite.tasks.kitchen.done import done_parameter
 from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, OUT_OF_REACH, THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, starts
+from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, Start, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 from kitchen_suite.tasks.kitchen.progress import KitchenProgress
+from kitchen_suite.tasks.kitchen.requested import TaskDraw
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict, from_dict
@@ -44,12 +45,13 @@ class KitchenTask(KitchenProgress):
     """Complete a set of tasks in the kitchen.
 
     Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; tasks that
-      close, turn off or return a prop start with it at the goal of the task that they undo. Always the same except for
-      the observation noise.
+      close, turn off or return a prop start, where they are asked, with it at the goal of the task that they undo.
+      Always the same except for the observation noise, and for the tasks asked with `tasks_per_episode`.
     Reward: at each step, the number of tasks complete after it, among those still to be completed; or a dense one.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit.
-    Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise.
+    Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise; with
+      `tasks_per_episode` the tasks asked.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
     """
 
@@ -70,6 +72,7 @@ class KitchenTask(KitchenProgress):
         threshold: Thresholds | None = None,
         success: str | None = None,
         reward: str = "sparse",
+        tasks_per_episode: int | Sequence[int] | None = None,
         control_mode: str = "joint_velocity",
         **options: Any,
     ) -> None:
@@ -88,6 +91,9 @@ class KitchenTask(KitchenProgress):
             omitted. Not together with `success`.
           success: `original`, by the threshold, or `strict`, by joint; see `StrictSuccess`.
           reward: `sparse`, `dense` or `dense_gain`; see `kitchen.reward`.
+          tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
+            each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
+            the end and the infos. Every episode asks for all when omitted.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
             `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
@@ -120,10 +126,13 @@ class KitchenTask(KitchenProgress):
             success=make_success(goal_set, scene, default=THRESHOLD, **self._success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
+            task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
         )
         super().__init__(scene, **observables)
         self._scene = scene
-        self._observables = KitchenObservables(scene, self._mdp.goals, self.extra_observables)
+        self._prepare_requests()
+        requested = self._observed_requests if self._mdp.task_draw else None
+        self._observables = KitchenObservables(scene, self._mdp.goals, self.extra_observables, requested)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
@@ -165,17 +174,16 @@ class KitchenTask(KitchenProgress):
         return self._mdp.goals.split(self._mdp.goals.desired.copy())
 
     @property
-    def instructions(self) -> tuple[str, ...]:
-        return self._mdp.goals.instructions
-
-    @property
     def observation_size(self) -> int:
-        return self._mdp.noise_scale.size + self.extra_size + 2 * self._mdp.goals.desired.size
+        goals = self._mdp.goals
+        requested = len(goals.tasks) if self._mdp.task_draw else 0
+        return self._mdp.noise_scale.size + self.extra_size + 2 * goals.desired.size + requested
 
     @property
     def policy_key(self) -> str:
-        reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
-        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + reward
+        reward, draw = "" if self._reward_name == "sparse" else f"_{self._reward_name}", self._mdp.task_draw
+        counts = "" if draw is None else "_".join(["_random", *map(str, dict.fromkeys((draw.least, draw.most)))])
+        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + counts + reward
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics
@@ -205,17 +213,22 @@ class KitchenTask(KitchenProgress):
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
-        self._starts = starts(self._mdp.goals.goals, self._scene, physics)
+        goals = dict(zip(self._mdp.goals.tasks, self._mdp.goals.goals, strict=True))
+        self._starts = starts(goals, self._scene, physics)
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        del random_state
+        self._draw_tasks(random_state)
         indices, data = self.indices, physics.data
         data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
-        for start in self._starts:
+        for start in self._asked_starts():
             data.qpos[start.columns] = start.positions
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
+
+    def _asked_starts(self) -> list[Start]:
+        """Returns the starts of the tasks that the episode that starts asks for."""
+        return [start for task, start in self._starts.items() if task in self.tasks_in(self._start_order)]
 
     @property
     def _home(self) -> NDArray[np.float64]:
@@ -226,16 +239,16 @@ class KitchenTask(KitchenProgress):
         return [handle for handle in handles if handle.name not in OUT_OF_REACH]
 
     def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
-        done = done_parameter(scene, may_be_done(self._mdp.goals.tasks))
+        done = done_parameter(scene, self._may_be_done)
         return (*super()._own_parameters(scene), done)
 
     def _corrected(self, values: Values) -> Values:
         """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
-        near = self._mdp.success.within(achieved, goals.distances(achieved), factor=START_DISTANCE)
+        near = self._mdp.success.within(achieved, goals.distances(achieved), factor=START_DISTANCE) & self._is_asked()
         qpos = self._simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
-        props |= {start.prop for start in self._starts if not start.allows(qpos)}
+        props |= {start.prop for start in self._asked_starts() if not start.allows(qpos)}
         if not props:
             return values
         moved = [name for name in self._randomizer.displacements if name.partition("/")[0] in props]
@@ -243,12 +256,14 @@ class KitchenTask(KitchenProgress):
 
     def _saved_state(self) -> dict[str, Any]:
         goals = self._mdp.goals
-        return {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy(), **as_dict(self._state)}
+        tasks = {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy()}
+        return {**tasks, **as_dict(self._state), **self._saved_requests()}
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         goals = self._mdp.goals
         if not np.array_equal(state["desired"], goals.desired):
             raise ValueError(f"the state has other goals, {state['desired']}, than the task, {goals.desired}")
+        self._restore_requests(state)
         self._set_state(from_dict(state))
 
     def _show(self, physics: mjcf.Physics | None) -> None:

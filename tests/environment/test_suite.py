@@ -81,6 +81,7 @@ def test_every_goal_is_a_task_and_the_sets_are_those_of_the_literature():
     expected["complete"] = expected["partial"] = ["microwave", "kettle", "light switch", "slide cabinet"]
     expected["mixed"] = ["microwave", "kettle", "bottom burner", "light switch"]
     expected["all"] = list(DEFAULT_TASKS)
+    expected |= {f"random_{count}": list(DEFAULT_TASKS) for count in range(1, 8)}
     found = {name: load("kitchen", name).task.tasks_to_complete for name in suite.TASKS_BY_DOMAIN["kitchen"]}
     assert found == expected
 

@@ -156,7 +156,7 @@ def test_variations_leave_the_start_within_the_ranges_and_away_from_the_goal(tas
     for _ in range(20):
         environment.reset()
         assert environment.task.task_distances[0] >= 1.2 * environment.task.threshold
-        for start in environment.task._starts:
+        for start in environment.task._starts.values():
             assert start.allows(environment.physics.data.qpos)
 
 

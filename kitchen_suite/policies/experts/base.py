@@ -5,6 +5,7 @@ import dataclasses
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Self
 
+import dm_env
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,6 +13,7 @@ from kitchen_suite import checks
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
+from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.mdp import ActionMode
 
 # A trajectory that the arm does not follow is halted, and fails after this many control steps.
@@ -149,6 +151,10 @@ class Expert(abc.ABC):
         bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded
+
+    def observed(self, timestep: dm_env.TimeStep) -> NDArray:
+        """Returns the observation that `act` takes, from a time step of the environment: without goals."""
+        return flat_timestep(timestep)[: self.observation_size]
 
     @property
     def _current_trajectory(self) -> JointTrajectory:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.policies.experts.base import Expert
-from kitchen_suite.policies.trained import flat_timestep
 
 
 def make(task: composer.Task, **options: Any) -> Expert:
@@ -58,7 +57,6 @@ def make_policy(
     def policy(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
         if timestep.first():
             expert.reset(generator)
-        # The kitchen's goals, which follow its state, are left out.
-        return expert.act(flat_timestep(timestep)[: expert.observation_size])
+        return expert.act(expert.observed(timestep))
 
     return policy

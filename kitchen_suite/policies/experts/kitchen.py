@@ -4,12 +4,13 @@ import functools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
+import dm_env
 import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_kitchen_scene
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel
@@ -22,6 +23,7 @@ from kitchen_suite.policies.experts.kitchen_further_skills import (
     left_door_skill,
 )
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
+from kitchen_suite.policies.experts.kitchen_observation import achieved, asked, scene
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
@@ -31,11 +33,13 @@ from kitchen_suite.policies.experts.trajectories import (
     plan,
     plan_retreat,
 )
+from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen import noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import GOALS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.goals import THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
@@ -70,7 +74,7 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 # Share of the arc of a door with which its task is completed.
 _ENOUGH_OF_ARC = 0.8
 
-_ROBOT, _, _OBJECTS, _ = noise.SLICES
+_ROBOT = noise.SLICES[0]
 _SIZE = noise.AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
@@ -94,6 +98,7 @@ class KitchenExpert(Expert):
         style: MotionStyle | None = None,
         control_mode: str = "joint_velocity",
         extra_observables: Sequence[str] = (),
+        observes_requests: bool = False,
         **control_options: Any,
     ) -> None:
         """Builds an expert for a set of tasks.
@@ -109,6 +114,8 @@ class KitchenExpert(Expert):
           control_mode: the environment's.
           extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
             the observation must include all of them, and the motions are planned for the poses.
+          observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. It does not
+            observe their order: with `in_order` it does them in that of `tasks`.
           **control_options: arguments of the control mode: the environment's.
 
         Raises:
@@ -117,13 +124,14 @@ class KitchenExpert(Expert):
         """
         self._goals = build_goals(tasks, goals)
         self._success = make_success(
-            self._goals, _scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
+            self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
         order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), _arm_model())
         self._layout = ObservedLayout(extra_observables)
-        self.observation_size = _SIZE + self._layout.size
+        self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
+        self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = ALL_STRICT_SKILLS if self._is_strict else ALL_SKILLS
         self._skills = precise if encoder.turns_hand else ALL_FIXED_SKILLS
@@ -143,7 +151,13 @@ class KitchenExpert(Expert):
             "goals": task.goals,
             **task.success_options,
             "extra_observables": tuple(task.extra_observables),
+            "observes_requests": task.mdp.task_draw is not None,
         }
+
+    def observed(self, timestep: dm_env.TimeStep) -> NDArray:
+        flat, size = flat_timestep(timestep), self.observation_size - self._num_requests
+        requested = timestep.observation.get(REQUESTED, flat[flat.size - self._num_requests :])
+        return np.concatenate([flat[:size], requested]) if self._num_requests else flat[:size]
 
     @property
     def _observed_extras(self) -> Collection[str]:
@@ -161,6 +175,8 @@ class KitchenExpert(Expert):
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
         if self._trajectory is None:
+            if count := self._num_requests:
+                self._queue = TaskQueue(asked(self._order, self._goals.tasks, observation[-count:]))
             return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
         distances, task = self._relative_distances(observation), self._queue.current
         if self._is_strict:
@@ -191,8 +207,8 @@ class KitchenExpert(Expert):
 
     def _relative_distances(self, observation: NDArray[np.float64]) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
-        achieved = np.concatenate([_achieved(task, observation) for task in self._goals.tasks])
-        return dict(zip(self._goals.tasks, self._success.ratios(achieved).tolist(), strict=True))
+        positions = np.concatenate([achieved(task, observation) for task in self._goals.tasks])
+        return dict(zip(self._goals.tasks, self._success.ratios(positions).tolist(), strict=True))
 
     def _then_current_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
         """Appends the trajectory of the queue's current task, if there is one; postpones tasks that are out of reach.
@@ -213,9 +229,9 @@ class KitchenExpert(Expert):
         """Chooses and plans a skill for the current task, for the present positions of the joints of its goal."""
         task = self._queue.current
         assert task is not None, "there is a task under way"
-        achieved, frame = _achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
+        positions, frame = achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
         skill = self._skill = self._choose_skill(task, observation, frame)
-        position = achieved[list(skill.object_joint.elements)] if skill.object_joint else None
+        position = positions[list(skill.object_joint.elements)] if skill.object_joint else None
         if frame is not None:
             return self._plan_in_frame(skill, position, frame)
         if self._style.jitter:
@@ -244,12 +260,12 @@ class KitchenExpert(Expert):
     def _choose_skill(self, task: str, observation: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
         skill = self._skills[task]
         if task == "kettle":
-            skill = kitchen_skills.kettle_skill(_achieved(task, observation)[:3]) or skill
+            skill = kitchen_skills.kettle_skill(achieved(task, observation)[:3]) or skill
         if task == "slide cabinet":
-            _, door = _achieved("hinge cabinet", observation)
+            _, door = achieved("hinge cabinet", observation)
             skill = kitchen_skills.slide_skill_beside_door(skill, door) or skill
         if task == "left hinge cabinet":
-            skill = left_door_skill(*_achieved(task, observation)) or skill
+            skill = left_door_skill(*achieved(task, observation)) or skill
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
@@ -276,22 +292,6 @@ def _arm_model() -> ArmModel:
         joint_speed=_JOINT_SPEED,
         timestep=CONTROL_TIMESTEP,
     )
-
-
-@functools.cache
-def _elements() -> Mapping[str, NDArray[np.int64]]:
-    """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
-    return {task: goal.elements_in(_scene()) for task, goal in GOALS.items()}
-
-
-@functools.cache
-def _scene() -> Scene:
-    return build_kitchen_scene(visuals=False)
-
-
-def _achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
-    return observation[_OBJECTS][_elements()[task]]
 
 
 @functools.lru_cache(maxsize=1024)
