@@ -89,31 +89,11 @@ def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:
 
 
 def _handles(scene: Scene) -> Iterator[tuple[str, ExtraObservable]]:
-    hand = ("framepos", scene.robot.end_effector)
     for name, prop in scene.props.items():
         if handles := prop.handles:
-            named, size = ", ".join(f"`{site.name}`" for site in handles), 3 * len(handles)
+            content = f"positions in the world of {', '.join(f'`{site.name}`' for site in handles)} [m]"
             sensors = tuple(("framepos", site) for site in handles)
-            yield (
-                f"{name}/handle_positions",
-                ExtraObservable(content=f"positions in the world of {named} [m]", size=size, sensors=sensors),
-            )
-            yield (
-                f"{name}/hand_to_handles",
-                ExtraObservable(
-                    content=f"vectors from the point between the finger tips to {named}, along the world's axes [m]",
-                    size=size,
-                    sensors=(hand, *sensors),
-                    combine=_relative_to_first,
-                ),
-            )
-
-
-def _relative_to_first(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the vectors `(..., 3 k)` from the first of `k + 1` positions `(..., 3 k + 3)` to the others."""
-    origin = np.tile(positions[..., :3], positions.shape[-1] // 3 - 1)
-    vectors: NDArray[np.float64] = positions[..., 3:] - origin
-    return vectors
+            yield f"{name}/handle_positions", ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
 
 
 class _Sensors(FeatureSensors):

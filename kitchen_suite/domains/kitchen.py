@@ -155,6 +155,7 @@ KITCHEN = Domain(
             "sleep": True,
         }
     ),
+    training_settings=MappingProxyType({"num_steps": 2_000_000, "eval_interval": 40_000, "patience": 1_000_000}),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

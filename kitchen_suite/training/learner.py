@@ -188,9 +188,10 @@ class Learner:
 
 
 def _episode_length(environments: SuiteVectorEnv) -> int:
-    assert environments.spec
-    assert environments.spec.max_episode_steps
-    return environments.spec.max_episode_steps
+    # The spec has the default one.
+    length = environments.template_env.max_episode_steps
+    assert length
+    return length
 
 
 def _tensor(observations: Any) -> torch.Tensor:

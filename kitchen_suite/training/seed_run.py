@@ -18,7 +18,7 @@ from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
 from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.training.settings import Schedule
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 POLICY_FILE = "policy.npz"
@@ -72,7 +72,7 @@ class SeedRun:
         self,
         folder: Path,
         seed: int,
-        settings: TrainSettings,
+        schedule: Schedule,
         learner: Learner,
         evaluation_environments: SuiteVectorEnv,
         metadata: Mapping[str, Any],
@@ -82,7 +82,7 @@ class SeedRun:
         Args:
           folder: of curves, checkpoints and the best policy; created if it does not exist.
           seed: of the learner.
-          settings: when to evaluate and when to stop; the other settings are not used.
+          schedule: when to evaluate and when to stop.
           learner: new.
           evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
           metadata: of exported policies.
@@ -91,7 +91,7 @@ class SeedRun:
           CheckpointError: there are checkpoints, but none can be read.
           OSError: the folder cannot be written to.
         """
-        self._folder, self._seed, self._settings = folder, seed, settings
+        self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
         self._stopwatch = Stopwatch()
@@ -138,18 +138,18 @@ class SeedRun:
         return reason
 
     def _stop_reason(self) -> StopReason | None:
-        settings = self._settings
-        if len(self._successes) == 2 and min(self._successes) >= settings.target_success:
+        schedule = self._schedule
+        if len(self._successes) == 2 and min(self._successes) >= schedule.target_success:
             return StopReason.TARGET
-        if self.steps >= settings.num_steps:
+        if self.steps >= schedule.num_steps:
             return StopReason.STEPS
-        if 0 < settings.patience <= self.steps and self._progress < settings.min_progress:
+        if 0 < schedule.patience <= self.steps and self._progress < schedule.min_progress:
             return StopReason.NO_PROGRESS
         return None
 
     def _is_evaluation_due(self, previous: int) -> bool:
         """Returns whether a multiple of `eval_interval` lies after the `previous` steps, or there are no more steps."""
-        interval = self._settings.eval_interval
+        interval = self._schedule.eval_interval
         return self.steps // interval > previous // interval or self._stop_reason() is not None
 
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
@@ -173,7 +173,7 @@ class SeedRun:
     def _evaluate(self) -> dict[str, NDArray]:
         """Evaluates the policy, saves it if it is the best so far, and returns the metrics `(n,)` of the episodes."""
         policy = export_policy(self._learner.agent, self._metadata)
-        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._settings.eval_episodes)]
+        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._schedule.eval_episodes)]
         metrics = evaluate(policy, self._evaluation_environments, seeds)
         result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
         self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
@@ -216,7 +216,7 @@ class SeedRun:
 
     def _progress_bar(self) -> tqdm:
         return tqdm(
-            total=self._settings.num_steps,
+            total=self._schedule.num_steps,
             initial=self.steps,
             desc=f"seed {self._seed}, at most",
             unit="step",

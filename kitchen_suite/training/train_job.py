@@ -56,7 +56,8 @@ class TrainJob:
           TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
           ValueError: an unknown name, or a value that is refused.
         """
-        if settings.num_steps == 0 and not settings.demonstrations:
+        self._schedule = settings.schedule
+        if self._schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
         self._settings = settings
         self._spec = self._make_spec(settings.environment_kwargs, None)
@@ -90,7 +91,7 @@ class TrainJob:
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
         return (
-            f"after {steps:,} of {self._settings.num_steps:,} steps; "
+            f"after {steps:,} of {self._schedule.num_steps:,} steps; "
             "the same command with --resume continues from the last checkpoint"
         )
 
@@ -118,9 +119,9 @@ class TrainJob:
 
     def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; returns why it stopped."""
-        settings, folder = self._settings, self._settings.output / f"seed_{seed}"
+        folder = self._settings.output / f"seed_{seed}"
         learner = Learner(self._environments, self._config, seed)
-        run = SeedRun(folder, seed, settings, learner, self._evaluation_environments, self._metadata)
+        run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
         self._seed_run = run
         if self._demonstrations and not run.resumed:
             with _cloning_bar(self._config.clone_epochs) as report:

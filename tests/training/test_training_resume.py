@@ -15,7 +15,7 @@ from training_reference import BATCH, METADATA, SMALL, environments, learner
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.training.run_folder import RunDescription, create_run, open_run
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.training.settings import Schedule
 
 pytestmark = pytest.mark.clients
 
@@ -53,8 +53,7 @@ def make_run(training_environments, evaluation_environments, tmp_path):
     from kitchen_suite.training.seed_run import SeedRun
 
     def make(batches, every=2, seed=0):
-        settings = TrainSettings(
-            output=tmp_path,
+        schedule = Schedule(
             num_steps=batches * BATCH,
             eval_interval=every * BATCH,
             eval_episodes=2,
@@ -63,7 +62,7 @@ def make_run(training_environments, evaluation_environments, tmp_path):
             min_progress=0.0,
         )
         new = learner(training_environments, seed=seed, kl_target=0.01)
-        return SeedRun(tmp_path, seed, settings, new, evaluation_environments, METADATA), new
+        return SeedRun(tmp_path, seed, schedule, new, evaluation_environments, METADATA), new
 
     return make
 
