@@ -53,12 +53,12 @@ class Hyperparameters:
       action_scale: action for network outputs of one.
     """
 
-    num_envs: int = 1024
+    num_envs: int = 256
     rollouts: int = 16
-    learning_epochs: int = 5
-    mini_batches: int = 8
-    hidden: tuple[int, ...] = (256, 128, 64)
-    learning_rate: float = 3e-4
+    learning_epochs: int = 2
+    mini_batches: int = 4
+    hidden: tuple[int, ...] = (128, 128)
+    learning_rate: float = 1e-3
     value_learning_rate: float = 1e-3
     kl_target: float = 0.008
     discount: float = 0.99
@@ -73,7 +73,7 @@ class Hyperparameters:
     value_batches: int = 10
     exploration: float = 1.0
     noise_correlation: float = 0.9
-    standardisation_epsilon: float = 0.05
+    standardisation_epsilon: float = 0.01
     action_scale: tuple[float, ...] = (*(0.01,) * 7, 2.0)
 
     @property
