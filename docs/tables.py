@@ -14,6 +14,7 @@ from dm_control import mjcf
 from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
 from observation_tables import OBSERVATION_TABLES
+from training_tables import TRAINING_TABLES
 from variation_tables import VARIATION_TABLES
 
 from kitchen_suite import suite
@@ -246,6 +247,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **ENTITY_TABLES,
     **CONTROL_TABLES,
     **OBSERVATION_TABLES,
+    **TRAINING_TABLES,
     **VARIATION_TABLES,
 }
 

@@ -18,6 +18,7 @@ from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.metrics import episode_metrics, step_metrics
 from kitchen_suite.training.state_dicts import check_modules
+from kitchen_suite.training.task_balance import TaskBalance
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -50,6 +51,7 @@ class Learner:
         self.steps = 0
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
+        self._balance = TaskBalance.of(environments.template_env.environment.task)
         # Whether the standardisation of observations has been fitted, and batches that still train the values alone.
         self._standardised, self._warmup_batches = False, 0
 
@@ -173,6 +175,7 @@ class Learner:
             task = self._environments.template_env.environment.task
             of_episodes = episode_metrics(task, infos["final_info"])
             metrics |= {name: values[ended] for name, values in of_episodes.items()}
+            metrics |= self._balance.add(infos["final_info"], ended) if self._balance else {}
         return metrics
 
     def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
