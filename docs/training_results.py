@@ -5,7 +5,7 @@ python docs/training_results.py FOLDER kitchen            the kitchen's seven ta
 python docs/training_results.py FOLDER one                one network for the seven tasks, three seeds
 python docs/training_results.py FOLDER kettle:1 kettle:2  some tasks with some seeds
 
-Each run has a folder in FOLDER, such as kettle_1, and a row in docs/benchmarks/training.json: control steps, minutes and
+Each run has a folder in FOLDER, such as kettle_1, and a row in docs/benchmarks/training.json: control steps, minutes,
 processor minutes, and the successes of its best policy in 100 episodes of the default environment, on seeds that
 neither training nor its evaluations have seen. Runs that have a row are skipped, interrupted ones are resumed. It needs
 the extra `train`. `docs/build.py tables` makes a table of the results.
@@ -41,7 +41,7 @@ SEEDS = {DRAWER: range(1, 6), **{task: range(1, 4) for task in (*KITCHEN, ONE)}}
 _LARGER = {"num_envs": 128, "hidden": [256, 128]}
 FLAGS = {
     DRAWER: ("--target_success=0.98",),
-    **{task: ("--target_success=0.97",) for task in KITCHEN},
+    **dict.fromkeys(KITCHEN, ("--target_success=0.97",)),
     ONE: (
         "--target_success=0.98",
         "--num_steps=4000000",

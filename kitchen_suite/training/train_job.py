@@ -185,12 +185,15 @@ class TrainJob:
     def _make_training_kwargs(self) -> dict[str, Any]:
         """Returns the arguments of the environments that are trained in, which replace those of the task.
 
+        The domain's are left out where the task's arguments have them.
+
         Raises:
           ValueError: observations or actions would have another meaning than in those that are evaluated in.
         """
         settings = self._settings
         domain = suite.DOMAINS[settings.domain_name]
-        defaults = {} if settings.demonstrations else domain.training_options
+        own = {} if settings.demonstrations else domain.training_options
+        defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
         arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
         if shared := sorted({*OBSERVATION_OPTIONS, *domain.cloning_options} & arguments.keys()):
             raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")

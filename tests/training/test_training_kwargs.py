@@ -65,6 +65,14 @@ def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
     assert job._metadata["training_kwargs"]["sleep"] is False
 
 
+def test_arguments_of_the_task_are_those_of_training_too(job_of):
+    job = job_of(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
+    assert job._metadata["training_kwargs"].keys() == {"max_episode_steps", "sleep"}
+    for environments in (job._environments, job._evaluation_environments):
+        assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
+        assert task_of(environments).mdp.terminate_on_tasks_completed is False
+
+
 def test_other_domains_train_in_the_environments_of_their_evaluations(job_of):
     job = job_of()
     assert job._metadata["training_kwargs"] == {}
