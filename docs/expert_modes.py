@@ -69,9 +69,13 @@ def cell(domain: str, results: Iterable[tuple[bool, int]]) -> str:
 
 
 def tasks_of(domain: str) -> list[str]:
-    """Returns the tasks to be measured in every mode: `partial` is `complete` by another name."""
+    """Returns the tasks to be measured in every mode: `partial` is `complete` by another name.
+
+    Tasks that ask for some of the others in each episode are left out.
+    """
     skipped = {"partial", *further_tasks()}
-    return [task for each, task in suite.ALL_TASKS if each == domain and task not in skipped]
+    tasks = suite.DOMAINS[domain].tasks.items()
+    return [task for task, arguments in tasks if task not in skipped and "tasks_per_episode" not in arguments]
 
 
 def further_tasks() -> list[str]:

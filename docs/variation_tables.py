@@ -36,7 +36,7 @@ def parameter_table(domain: str) -> str:
     task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
     units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
     if DONE in task.wanted_variations:
-        units[DONE] = done_parameter(task.scene, {}).unit
+        units[DONE] = done_parameter(task.scene, dict).unit
     names = collections.defaultdict(list)
     for varied in task.wanted_variations.values():
         values = [_described(domain, varied, each) for each in (varied.seen, varied.held_out)]

@@ -104,9 +104,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         if not isinstance(order, tuple):
             within = within & (order >= 0)
         progress = state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed)
-        after = KitchenState(
-            self.noise_scale * draws, positions, target, achieved, distances, progress, requested_order=order
-        )
+        after = KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress, (), (), order)
         return after if hand_distances is None else self._shaped(after, state, hand_distances)
 
     def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:

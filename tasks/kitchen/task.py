@@ -181,9 +181,10 @@ class KitchenTask(KitchenProgress):
 
     @property
     def policy_key(self) -> str:
-        reward, draw = "" if self._reward_name == "sparse" else f"_{self._reward_name}", self._mdp.task_draw
-        counts = "" if draw is None else "_".join(["_random", *map(str, dict.fromkeys((draw.least, draw.most)))])
-        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + counts + reward
+        reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
+        # Whatever their number: the observation has those asked.
+        random = "_random" if self._mdp.task_draw else ""
+        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + random + reward
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics

@@ -114,7 +114,7 @@ class KitchenExpert(Expert):
           control_mode: the environment's.
           extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
             the observation must include all of them, and the motions are planned for the poses.
-          observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. It does not
+          observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. It cannot
             observe their order: with `in_order` it does them in that of `tasks`.
           **control_options: arguments of the control mode: the environment's.
 

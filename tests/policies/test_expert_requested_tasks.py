@@ -1,0 +1,58 @@
+"""The kitchen's expert where episodes ask for some of the configured tasks."""
+
+import numpy as np
+import pytest
+from sweeps import brief
+
+from kitchen_suite import suite
+from kitchen_suite.cli import record
+from kitchen_suite.policies import experts
+from kitchen_suite.policies.experts.kitchen import KitchenExpert
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.tasks import DEFAULT_TASKS
+
+
+def play(environment, **options):
+    """Plays an episode with the expert."""
+    policy = experts.make_policy(environment, np.random.default_rng(0), **options)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+
+
+@pytest.mark.parametrize("seed", brief(range(8), [0, 2]))
+def test_the_expert_does_the_tasks_asked_and_no_others(seed):
+    environment = suite.load("kitchen", "random_4", task_kwargs={"random": seed, "visuals": False})
+    play(environment)
+    task = environment.task
+    assert {*task.completion_steps} == {*task.requested_tasks}
+    others = [name not in task.requested_tasks for name in DEFAULT_TASKS]
+    assert (task.task_distances[others] > task.threshold).all()
+
+
+def test_in_order_is_the_configured_order_and_flat_observations_do():
+    environment = suite.load(
+        "kitchen",
+        "random_2",
+        task_kwargs={"random": 1, "visuals": False, "tasks_to_complete": ["light switch", "kettle"]},
+        environment_kwargs={"flat_observation": True},
+    )
+    play(environment, in_order=True)
+    assert [*environment.task.completion_steps] == ["light switch", "kettle"]
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(TypeError, match="observes_requests must be True or False"):
+        KitchenExpert(["kettle"], observes_requests=1)
+    with pytest.raises(ValueError, match=r"shape \(60,\)"):
+        KitchenExpert(["kettle"], observes_requests=True).act(np.zeros(59))
+
+
+def test_vectorised_recordings_of_the_expert(tmp_path):
+    arguments = ["--task_name=random_1", "--policy=expert", "--num_episodes=3", "--num_envs=2", "--num_threads=1"]
+    assert record.main([f"--output={tmp_path}/runs", *arguments]) == 0
+    folder = RecordingFolder.open(tmp_path / "runs")
+    for index in folder.indices:
+        infos = folder.load(index).last_info
+        assert infos["is_success"]
+        np.testing.assert_array_equal(infos["episode_task_completions_mask"], infos["requested_tasks_mask"])
