@@ -37,14 +37,11 @@ ONE = "random_1"
 GROUPS = {"drawer": (DRAWER,), "kitchen": KITCHEN, "one": (ONE,)}
 SEEDS = {DRAWER: range(1, 6), **{task: range(1, 4) for task in (*KITCHEN, ONE)}}
 
-# Flags of kitchen-train beside task, seed and folder.
+# Flags of kitchen-train beside task, seed and folder, for the tasks that need any.
 _LARGER = {"num_envs": 128, "hidden": [256, 128]}
-FLAGS = {
-    DRAWER: ("--target_success=0.98",),
-    **dict.fromkeys(KITCHEN, ("--target_success=0.97",)),
+FLAGS: dict[str, tuple[str, ...]] = {
     ONE: (
         "--target_success=0.98",
-        "--num_steps=4000000",
         "--eval_interval=150000",
         "--eval_episodes=140",
         f"--hyperparameters={json.dumps(_LARGER)}",
@@ -67,7 +64,7 @@ def command(run: Run, folder: Path) -> list[str]:
     domain = next(domain for domain, name in suite.ALL_TASKS if name == task)
     arguments = [f"--domain_name={domain}", f"--task_name={task}", f"--output={output}", f"--seed={seed}"]
     resume = ["--resume"] if (output / "training.json").exists() else []
-    return [sys.executable, "-m", "kitchen_suite.cli.train", *arguments, "--restarts=0", *FLAGS[task], *resume]
+    return [sys.executable, "-m", "kitchen_suite.cli.train", *arguments, "--restarts=0", *FLAGS.get(task, ()), *resume]
 
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:

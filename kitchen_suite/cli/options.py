@@ -120,7 +120,9 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             unset="the domain's",
         ),
         "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=checks.MAX_ENVS),
-        "target_success": Option("Success rate of two evaluations in a row that ends training; above 1: never.", 0.0),
+        "target_success": Option(
+            "Success rate of two evaluations in a row that ends training; above 1: never.", 0.0, unset="the domain's"
+        ),
         "patience": Option(
             "Control steps without --min_progress after which a seed is given up; 0: never.",
             minimum=0,

@@ -165,7 +165,9 @@ KITCHEN = Domain(
             "variations": _AJAR,
         }
     ),
-    training_settings=MappingProxyType({"num_steps": 2_000_000, "eval_interval": 40_000, "patience": 1_000_000}),
+    training_settings=MappingProxyType(
+        {"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000}
+    ),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

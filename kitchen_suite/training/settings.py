@@ -9,7 +9,7 @@ from kitchen_suite import suite
 from kitchen_suite.rollouts.settings import TaskSettings
 
 # Of domains without `training_settings` of their own.
-_DEFAULTS = {"num_steps": 49_000_000, "eval_interval": 500_000, "patience": 8_000_000}
+_DEFAULTS = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class TrainSettings(TaskSettings):
     num_steps: int | None = None
     eval_interval: int | None = None
     eval_episodes: int = 100
-    target_success: float = 0.99
+    target_success: float | None = None
     patience: int | None = None
     min_progress: float = 0.05
     seed: int = 0

@@ -1,12 +1,13 @@
 """Training on tasks drawn for each episode: the less a task succeeds, the more often it is drawn."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.requesting import RequestingTask
 
 # Weight of a task that always succeeds, relative to 1 more for one that never does.
@@ -23,15 +24,18 @@ class TaskBalance:
       success: `(n,)`, recent success rates, in the order of the tasks.
     """
 
-    def __init__(self, task: RequestingTask) -> None:
-        """Takes the task that starts the episodes; no task has succeeded yet."""
-        self._task, self._names = task, task.mdp.goals.tasks
-        self.success = np.zeros(len(self._names))
+    def __init__(self, task: RequestingTask, names: Sequence[str]) -> None:
+        """Takes the task that starts the episodes, and the names of its tasks `(n,)`; none has succeeded yet."""
+        self._task, self._names = task, names
+        self.success = np.zeros(len(names))
 
     @classmethod
     def of(cls, task: SuiteTask) -> Self | None:
         """Returns the balance of a task; None if it does not draw tasks."""
-        return cls(task) if isinstance(task, RequestingTask) and task.mdp.task_draw else None
+        mdp = task.mdp
+        if not isinstance(task, RequestingTask) or not isinstance(mdp, KitchenMDP) or mdp.task_draw is None:
+            return None
+        return cls(task, mdp.goals.tasks)
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
         """Adds the episodes that have ended.

@@ -21,7 +21,7 @@ def results(tmp_path, monkeypatch):
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "RESULTS", tmp_path / "training.json")
     monkeypatch.setattr(module, "EPISODES", 2)
-    monkeypatch.setattr(module, "FLAGS", dict.fromkeys(module.FLAGS, FLAGS))
+    monkeypatch.setattr(module, "FLAGS", dict.fromkeys(module.SEEDS, FLAGS))
     return module
 
 
