@@ -1,4 +1,4 @@
-"""The tables of the page on training, from docs/benchmarks/training.json."""
+"""The tables of the page on training, from the results in docs/benchmarks/."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -10,13 +10,13 @@ from entity_tables import markdown
 
 from kitchen_suite.tasks import DEFAULT_TASKS
 
-_RESULTS = Path(__file__).parent / "benchmarks" / "training.json"
+_RESULTS = Path(__file__).parent / "benchmarks"
 
 _ONE = "random_1"
 
 
-def _rows() -> list[dict[str, Any]]:
-    return json.loads(_RESULTS.read_text(encoding="utf-8"))
+def _rows(name: str = "training") -> list[dict[str, Any]]:
+    return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def _measures(row: dict[str, Any]) -> Iterable[str]:
@@ -40,6 +40,21 @@ def network_table() -> str:
     return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
 
 
+def speed_table() -> str:
+    """Returns the table of the speed of training, and what takes its time, from `docs/training_speed.py`."""
+    rows = [
+        (
+            row["settings"],
+            row["threads"],
+            f"{row['steps_per_second']:,.0f}",
+            f"{row['environments']:.0%}",
+            f"{row['update']:.0%}",
+        )
+        for row in _rows("training_speed")
+    ]
+    return markdown(("hyperparameters", "threads", "control steps per second", "environments", "update"), rows)
+
+
 TRAINING_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
-    {"training_tasks": task_table, "training_network": network_table}
+    {"training_tasks": task_table, "training_network": network_table, "training_speed": speed_table}
 )

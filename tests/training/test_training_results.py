@@ -76,3 +76,20 @@ def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path,
     (row,) = results.read()
     assert row["success"] == [2] * 7
     np.testing.assert_array_equal(np.array(asked), np.repeat(np.eye(7, dtype=bool)[:, np.newaxis], 2, axis=1))
+
+
+def test_the_speed_of_training_is_measured_with_its_parts(tmp_path, monkeypatch):
+    path = PAGE.with_name("training_speed.py")
+    spec = importlib.util.spec_from_file_location("docs_training_speed", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "RESULTS", tmp_path / "speed.json")
+    monkeypatch.setattr(module, "SETTINGS", {"small": SMALL})
+    monkeypatch.setattr(module, "STEPS", 128)
+    module.main("1")
+    rows = json.loads(module.RESULTS.read_text())
+    assert [(row["settings"], row["threads"]) for row in rows] == [("small", 1), ("small", 2)]
+    for row in rows:
+        assert row["steps_per_second"] > 0
+        assert 0 < row["environments"] < 1
+        assert 0 < row["update"] < 1 - row["environments"]
