@@ -4,6 +4,7 @@ python docs/training_results.py FOLDER drawer             the drawer, five seeds
 python docs/training_results.py FOLDER kitchen            the kitchen's seven tasks, three seeds each
 python docs/training_results.py FOLDER one                one network for the seven tasks, three seeds
 python docs/training_results.py FOLDER kettle:1 kettle:2  some tasks with some seeds
+python docs/training_results.py FOLDER ship               copies the best policy of each kitchen task to the package
 
 Each run has a folder in FOLDER, such as kettle_1, and a row in docs/benchmarks/training.json: control steps, minutes,
 processor minutes, and the successes of its best policy in 100 episodes of the default environment, on seeds that
@@ -14,6 +15,7 @@ the extra `train`. `docs/build.py tables` makes a table of the results.
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -21,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from kitchen_suite import suite
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.tasks import DEFAULT_TASKS
 
@@ -124,6 +126,14 @@ def add(row: dict[str, Any]) -> None:
     RESULTS.write_text(json.dumps([rows[run] for run in ordered], indent=1) + "\n", encoding="utf-8")
 
 
+def ship(folder: Path) -> None:
+    """Copies policies of the kitchen to the package: of each task, that of the first seed with the most successes."""
+    for task in KITCHEN:
+        if rows := [row for row in read() if row["task"] == task]:
+            best = max(rows, key=lambda row: (row["success"], -row["seed"]))
+            shutil.copyfile(folder / f"{task}_{best['seed']}" / "policy.npz", SHIPPED / f"{task}.npz")
+
+
 def runs_of(names: Sequence[str]) -> list[Run]:
     """Returns the runs that arguments name: groups, or tasks with seeds.
 
@@ -145,10 +155,13 @@ def runs_of(names: Sequence[str]) -> list[Run]:
 def main(arguments: Sequence[str]) -> int:
     """Runs the command; returns the exit status."""
     try:
-        folder, runs = Path(arguments[0]), runs_of(arguments[1:])
+        folder, names = Path(arguments[0]), arguments[1:]
+        runs = [] if names == ["ship"] else runs_of(names)
     except (IndexError, ValueError) as error:
         print(f"{__doc__}\n{error}", file=sys.stderr)
         return 2
+    if names == ["ship"]:
+        ship(folder)
     measured = {(row["task"], row["seed"]) for row in read()}
     for run in runs:
         if run in measured:

@@ -93,3 +93,15 @@ def test_the_speed_of_training_is_measured_with_its_parts(tmp_path, monkeypatch)
         assert row["steps_per_second"] > 0
         assert 0 < row["environments"] < 1
         assert 0 < row["update"] < 1 - row["environments"]
+
+
+def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "SHIPPED", tmp_path / "shipped")
+    results.SHIPPED.mkdir()
+    for seed, success in ((1, 97), (2, 99), (3, 99)):
+        results.add({"task": "kettle", "seed": seed, "success": [success]})
+        (tmp_path / f"kettle_{seed}").mkdir()
+        (tmp_path / f"kettle_{seed}" / "policy.npz").write_text(f"{seed}")
+    results.add({"task": "top_drawer", "seed": 1, "success": [100]})
+    assert results.main([str(tmp_path), "ship"]) == 0
+    assert [(path.name, path.read_text()) for path in results.SHIPPED.iterdir()] == [("kettle.npz", "2")]
