@@ -43,9 +43,10 @@ class TrainSettings(TaskSettings):
         Raises:
           ValueError: an unknown domain.
         """
-        defaults = {**_DEFAULTS, **suite.find_domain(self.domain_name).training_settings}
+        defaults: dict[str, Any] = {**_DEFAULTS, **suite.find_domain(self.domain_name).training_settings}
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
-        return Schedule(**{name: defaults[name] if value is None else value for name, value in chosen.items()})
+        values: dict[str, Any] = {name: defaults[name] if value is None else value for name, value in chosen.items()}
+        return Schedule(**values)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
