@@ -15,6 +15,7 @@ from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
 from observation_tables import OBSERVATION_TABLES
 from reward_tables import REWARD_TABLES
+from training_tables import TRAINING_TABLES
 from variation_tables import VARIATION_TABLES
 
 from kitchen_suite import suite
@@ -248,6 +249,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **CONTROL_TABLES,
     **OBSERVATION_TABLES,
     **REWARD_TABLES,
+    **TRAINING_TABLES,
     **VARIATION_TABLES,
 }
 

@@ -311,7 +311,7 @@ def command_cases() -> Iterator[tuple[str, Case]]:
     cabinet = "--domain_name=open_cabinet"
     yield "record open_cabinet trained", lambda: record(cabinet, "--policy=trained", "--num_episodes=4", "--seed=9")
     yield "record open_cabinet random", lambda: record(cabinet, "--num_episodes=6", "--num_envs=4")
-    if has("torch", "skrl", "tensorboard"):
+    if has("torch", "tensorboard"):
         yield "train open_cabinet", train
         demonstrations = (cabinet, "--policy=trained", "--num_episodes=2")
         yield "train open_cabinet from demonstrations", lambda: train(demonstrations=demonstrations)

@@ -36,7 +36,6 @@ ALIASES = {"experts": ("policies",), "": ("suite",)}
 HOMES = {
     "absl": {"cli"},
     "torch": {"training"},
-    "skrl": {"training"},
     "ray": {"workers"},
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},

@@ -52,7 +52,10 @@ class Option:
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         "source": Option("Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay."),
-        "list": Option("List all domains with their tasks and cameras, and exit."),
+        "list": Option(
+            "List all domains with their tasks and cameras, and exit; for kitchen-play, the trained policies that come "
+            "with the package."
+        ),
         "measure": Option(
             "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
             "soak: memory in the course of a long run; rendering: frames per second, and what a frame costs.",
@@ -91,7 +94,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "Control steps in total, over all environments; training may end earlier: see --target_success.",
             minimum=0,
             maximum=_MAX_STEPS,
-            unset="of the measure",
+            unset="of the measure; of the domain",
         ),
         "num_envs": Option(
             "Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS, unset="of the measure"
@@ -104,17 +107,27 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", unset="started for the command"
         ),
         "rounds": Option("Rounds that count.", minimum=1, maximum=1_000_000),
+        "training_kwargs": Option(
+            "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
+            "domain's."
+        ),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
         "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
         "eval_interval": Option(
-            "Control steps between evaluations, each followed by a checkpoint.", minimum=1, maximum=_MAX_STEPS
+            "Control steps between evaluations, each followed by a checkpoint.",
+            minimum=1,
+            maximum=_MAX_STEPS,
+            unset="the domain's",
         ),
         "eval_episodes": Option("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=checks.MAX_ENVS),
-        "target_success": Option("Success rate of two evaluations in a row that ends training; above 1: never.", 0.0),
+        "target_success": Option(
+            "Success rate of two evaluations in a row that ends training; above 1: never.", 0.0, unset="the domain's"
+        ),
         "patience": Option(
             "Control steps without --min_progress after which a seed is given up; 0: never.",
             minimum=0,
             maximum=_MAX_STEPS,
+            unset="the domain's",
         ),
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
         "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),

@@ -2,6 +2,7 @@
 
   kitchen-play                                               opens the drawer; the video is kitchen-play.mp4
   kitchen-play --shipped=top_drawer                          with the policy trained on the original reward
+  kitchen-play --list                                        lists the policies that come with the package
   kitchen-play --policy_file=runs/drawer/policy.npz          with a policy written by kitchen-train
   kitchen-play --num_episodes=100 --novideo                  counts successes alone; needs no GL library
 
@@ -19,6 +20,8 @@ from kitchen_suite.rollouts.settings import PlaySettings
 
 def _renders(settings: PlaySettings) -> bool:
     """Returns whether a video is made: one that is asked for, or the default one where it can be rendered."""
+    if settings.list:
+        return False
     if settings.novideo or settings.video is not None:
         return not settings.novideo
     with contextlib.suppress(OSError):
@@ -31,7 +34,7 @@ COMMAND = Command(
     name="kitchen-play",
     description=__doc__,
     settings=PlaySettings,
-    job="kitchen_suite.rollouts.play_job:PlayJob",
+    job="kitchen_suite.rollouts.play_job:make_job",
     renders=_renders,
 )
 main, console_main = COMMAND.main, COMMAND.console_main

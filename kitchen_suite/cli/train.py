@@ -26,7 +26,7 @@ COMMAND = Command(
     settings=TrainSettings,
     job="kitchen_suite.training.train_job:TrainJob",
     renders=lambda settings: settings.video is not None,
-    needs=(("skrl", "tensorboard", "torch"), "train"),
+    needs=(("tensorboard", "torch"), "train"),
 )
 main, console_main = COMMAND.main, COMMAND.console_main
 

@@ -53,6 +53,11 @@ class Domain:
       cloning_options: names of the options on which the meaning of observed numbers and of actions depends.
         Demonstrations can be cloned where these are equal.
       hyperparameters: values that replace defaults of `training.hyperparameters.Hyperparameters`.
+      cloning_hyperparameters: values that replace these where demonstrations are cloned first.
+      training_options: options of the environments that policies are trained in from scratch, which those that they are
+        evaluated in do not have; except for `max_episode_steps`, which both have.
+      training_settings: values that replace defaults of `training.settings.TrainSettings`, those of `num_steps`,
+        `eval_interval`, `target_success` and `patience`.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
@@ -71,6 +76,9 @@ class Domain:
     flat_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     cloning_options: Collection[str] = ()
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    training_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    training_settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
     expert: str | None = None
     benchmark: str | None = None
 

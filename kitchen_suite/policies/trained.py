@@ -89,8 +89,12 @@ class TrainedPolicy:
 
     def __repr__(self) -> str:
         task = f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
-        sizes = [self.observation_size, *(bias.size for bias in self.biases)]
-        return f"<TrainedPolicy of {task}, layers {sizes}>"
+        return f"<TrainedPolicy of {task}, layers {self.layers}>"
+
+    @property
+    def layers(self) -> list[int]:
+        """Number of inputs, and of outputs of each layer."""
+        return [self.observation_size, *(bias.size for bias in self.biases)]
 
     @property
     def observation_size(self) -> int:

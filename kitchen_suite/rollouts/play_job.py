@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from tabulate import tabulate
+
 from kitchen_suite import files
-from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped_as
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
@@ -74,6 +76,40 @@ class PlayJob(RolloutJob):
             print_line(f"no video: {self._reason_against_video}")
         print_line(f"success {self.successes}/{self.finished}")
         return True
+
+
+class ListShippedJob:
+    """Lists the trained policies that come with the package."""
+
+    failures = (OSError,)
+    usage_errors = ()
+
+    def progress(self) -> str:
+        return "while listing"
+
+    def run(self) -> bool:
+        """Prints a row for each policy: its task, success in the evaluation that chose it, its networks and file."""
+        rows = [_row(path) for path in sorted(SHIPPED.glob("*.npz"))]
+        print_line(tabulate(rows, headers="keys"))
+        return True
+
+
+def _row(path: Path) -> dict[str, str]:
+    """Returns the cells of a policy by the names of their columns."""
+    policy = TrainedPolicy.load(path)
+    metadata = policy.metadata
+    return {
+        "--shipped": path.stem,
+        "task": f"{metadata['domain_name']} {metadata['task_name']}",
+        "success": f"{metadata['training']['success']:.0%}",
+        "layers": " ".join(str(size) for size in policy.layers),
+        "size": f"{path.stat().st_size / 1024:.0f} KiB",
+    }
+
+
+def make_job(settings: PlaySettings) -> PlayJob | ListShippedJob:
+    """Returns the job that settings ask for."""
+    return ListShippedJob() if settings.list else PlayJob(settings)
 
 
 def _reason_against_video() -> str:

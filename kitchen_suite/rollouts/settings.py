@@ -100,6 +100,7 @@ class RolloutSettings(EpisodeSettings, FilmSettings):
 class PlaySettings(FilmSettings):
     """Settings of `kitchen-play`; each is the flag of its name."""
 
+    list: bool = False
     shipped: str | None = None
     policy_file: Path | None = None
     num_episodes: int = 10

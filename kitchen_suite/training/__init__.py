@@ -1,1 +1,1 @@
-"""Training of policies with skrl's PPO on the vectorised environments; needs the extra `train`."""
+"""Training of policies by PPO on the vectorised environments; needs the extra `train`."""

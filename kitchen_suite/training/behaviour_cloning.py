@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from skrl.agents.torch.ppo import PPO
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import choices
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.training.ppo import Agent
 
 # Bound of the imitated actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
 # squared error of a few large actions would dominate the loss.
 _ACTION_LIMIT = 5.0
 
 # Arguments of all domains on which the meaning of observed numbers depends.
-_OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
+OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
 
 # Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
 _SCALER_COUNT = 1e15
@@ -68,7 +68,7 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
     found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
-    for name in (*_OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
+    for name in (*OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
@@ -110,7 +110,7 @@ def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
 
 
 def clone(
-    agent: PPO,
+    agent: Agent,
     observations: NDArray[np.float32],
     actions: NDArray[np.float32],
     epochs: int,
@@ -127,7 +127,7 @@ def clone(
       epochs: number of passes over the demonstrations.
       report: called after each pass with its mean loss, in squared units of the action scale.
     """
-    policy = agent.models["policy"]
+    policy = agent.policy
     inputs = _fit_scaler(agent, torch.as_tensor(observations))
     targets = (torch.as_tensor(actions) / policy.scale).clamp(-_ACTION_LIMIT, _ACTION_LIMIT)
     optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
@@ -145,10 +145,10 @@ def clone(
         report(float(np.mean(losses)))
 
 
-def _fit_scaler(agent: PPO, observations: torch.Tensor) -> torch.Tensor:
+def _fit_scaler(agent: Agent, observations: torch.Tensor) -> torch.Tensor:
     """Fixes the standardisation by observations `(m, n)`; returns them standardised."""
-    scaler = agent.checkpoint_modules["observation_preprocessor"]
-    scaler(observations, train=True)
-    # skrl updates the scaler in every PPO update, which would change what the cloned policy sees.
+    scaler = agent.observation_scaler
+    scaler.update(observations)
+    # Every PPO update adds to the statistics, which would change what the cloned policy sees.
     scaler.current_count.fill_(_SCALER_COUNT)
     return scaler(observations)

@@ -27,6 +27,7 @@ class Checkpoint:
       steps: control steps learned from.
       warmup_batches: batches that still train the value network alone.
       seconds: duration of the run [s].
+      processor_seconds: processor time of the run, over all threads [s].
       best: success rate and mean return of the best evaluation.
       progress: greatest mean progress of an evaluation.
       successes: success rates of the last evaluations.
@@ -37,6 +38,7 @@ class Checkpoint:
     steps: Annotated[int, Meta(ge=0)]
     warmup_batches: Annotated[int, Meta(ge=0)]
     seconds: Annotated[float, Meta(ge=0)]
+    processor_seconds: Annotated[float, Meta(ge=0)]
     best: tuple[float, float]
     progress: float
     successes: Annotated[list[float], Meta(max_length=2)]

@@ -53,12 +53,12 @@ class Hyperparameters:
       action_scale: action for network outputs of one.
     """
 
-    num_envs: int = 1024
+    num_envs: int = 256
     rollouts: int = 16
-    learning_epochs: int = 5
-    mini_batches: int = 8
-    hidden: tuple[int, ...] = (256, 128, 64)
-    learning_rate: float = 3e-4
+    learning_epochs: int = 2
+    mini_batches: int = 4
+    hidden: tuple[int, ...] = (128, 128)
+    learning_rate: float = 1e-3
     value_learning_rate: float = 1e-3
     kl_target: float = 0.008
     discount: float = 0.99
@@ -73,7 +73,7 @@ class Hyperparameters:
     value_batches: int = 10
     exploration: float = 1.0
     noise_correlation: float = 0.9
-    standardisation_epsilon: float = 0.05
+    standardisation_epsilon: float = 0.01
     action_scale: tuple[float, ...] = (*(0.01,) * 7, 2.0)
 
     @property
@@ -82,13 +82,14 @@ class Hyperparameters:
         return self.num_envs * self.rollouts
 
     @classmethod
-    def defaults(cls, domain_name: str) -> "Hyperparameters":
-        """Returns the defaults of a domain."""
-        return cls(**suite.DOMAINS[domain_name].hyperparameters)
+    def defaults(cls, domain_name: str, *, cloning: bool = False) -> "Hyperparameters":
+        """Returns the defaults of a domain, from scratch or with demonstrations that are cloned first."""
+        domain = suite.DOMAINS[domain_name]
+        return cls(**{**domain.hyperparameters, **(domain.cloning_hyperparameters if cloning else {})})
 
     @classmethod
-    def for_domain(cls, domain_name: str, changes: Mapping[str, Any]) -> "Hyperparameters":
-        """Returns the defaults of a domain, with some values changed.
+    def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "Hyperparameters":
+        """Returns the defaults of a domain, as of `defaults`, with some values changed.
 
         Raises:
           TypeError: a value has the wrong type.
@@ -101,7 +102,7 @@ class Hyperparameters:
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
         }
-        config = dataclasses.replace(cls.defaults(domain_name), **values)
+        config = dataclasses.replace(cls.defaults(domain_name, cloning=cloning), **values)
         if config.batch_size % config.mini_batches:
             raise ValueError(
                 f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "

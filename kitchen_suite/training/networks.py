@@ -2,53 +2,47 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import torch
-from gymnasium import spaces
-from skrl.models.torch import DeterministicMixin, GaussianMixin, Model
 
 from kitchen_suite.training.hyperparameters import Hyperparameters
-
-# The simulation runs on the CPU, too. skrl's default is a GPU if there is one.
-DEVICE = "cpu"
 
 # Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
 _LAST_LAYER_SCALE = 0.01
 
 
-class Policy(GaussianMixin, Model):
+class Policy(torch.nn.Module):
     """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
 
-    Both are in units of `scale`, so that an optimiser step has the same effect on every action, whether it is an angle
-    or a gripper logit.
+    Both, and the actions that it deals with, are in units of `scale`, so that an optimiser step has the same effect on
+    every element of the action, whether it is an angle or a gripper logit.
 
     Exploration noise is an AR(1) process over control steps, so that it adds up to motions instead of averaging out;
     the PPO ratio treats the steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO,
     AAAI 2024.
+
+    Attributes:
+      network: from standardised observations `(n, m)` to the means `(n, k)`.
+      log_deviation: `(k,)`, logarithms of the standard deviations.
+      noise: of exploration.
+      scale: `(k,)`, action for network outputs of one.
     """
 
-    def __init__(
-        self,
-        observation_space: spaces.Box,
-        action_space: spaces.Box,
-        scale: torch.Tensor,
-        config: Hyperparameters,
-    ) -> None:
+    scale: torch.Tensor
+
+    def __init__(self, observation_size: int, scale: torch.Tensor, config: Hyperparameters) -> None:
         """Builds the network.
 
         Args:
-          observation_space: `(n,)`.
-          action_space: `(k,)`.
-          scale: action `(k,)` for network outputs of one.
+          observation_size: number of elements of an observation.
+          scale: `(k,)`, action for network outputs of one.
           config: hyperparameters of the hidden layers and of exploration.
         """
-        Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
-        GaussianMixin.__init__(self, clip_actions=False)
-        self.network = build_network([self.num_observations, *config.hidden, self.num_actions])
-        self.log_deviation = torch.nn.Parameter(torch.full((self.num_actions,), math.log(config.exploration)))
-        self._noise = CorrelatedNoise(config.noise_correlation)
+        super().__init__()
+        self.network = build_network([observation_size, *config.hidden, scale.numel()])
+        self.log_deviation = torch.nn.Parameter(torch.full(scale.shape, math.log(config.exploration)))
+        self.noise = CorrelatedNoise(config.noise_correlation)
         self.register_buffer("scale", scale)
         last_layer = self.network[-1]
         assert isinstance(last_layer, torch.nn.Linear)
@@ -56,24 +50,20 @@ class Policy(GaussianMixin, Model):
             last_layer.weight.mul_(_LAST_LAYER_SCALE)
             last_layer.bias.zero_()
 
-    def act(self, inputs: dict[str, Any], *, role: str = "") -> tuple[torch.Tensor, dict[str, Any]]:
-        """Returns actions `(n, k)` with exploration, and PPO's outputs for them, such as their log probability.
+    @torch.no_grad()
+    def explore(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns actions `(n, k)` with exploration, and the logarithms `(n,)` of their densities."""
+        means = self.network(observations)
+        noise = self.noise(means.shape)
+        return means + self.log_deviation.exp() * noise, self._log_density(noise)
 
-        If `inputs` has `taken_actions`, the outputs are those of these actions, and the noise does not advance.
-        """
-        actions, outputs = super().act(inputs, role=role)
-        if "taken_actions" in inputs:
-            return actions, outputs
-        distribution = self.distribution(role=role)
-        actions = distribution.mean + distribution.stddev * self._noise(actions.shape)
-        outputs["log_prob"] = distribution.log_prob(actions).sum(dim=-1, keepdim=True)
-        return actions, outputs
+    def log_densities(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Returns the logarithms `(n,)` of the densities of actions `(n, k)`, without the constant of the normal."""
+        return self._log_density((actions - self.network(observations)) / self.log_deviation.exp())
 
-    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Returns the means `(n, k)` and the logarithms of the standard deviations `(k,)`."""
-        del role
-        means = self.network(inputs["observations"]) * self.scale
-        return means, {"log_std": self.log_deviation + self.scale.log()}
+    def _log_density(self, noise: torch.Tensor) -> torch.Tensor:
+        """Returns the logarithms `(n,)` of densities from standardised deviations `(n, k)` from the means."""
+        return -0.5 * noise.square().sum(dim=-1) - self.log_deviation.sum()
 
 
 class CorrelatedNoise:
@@ -91,21 +81,6 @@ class CorrelatedNoise:
             noise = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * noise
         self._last = noise
         return noise
-
-
-class Value(DeterministicMixin, Model):
-    """Value function: expected return of an observation."""
-
-    def __init__(self, observation_space: spaces.Box, action_space: spaces.Box, hidden: Sequence[int]) -> None:
-        """Builds the network with the given sizes of hidden layers."""
-        Model.__init__(self, observation_space=observation_space, action_space=action_space, device=DEVICE)
-        DeterministicMixin.__init__(self)
-        self.network = build_network([self.num_observations, *hidden, 1])
-
-    def compute(self, inputs: Mapping[str, Any], role: str) -> tuple[torch.Tensor, dict[str, Any]]:
-        """Returns the values `(n, 1)`."""
-        del role
-        return self.network(inputs["observations"]), {}
 
 
 def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:

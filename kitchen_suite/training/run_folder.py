@@ -20,6 +20,7 @@ class RunDescription:
       domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
       task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
+      training_kwargs: further arguments of the environments trained in, among them `max_episode_steps`.
       hyperparameters: all of them, by name.
       seed: of the first learner.
     """
@@ -27,6 +28,7 @@ class RunDescription:
     domain_name: str
     task_name: str
     task_kwargs: dict[str, Any]
+    training_kwargs: dict[str, Any]
     hyperparameters: dict[str, Any]
     seed: int
 

@@ -18,7 +18,7 @@ from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
 from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.training.settings import Schedule
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 POLICY_FILE = "policy.npz"
@@ -38,6 +38,29 @@ class StopReason(enum.Enum):
     NO_PROGRESS = "there was no progress"
 
 
+class Stopwatch:
+    """Measures the duration of a run that may be interrupted.
+
+    Attributes:
+      seconds: duration at the last reading [s].
+      processor_seconds: processor time of all threads at the last reading [s].
+    """
+
+    def __init__(self, seconds: float = 0.0, processor_seconds: float = 0.0) -> None:
+        """Continues from a reading."""
+        self.seconds, self.processor_seconds = seconds, processor_seconds
+
+    def start(self) -> None:
+        """Starts the measurement."""
+        self._started = time.perf_counter() - self.seconds
+        self._processor_started = time.process_time() - self.processor_seconds
+
+    def read(self) -> None:
+        """Updates the attributes."""
+        self.seconds = time.perf_counter() - self._started
+        self.processor_seconds = time.process_time() - self._processor_started
+
+
 class SeedRun:
     """The training of one learner, in a folder of its own.
 
@@ -49,7 +72,7 @@ class SeedRun:
         self,
         folder: Path,
         seed: int,
-        settings: TrainSettings,
+        schedule: Schedule,
         learner: Learner,
         evaluation_environments: SuiteVectorEnv,
         metadata: Mapping[str, Any],
@@ -59,7 +82,7 @@ class SeedRun:
         Args:
           folder: of curves, checkpoints and the best policy; created if it does not exist.
           seed: of the learner.
-          settings: when to evaluate and when to stop; the other settings are not used.
+          schedule: when to evaluate and when to stop.
           learner: new.
           evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
           metadata: of exported policies.
@@ -68,10 +91,11 @@ class SeedRun:
           CheckpointError: there are checkpoints, but none can be read.
           OSError: the folder cannot be written to.
         """
-        self._folder, self._seed, self._settings = folder, seed, settings
+        self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
-        self._seconds, self._best, self._progress = 0.0, (-1.0, 0.0), 0.0
+        self._stopwatch = Stopwatch()
+        self._best, self._progress = (-1.0, 0.0), 0.0
         # Success rates of the last two evaluations.
         self._successes: list[float] = []
         self.resumed = self._restore()
@@ -100,32 +124,32 @@ class SeedRun:
         reason = self._stop_reason()
         if self.resumed and reason:
             return reason
-        started = time.perf_counter() - self._seconds
+        self._stopwatch.start()
         if not reason:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         with contextlib.closing(self._open_writer()) as writer, self._progress_bar() as bar:
             if not self.resumed:
-                self._evaluate_and_checkpoint(writer, started, report)
+                self._evaluate_and_checkpoint(writer, report)
             while (reason := self._stop_reason()) is None:
                 previous = self.steps
                 self._learn(writer, bar)
                 if self._is_evaluation_due(previous):
-                    self._evaluate_and_checkpoint(writer, started, report)
+                    self._evaluate_and_checkpoint(writer, report)
         return reason
 
     def _stop_reason(self) -> StopReason | None:
-        settings = self._settings
-        if len(self._successes) == 2 and min(self._successes) >= settings.target_success:
+        schedule = self._schedule
+        if len(self._successes) == 2 and min(self._successes) >= schedule.target_success:
             return StopReason.TARGET
-        if self.steps >= settings.num_steps:
+        if self.steps >= schedule.num_steps:
             return StopReason.STEPS
-        if 0 < settings.patience <= self.steps and self._progress < settings.min_progress:
+        if 0 < schedule.patience <= self.steps and self._progress < schedule.min_progress:
             return StopReason.NO_PROGRESS
         return None
 
     def _is_evaluation_due(self, previous: int) -> bool:
         """Returns whether a multiple of `eval_interval` lies after the `previous` steps, or there are no more steps."""
-        interval = self._settings.eval_interval
+        interval = self._schedule.eval_interval
         return self.steps // interval > previous // interval or self._stop_reason() is not None
 
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
@@ -137,18 +161,19 @@ class SeedRun:
         bar.update(self.steps - steps)
         bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
 
-    def _evaluate_and_checkpoint(self, writer: CurveWriter, started: float, report: Callable[[str], None]) -> None:
+    def _evaluate_and_checkpoint(self, writer: CurveWriter, report: Callable[[str], None]) -> None:
         """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
         metrics = self._evaluate()
-        self._seconds = time.perf_counter() - started
-        writer.write({**_means(metrics), "time/minutes": self._seconds / 60}, self.steps)
+        self._stopwatch.read()
+        times = {"minutes": self._stopwatch.seconds, "processor_minutes": self._stopwatch.processor_seconds}
+        writer.write({**_means(metrics), **{f"time/{name}": part / 60 for name, part in times.items()}}, self.steps)
         self._save_checkpoint()
         report(self._row(metrics))
 
     def _evaluate(self) -> dict[str, NDArray]:
         """Evaluates the policy, saves it if it is the best so far, and returns the metrics `(n,)` of the episodes."""
         policy = export_policy(self._learner.agent, self._metadata)
-        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._settings.eval_episodes)]
+        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._schedule.eval_episodes)]
         metrics = evaluate(policy, self._evaluation_environments, seeds)
         result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
         self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
@@ -167,7 +192,8 @@ class SeedRun:
     def _save_checkpoint(self) -> None:
         checkpoint = Checkpoint(
             **self._learner.state(),
-            seconds=self._seconds,
+            seconds=self._stopwatch.seconds,
+            processor_seconds=self._stopwatch.processor_seconds,
             best=self._best,
             progress=self._progress,
             successes=self._successes,
@@ -180,8 +206,8 @@ class SeedRun:
         if checkpoint is None:
             return False
         self._learner.load_state(checkpoint)
-        self._best, self._seconds = checkpoint.best, checkpoint.seconds
-        self._progress, self._successes = checkpoint.progress, checkpoint.successes
+        self._stopwatch = Stopwatch(checkpoint.seconds, checkpoint.processor_seconds)
+        self._best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
         return True
 
     def _open_writer(self) -> CurveWriter:
@@ -190,7 +216,7 @@ class SeedRun:
 
     def _progress_bar(self) -> tqdm:
         return tqdm(
-            total=self._settings.num_steps,
+            total=self._schedule.num_steps,
             initial=self.steps,
             desc=f"seed {self._seed}, at most",
             unit="step",
@@ -203,7 +229,7 @@ class SeedRun:
         """Returns the row of an evaluation, in the columns of `HEADING`."""
         means = {name: values.mean() for name, values in metrics.items()}
         return (
-            f"{self._seed:4d}  {self.steps:11,d}  {self._seconds / 60:7.1f}  {means['episode/return']:9.1f}  "
+            f"{self._seed:4d}  {self.steps:11,d}  {self._stopwatch.seconds / 60:7.1f}  {means['episode/return']:9.1f}  "
             f"{means['episode/progress']:8.3f}  {means['episode/success']:7.0%}"
         )
 

@@ -5,28 +5,57 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from kitchen_suite import suite
 from kitchen_suite.rollouts.settings import TaskSettings
+
+# Of domains without `training_settings` of their own.
+_DEFAULTS = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainSettings(TaskSettings):
     """Settings of `kitchen-train`; each is the flag of its name.
 
-    Steps are control steps over all environments.
+    Steps are control steps over all environments; those that are None are the domain's, see `schedule`.
     """
 
     output: Path
     domain_name: str = "open_cabinet"
+    training_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     demonstrations: Path | None = None
-    num_steps: int = 49_000_000
-    eval_interval: int = 500_000
+    num_steps: int | None = None
+    eval_interval: int | None = None
     eval_episodes: int = 100
-    target_success: float = 0.99
-    patience: int = 8_000_000
+    target_success: float | None = None
+    patience: int | None = None
     min_progress: float = 0.05
     seed: int = 0
     restarts: int = 3
     num_threads: int | None = None
     resume: bool = False
     video: Path | None = None
+
+    @property
+    def schedule(self) -> "Schedule":
+        """When to evaluate and when to stop, with the domain's values for those that are None.
+
+        Raises:
+          ValueError: an unknown domain.
+        """
+        defaults: dict[str, Any] = {**_DEFAULTS, **suite.find_domain(self.domain_name).training_settings}
+        chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
+        values: dict[str, Any] = {name: defaults[name] if value is None else value for name, value in chosen.items()}
+        return Schedule(**values)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """When to evaluate the policy of a seed, and when to stop; each is the flag of its name."""
+
+    num_steps: int
+    eval_interval: int
+    eval_episodes: int
+    target_success: float
+    patience: int
+    min_progress: float

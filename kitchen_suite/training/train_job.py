@@ -3,8 +3,9 @@
 import contextlib
 import dataclasses
 import functools
+import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import files, suite
+from kitchen_suite import checks, files, suite
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
@@ -25,7 +26,7 @@ from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.settings import PlaySettings
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training import run_folder
-from kitchen_suite.training.behaviour_cloning import load_demonstrations
+from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import DivergedError, Learner
@@ -55,21 +56,30 @@ class TrainJob:
           TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
           ValueError: an unknown name, or a value that is refused.
         """
-        if settings.num_steps == 0 and not settings.demonstrations:
+        self._schedule = settings.schedule
+        if self._schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
         self._settings = settings
-        self._spec = self._make_spec()
+        self._spec = self._make_spec(settings.environment_kwargs, None)
+        self._training_kwargs = self._make_training_kwargs()
         if settings.video:
             video.check_ffmpeg()
-        self._config = Hyperparameters.for_domain(settings.domain_name, settings.hyperparameters)
+        self._config = Hyperparameters.for_domain(
+            settings.domain_name, settings.hyperparameters, cloning=settings.demonstrations is not None
+        )
         self._metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
             "task_kwargs": settings.environment_kwargs,
+            "training_kwargs": self._training_kwargs,
             "hyperparameters": dataclasses.asdict(self._config),
         }
-        self._environments = self._make_environments(self._config.num_envs, AutoresetMode.SAME_STEP)
-        self._evaluation_environments = self._make_environments(settings.eval_episodes, AutoresetMode.DISABLED)
+        training = self._make_training_spec()
+        self._environments = self._make_environments(training, self._config.num_envs, AutoresetMode.SAME_STEP)
+        evaluation = dataclasses.replace(self._spec, max_episode_steps=training.max_episode_steps)
+        self._evaluation_environments = self._make_environments(
+            evaluation, settings.eval_episodes, AutoresetMode.DISABLED
+        )
         # Raises a ValueError if the hyperparameters do not fit the environments.
         Learner(self._environments, self._config, settings.seed)
         self._demonstrations = self._load_demonstrations()
@@ -81,7 +91,7 @@ class TrainJob:
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
         return (
-            f"after {steps:,} of {self._settings.num_steps:,} steps; "
+            f"after {steps:,} of {self._schedule.num_steps:,} steps; "
             "the same command with --resume continues from the last checkpoint"
         )
 
@@ -109,9 +119,9 @@ class TrainJob:
 
     def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; returns why it stopped."""
-        settings, folder = self._settings, self._settings.output / f"seed_{seed}"
+        folder = self._settings.output / f"seed_{seed}"
         learner = Learner(self._environments, self._config, seed)
-        run = SeedRun(folder, seed, settings, learner, self._evaluation_environments, self._metadata)
+        run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
         self._seed_run = run
         if self._demonstrations and not run.resumed:
             with _cloning_bar(self._config.clone_epochs) as report:
@@ -151,17 +161,17 @@ class TrainJob:
         ).run()
         print_line(f"video {file}")
 
-    def _make_spec(self) -> RecordingSpec:
-        """Returns the specification of the task, with which `kitchen-play` can play the policy."""
+    def _make_spec(self, task_kwargs: Mapping[str, Any], max_episode_steps: int | None) -> RecordingSpec:
+        """Returns the specification of environments of the task, with which `kitchen-play` can play the policy."""
         settings = self._settings
         spec = RecordingSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
+            task_kwargs=task_kwargs,
             policy="zero",
             seed=settings.seed,
             seeding="gymnasium",
-            max_episode_steps=None,
+            max_episode_steps=max_episode_steps,
         )
         default = spec.env_class.observed.default_type
         if spec.task_kwargs.get("obs_type") not in (None, default):
@@ -172,9 +182,34 @@ class TrainJob:
         spec.make_environment().close()
         return spec
 
-    def _make_environments(self, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
-        options = suite.DOMAINS[self._spec.domain_name].flat_options
-        return self._spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
+    def _make_training_kwargs(self) -> dict[str, Any]:
+        """Returns the arguments of the environments that are trained in, which replace those of the task.
+
+        The domain's are left out where the task's arguments have them.
+
+        Raises:
+          ValueError: observations or actions would have another meaning than in those that are evaluated in.
+        """
+        settings = self._settings
+        domain = suite.DOMAINS[settings.domain_name]
+        own = {} if settings.demonstrations else domain.training_options
+        defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
+        arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
+        if shared := sorted({*OBSERVATION_OPTIONS, *domain.cloning_options} & arguments.keys()):
+            raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
+        return arguments
+
+    def _make_training_spec(self) -> RecordingSpec:
+        """Returns the specification of the environments that are trained in."""
+        arguments = {**self._settings.environment_kwargs, **self._training_kwargs}
+        steps = arguments.pop("max_episode_steps", None)
+        if steps is not None:
+            checks.integer(steps, "max_episode_steps", minimum=1)
+        return self._make_spec(arguments, steps)
+
+    def _make_environments(self, spec: RecordingSpec, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
+        options = suite.DOMAINS[spec.domain_name].flat_options
+        return spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
 
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
         """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.

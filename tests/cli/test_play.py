@@ -142,7 +142,8 @@ def test_other_policies_that_come_with_the_package_are_played_by_name(run, tmp_p
 def test_an_unknown_shipped_policy_is_refused_with_a_list_of_those_that_exist(run):
     status, _, err = run("--novideo", "--shipped=top_draw", file=None)
     assert status == 2
-    assert "did you mean 'top_drawer'?); choose from ['top_drawer', 'top_drawer_grasp']" in err
+    assert "did you mean 'top_drawer'?); choose from ['bottom_burner', " in err
+    assert "'top_drawer', 'top_drawer_grasp']" in err
 
 
 BAD = {

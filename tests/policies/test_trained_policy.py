@@ -124,14 +124,14 @@ def test_a_saved_policy_is_loaded_unchanged(saved):
     np.testing.assert_array_equal(loaded(observations), policy(observations))
 
 
-def test_acting_needs_neither_torch_nor_skrl(saved):
+def test_acting_needs_no_torch(saved):
     code = f"""
 import sys
 from pathlib import Path
 import numpy as np
 from kitchen_suite.policies.trained import TrainedPolicy
 assert TrainedPolicy.load(Path({str(saved)!r}))(np.zeros(25)).shape == (8,)
-assert not {{"torch", "skrl"}} & sys.modules.keys()
+assert "torch" not in sys.modules
 """
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (process.returncode, process.stderr) == (0, "")

@@ -30,7 +30,7 @@ def taught(training_environments):
 def checkpoint_of(taught, **changes):
     from kitchen_suite.training.checkpoints import Checkpoint
 
-    progress = {"seconds": 1.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
+    progress = {"seconds": 1.5, "processor_seconds": 2.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
     return Checkpoint(**{**taught.state(), **progress, **changes})
 
 
@@ -125,7 +125,7 @@ def with_other_groups(state):
 
 
 CHANGES = {
-    "no scaler": without("observation_preprocessor"),
+    "no scaler": without("observation_scaler"),
     "no optimizer": without("optimizer"),
     "a transposed weight": transposed,
     "no moments": without_moments,

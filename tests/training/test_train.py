@@ -403,7 +403,7 @@ def test_a_missing_output_is_named(capsys, tmp_path, monkeypatch):
     assert os.listdir() == []
 
 
-@pytest.mark.parametrize("missing", [["torch"], ["skrl", "torch"], ["skrl", "tensorboard", "torch"]])
+@pytest.mark.parametrize("missing", [["torch"], ["tensorboard"], ["tensorboard", "torch"]])
 def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()

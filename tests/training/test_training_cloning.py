@@ -95,7 +95,7 @@ def test_after_cloning_values_are_learned_before_the_policy_changes(samples, mak
     clone.start(0)
 
     def state():
-        parts = {name: clone.agent.models[name].state_dict() for name in ("policy", "value")}
+        parts = {name: clone.agent.networks[name].state_dict() for name in ("policy", "value")}
         rate = clone.agent.optimizer.param_groups[0]["lr"]
         return {name: {key: value.clone() for key, value in part.items()} for name, part in parts.items()}, rate
 
@@ -263,7 +263,7 @@ def test_without_steps_a_run_clones_evaluates_once_and_writes_the_policy(tmp_pat
 def test_large_actions_are_imitated_up_to_their_saturation(make_learner):
     clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
-    actions = np.tile(50 * clone.agent.models["policy"].scale.numpy(), (600, 1))
+    actions = np.tile(50 * clone.agent.policy.scale.numpy(), (600, 1))
     losses = []
     clone.imitate(observations, actions, losses.append)
     # The first outputs are near zero, five units away.
@@ -275,7 +275,7 @@ def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_le
     clone = make_learner()
     observations = np.random.default_rng(0).normal(size=(600, 25)).astype(np.float32)
     clone.imitate(observations, np.zeros((600, 8), np.float32), lambda loss: None)
-    scaler = clone.agent.checkpoint_modules["observation_preprocessor"]
+    scaler = clone.agent.observation_scaler
     before = scaler.running_mean.clone()
     clone.start(0)
     clone.learn()

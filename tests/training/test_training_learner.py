@@ -38,9 +38,10 @@ def test_an_exported_policy_returns_the_agents_mean_actions(trained, tmp_path):
     policy.save(tmp_path / "policy.npz")
     # Wide enough that some are clipped after standardisation.
     observations = np.random.default_rng(0).normal(scale=3, size=(200, policy.observation_size)).astype(np.float32)
+    agent = trained.agent
     with torch.no_grad():
-        _, outputs = trained.agent.act(torch.as_tensor(observations), None, timestep=0, timesteps=0)
-    expected = outputs["mean_actions"].numpy()
+        outputs = agent.policy.network(agent.observation_scaler(torch.as_tensor(observations)))
+        expected = (outputs * agent.policy.scale).numpy()
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-5)
     np.testing.assert_array_equal(TrainedPolicy.load(tmp_path / "policy.npz")(observations), policy(observations))
@@ -53,12 +54,12 @@ def test_initial_exploration_has_the_scales_of_the_actions():
     scale = [0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 2.0]
     fresh = learner(envs, action_scale=scale)
     envs.close()
+    policy = fresh.agent.policy
+    actions, _ = fresh.agent.explore(torch.zeros(4000, 25))
+    np.testing.assert_allclose((actions * policy.scale).std(dim=0).numpy(), scale, rtol=0.1)
+    # The first actions are almost pure exploration.
     with torch.no_grad():
-        _, outputs = fresh.agent.act(torch.zeros(2, 25), None, timestep=0, timesteps=0)
-        policy = fresh.agent.models["policy"]
-        np.testing.assert_allclose(policy.distribution(role="policy").stddev[0].numpy(), scale, rtol=1e-6)
-        # The first actions are almost pure exploration.
-        assert (outputs["mean_actions"][0].abs() < 0.05 * torch.tensor(scale)).all()
+        assert (policy.network(fresh.agent.observation_scaler(torch.zeros(2, 25))).abs() < 0.05).all()
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
@@ -69,38 +70,39 @@ def test_exploration_is_correlated_between_steps_with_constant_deviation(correla
     fresh = learner(envs, noise_correlation=correlation, exploration=0.5)
     envs.close()
     torch.manual_seed(0)
-    policy, observations = fresh.agent.models["policy"], torch.zeros(1000, 25)
+    policy, observations = fresh.agent.policy, torch.zeros(1000, 25)
     with torch.no_grad():
-        played = [policy.act({"observations": observations}) for _ in range(50)]
-        noise = torch.stack([(actions - out["mean_actions"]) / policy.scale for actions, out in played]).numpy()
-        _, again = policy.act({"observations": observations, "taken_actions": played[-1][0]})
+        means = policy.network(observations)
+        played = [policy.explore(observations) for _ in range(50)]
+        noise = torch.stack([actions - means for actions, _ in played]).numpy()
     np.testing.assert_allclose(noise.std(axis=(1, 2)), 0.5, atol=0.03)
     for lag in (1, 5):
         products = noise[lag:] * noise[:-lag]
         np.testing.assert_allclose(products.mean() / 0.25, correlation**lag, atol=0.02)
     # Environments and joints are independent of each other.
     assert abs(np.corrcoef(noise[-1], rowvar=False) - np.eye(8)).max() < 0.15
-    # The density of actions taken does not advance the noise, but another number of environments restarts it.
-    last = policy._noise._last.clone()
+    # Another number of environments restarts the noise.
     with torch.no_grad():
-        policy.act({"observations": observations, "taken_actions": played[-1][0]})
-    assert torch.equal(policy._noise._last, last)
-    with torch.no_grad():
-        other, out = policy.act({"observations": observations[:7]})
-    assert other.shape == (7, 8)
-    restarted = (other - out["mean_actions"]) / policy.scale
-    assert abs(np.corrcoef(restarted.flatten(), last[:7].flatten())[0, 1]) < 0.5
+        restarted = policy.explore(observations[:7])[0] - means[:7]
+    assert restarted.shape == (7, 8)
+    assert abs(np.corrcoef(restarted.flatten(), noise[-1, :7].flatten())[0, 1]) < 0.5
     # The densities that an update starts from are those of the actions taken.
-    np.testing.assert_allclose(played[-1][1]["log_prob"].numpy(), again["log_prob"].numpy(), rtol=1e-5)
+    actions, densities = played[-1]
+    normal = torch.distributions.Normal(means, 0.5).log_prob(actions).sum(dim=-1)
+    constant = 4 * np.log(2 * np.pi)
+    np.testing.assert_allclose(densities.numpy(), normal.numpy() + constant, rtol=1e-4, atol=1e-4)
+    with torch.no_grad():
+        again = policy.log_densities(observations, actions)
+    np.testing.assert_allclose(densities.numpy(), again.numpy(), rtol=1e-4, atol=1e-4)
 
 
 def test_a_change_of_an_almost_constant_observation_is_not_clipped():
     import torch
 
     envs = environments(SMALL["num_envs"])
-    scaler = learner(envs, standardisation_epsilon=0.05).agent.checkpoint_modules["observation_preprocessor"]
+    scaler = learner(envs, standardisation_epsilon=0.05).agent.observation_scaler
     envs.close()
-    scaler(torch.zeros(100_000, 25), train=True)
+    scaler.update(torch.zeros(100_000, 25))
     deviation = float(scaler.running_variance[0].sqrt()) + 0.05
     np.testing.assert_allclose(scaler(torch.full((1, 25), 0.4))[0].numpy(), 0.4 / deviation, rtol=1e-4)
     np.testing.assert_allclose(scaler(torch.full((1, 25), -4.0))[0].numpy(), -10)
@@ -116,17 +118,17 @@ def test_training_stays_on_the_cpu_where_there_is_a_gpu(monkeypatch):
     taught.start(0)
     taught.learn()
     envs.close()
-    for module in taught.agent.checkpoint_modules.values():
+    for module in taught.agent.modules.values():
         if isinstance(module, torch.nn.Module):
             assert {tensor.device.type for tensor in module.state_dict().values()} == {"cpu"}
 
 
 def test_a_batch_changes_policy_and_values_and_counts_its_steps(trained):
-    before, steps = [parameters(trained.agent.models[name]) for name in ("policy", "value")], trained.steps
+    before, steps = [parameters(trained.agent.networks[name]) for name in ("policy", "value")], trained.steps
     means = trained.learn()
     assert trained.steps == steps + BATCH
     for name, old in zip(("policy", "value"), before, strict=True):
-        new = parameters(trained.agent.models[name])
+        new = parameters(trained.agent.networks[name])
         assert any((one != other).any() for one, other in zip(old, new, strict=True))
         assert all(part.isfinite().all() for part in new)
     assert all(np.isfinite(value) for value in means.values())
@@ -167,7 +169,7 @@ def test_a_seed_determines_the_learned_policy():
         taught.start(seed)
         taught.learn()
         envs.close()
-        policies.append(torch.cat([part.flatten() for part in parameters(taught.agent.models["policy"])]))
+        policies.append(torch.cat([part.flatten() for part in parameters(taught.agent.policy)]))
     assert (policies[0] == policies[1]).all()
     assert (policies[0] != policies[2]).any()
 
@@ -252,23 +254,131 @@ def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
 
 
 def test_the_value_network_has_its_own_learning_rate(monkeypatch):
-    from kitchen_suite.training.agent import value_group
+    from kitchen_suite.training.ppo import Agent
 
     envs = environments(SMALL["num_envs"])
     taught = learner(envs, learning_rate=1e-4, value_learning_rate=7e-3)
-    rates, update = [], taught.agent.update
+    rates, step = [], Agent._step
 
-    def recorded(**times):
-        rates.append([group["lr"] for group in taught.agent.optimizer.param_groups])
-        update(**times)
+    def recorded(self, *samples):
+        rates.append([group["lr"] for group in self.optimizer.param_groups])
+        return step(self, *samples)
 
-    monkeypatch.setattr(taught.agent, "update", recorded)
+    monkeypatch.setattr(Agent, "_step", recorded)
     taught.start(0)
     for _ in range(3):
         taught.learn()
     envs.close()
-    assert [values for _, values in rates] == [7e-3] * 3
+    first_steps = rates[:: SMALL["learning_epochs"] * SMALL["mini_batches"]]
+    assert len(first_steps) == 3
+    assert [values for _, values in first_steps] == [7e-3] * 3
     # The policy's is adapted to the divergence, so it has changed by then.
-    assert rates[0][0] == 1e-4 != rates[-1][0]
-    own = {id(parameter) for parameter in taught.agent.models["value"].parameters()}
-    assert {id(parameter) for parameter in value_group(taught.agent)["params"]} == own
+    assert first_steps[0][0] == 1e-4 != first_steps[-1][0]
+    policy, value = ({id(part) for part in network.parameters()} for network in taught.agent.networks.values())
+    assert [{id(part) for part in group["params"]} for group in taught.agent.optimizer.param_groups] == [policy, value]
+
+
+def reference_advantages(rewards, values, terminated, ended, last_values, discount, gae_lambda):
+    """Returns the advantages of one environment, each the sum of discounted errors up to the end of its episode."""
+    count, result = len(rewards), np.zeros(len(rewards))
+    following = [*values[1:], None]
+    for start in range(count):
+        factor = 1.0
+        for step in range(start, count):
+            if terminated[step]:
+                after = 0.0
+            else:
+                after = last_values[step] if ended[step] or step == count - 1 else following[step]
+            result[start] += factor * (rewards[step] + discount * after - values[step])
+            factor *= discount * gae_lambda
+            if ended[step]:
+                break
+    return result
+
+
+def test_advantages_are_the_sums_of_discounted_errors_up_to_the_ends_of_episodes():
+    import torch
+
+    from kitchen_suite.training.batch import advantages
+
+    generator, count = np.random.default_rng(0), 12
+    rewards, values, last_values = generator.normal(size=(3, count, 2))
+    ended = generator.random((count, 2)) < 0.5
+    terminated = ended & (generator.random((count, 2)) < 0.5)
+    assert (ended & ~terminated).any()
+    assert terminated.any()
+    # As the agent has it: the value after a truncation is added to the reward, that after the batch is the last one.
+    bootstrapped = rewards + 0.9 * last_values * (ended & ~terminated)
+    found = advantages(
+        torch.tensor(bootstrapped),
+        torch.tensor(np.concatenate([values, last_values[-1:]])),
+        torch.tensor(ended),
+        discount=0.9,
+        gae_lambda=0.8,
+    )
+    for i in range(2):
+        expected = reference_advantages(
+            *(array[:, i] for array in (rewards, values, terminated, ended, last_values)), 0.9, 0.8
+        )
+        np.testing.assert_allclose(found[:, i].numpy(), expected, atol=1e-6)
+
+
+def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
+    import torch
+
+    envs = environments(SMALL["num_envs"], max_episode_steps=5)
+    taught = learner(envs, reward_scale=0.5)
+    taught.start(0)
+    seen, step = [], envs.step
+
+    def recorded(actions):
+        result = step(actions)
+        seen.append((result[1], result[4]))
+        return result
+
+    envs.step = recorded
+    update, samples = taught.agent.update, []
+    taught.agent.update = lambda batch, **options: (
+        samples.append(taught.agent._samples(batch)) or update(batch, **options)
+    )
+    taught.learn()
+    del envs.step
+    envs.close()
+    batch = taught._batch
+    truncations = [(t, i) for t, (_, infos) in enumerate(seen) for i in np.flatnonzero(infos.get("_final_obs", []))]
+    assert len(truncations) == BATCH // 5 or len(truncations) > 8
+    steps, indices, last = batch.last_observations()
+    assert [*zip(steps.tolist(), indices.tolist(), strict=True)] == truncations
+    for (t, i), observation in zip(truncations, last, strict=True):
+        np.testing.assert_array_equal(observation, seen[t][1]["final_obs"][i].astype(np.float32))
+    np.testing.assert_allclose(batch.rewards, 0.5 * np.array([rewards for rewards, _ in seen]), rtol=1e-6)
+    assert len(samples[0][0]) == BATCH
+    assert torch.isfinite(samples[0][5]).all()
+
+
+def test_a_learner_finds_the_action_that_is_rewarded():
+    import torch
+
+    from kitchen_suite.training.agent import build_agent
+    from kitchen_suite.training.batch import Batch
+    from kitchen_suite.training.hyperparameters import Hyperparameters
+
+    torch.manual_seed(0)
+    config = Hyperparameters(
+        num_envs=64, rollouts=8, mini_batches=4, hidden=(16,), action_scale=(2.0,), noise_correlation=0.0, kl_target=0.0
+    )
+    agent = build_agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)
+    batch = Batch(8, 64, 1, 1)
+    for _ in range(60):
+        batch.clear()
+        batch.observations.uniform_(-1, 1)
+        batch.next_observations.uniform_(-1, 1)
+        for step in range(8):
+            batch.actions[step], batch.log_densities[step] = agent.explore(batch.observations[step])
+        batch.rewards.copy_(-(batch.actions - batch.observations).square().squeeze(-1))
+        batch.ended.fill_(True)
+        agent.update(batch)
+    observations = torch.linspace(-1, 1, 21)[:, None]
+    with torch.no_grad():
+        errors = agent.policy.network(agent.observation_scaler(observations)) - observations
+    assert errors.abs().mean() < 0.15

@@ -15,11 +15,11 @@ from training_reference import BATCH, METADATA, SMALL, environments, learner
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.training.run_folder import RunDescription, create_run, open_run
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.training.settings import Schedule
 
 pytestmark = pytest.mark.clients
 
-DESCRIPTION = RunDescription(**METADATA, hyperparameters={}, seed=0)
+DESCRIPTION = RunDescription(**METADATA, training_kwargs={}, hyperparameters={}, seed=0)
 
 EVALUATION = {f"evaluation/{name}" for name in ("success", "progress", "length", "return")}
 BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
@@ -29,6 +29,7 @@ BATCHES = {f"step/reward/{name}" for name in drawer_reward.TERMS} | {
     "policy/standard deviation",
     "learning/learning rate",
     "time/steps_per_second",
+    "time/update_milliseconds",
 }
 
 
@@ -52,8 +53,7 @@ def make_run(training_environments, evaluation_environments, tmp_path):
     from kitchen_suite.training.seed_run import SeedRun
 
     def make(batches, every=2, seed=0):
-        settings = TrainSettings(
-            output=tmp_path,
+        schedule = Schedule(
             num_steps=batches * BATCH,
             eval_interval=every * BATCH,
             eval_episodes=2,
@@ -62,7 +62,7 @@ def make_run(training_environments, evaluation_environments, tmp_path):
             min_progress=0.0,
         )
         new = learner(training_environments, seed=seed, kl_target=0.01)
-        return SeedRun(tmp_path, seed, settings, new, evaluation_environments, METADATA), new
+        return SeedRun(tmp_path, seed, schedule, new, evaluation_environments, METADATA), new
 
     return make
 
@@ -97,8 +97,8 @@ def assert_same(one, other):
 def test_the_documented_curves_are_written(make_run, tmp_path):
     make_run(4)[0].run(lambda row: None)
     found = curves(tmp_path)
-    assert set(found) >= EVALUATION | BATCHES | {"time/minutes"}
-    for name in EVALUATION | {"time/minutes"}:
+    assert set(found) >= EVALUATION | BATCHES | {"time/minutes", "time/processor_minutes"}
+    for name in EVALUATION | {"time/minutes", "time/processor_minutes"}:
         assert list(found[name]) == [0, 2 * BATCH, 4 * BATCH]
     for name in BATCHES:
         assert list(found[name]) == [batches * BATCH for batches in (1, 2, 3, 4)]
@@ -127,10 +127,10 @@ def test_the_learner_is_restored(make_run):
     assert_same(after.state(), state)
     # The divergence has changed the learning rate, which does not return to its initial value.
     rate = after.agent.optimizer.param_groups[0]["lr"]
-    assert rate == before.agent.optimizer.param_groups[0]["lr"] != 3e-4
+    assert rate == before.agent.optimizer.param_groups[0]["lr"] != 1e-3
     # The optimiser's moments are restored, too.
     assert any(part["exp_avg"].any() for part in after.agent.optimizer.state_dict()["state"].values())
-    assert after.agent.checkpoint_modules["observation_preprocessor"].current_count > 4 * BATCH
+    assert after.agent.observation_scaler.current_count > 4 * BATCH
 
 
 def test_an_exported_policy_is_the_same_after_resuming(make_run):

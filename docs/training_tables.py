@@ -1,0 +1,60 @@
+"""The tables of the page on training, from the results in docs/benchmarks/."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from entity_tables import markdown
+
+from kitchen_suite.tasks import DEFAULT_TASKS
+
+_RESULTS = Path(__file__).parent / "benchmarks"
+
+_ONE = "random_1"
+
+
+def _rows(name: str = "training") -> list[dict[str, Any]]:
+    return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def _measures(row: dict[str, Any]) -> Iterable[str]:
+    """Returns the cells of a run's seed, control steps and times."""
+    return (str(row["seed"]), f"{row['steps']:,}", f"{row['minutes']:.1f}", f"{row['processor_minutes']:.1f}")
+
+
+def task_table() -> str:
+    """Returns the table of the runs of single tasks."""
+    rows = [
+        (f"`{row['task']}`", *_measures(row), f"{row['success'][0]} of {row['episodes']}")
+        for row in _rows()
+        if row["task"] != _ONE
+    ]
+    return markdown(("task", "seed", "control steps", "minutes", "processor minutes", "successes"), rows)
+
+
+def network_table() -> str:
+    """Returns the table of the runs of one network for the seven tasks; a row for each run, a column for each task."""
+    rows = [(*_measures(row), *row["success"]) for row in _rows() if row["task"] == _ONE]
+    return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
+
+
+def speed_table() -> str:
+    """Returns the table of the speed of training, and what takes its time, from `docs/training_speed.py`."""
+    rows = [
+        (
+            row["settings"],
+            row["threads"],
+            f"{row['steps_per_second']:,.0f}",
+            f"{row['environments']:.0%}",
+            f"{row['update']:.0%}",
+        )
+        for row in _rows("training_speed")
+    ]
+    return markdown(("hyperparameters", "threads", "control steps per second", "environments", "update"), rows)
+
+
+TRAINING_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
+    {"training_tasks": task_table, "training_network": network_table, "training_speed": speed_table}
+)

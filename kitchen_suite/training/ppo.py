@@ -1,0 +1,189 @@
+"""Proximal policy optimisation (PPO), in plain PyTorch."""
+
+import collections
+from typing import Any
+
+import numpy as np
+import torch
+
+from kitchen_suite.training.batch import Batch, advantages
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.networks import Policy
+from kitchen_suite.training.standardisation import RunningScaler
+
+# Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
+_LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
+
+# Added to the standard deviation of advantages.
+_LEAST_DEVIATION = 1e-8
+
+
+class Agent:
+    """A policy and a value function, and their optimiser.
+
+    Attributes:
+      policy: acts on standardised observations.
+      value: network of the value function, from standardised observations to standardised returns `(n, 1)`.
+      observation_scaler: standardises observations.
+      value_scaler: standardises returns.
+      optimizer: with a parameter group of each network, that of the policy first.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        value: torch.nn.Module,
+        observation_scaler: RunningScaler,
+        value_scaler: RunningScaler,
+        config: Hyperparameters,
+    ) -> None:
+        """Takes the networks and scalers, and builds the optimiser."""
+        self.policy, self.value, self._config = policy, value, config
+        self.observation_scaler, self.value_scaler = observation_scaler, value_scaler
+        groups = [
+            {"params": list(policy.parameters()), "lr": config.learning_rate},
+            {"params": list(value.parameters()), "lr": config.value_learning_rate},
+        ]
+        self.optimizer = torch.optim.Adam(groups, fused=True)
+
+    @property
+    def modules(self) -> dict[str, Any]:
+        """All that has a state dict, by name."""
+        return {
+            "policy": self.policy,
+            "value": self.value,
+            "observation_scaler": self.observation_scaler,
+            "value_scaler": self.value_scaler,
+            "optimizer": self.optimizer,
+        }
+
+    @property
+    def networks(self) -> dict[str, torch.nn.Module]:
+        """The networks that learn, by name."""
+        return {"policy": self.policy, "value": self.value}
+
+    def explore(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Returns actions `(n, k)` with exploration for observations `(n, m)`, and the logarithms of their densities.
+
+        The actions are in units of the policy's scale.
+        """
+        return self.policy.explore(self.observation_scaler(observations))
+
+    def update(self, batch: Batch, *, values_only: bool = False) -> dict[str, float]:
+        """Learns from a batch.
+
+        The learning rate of the value network restarts with each update; both are adapted to the divergence.
+
+        Args:
+          batch: full; its observations are added to the standardisation afterwards.
+          values_only: whether the policy stays as it is, and with it the learning rates: without divergence, they would
+            rise.
+
+        Returns:
+          Metrics of the update, by name.
+        """
+        self.optimizer.param_groups[1]["lr"] = self._config.value_learning_rate
+        self.policy.requires_grad_(not values_only)
+        samples, metrics = self._samples(batch), collections.defaultdict[str, list[float]](list)
+        for _ in range(self._config.learning_epochs):
+            order = torch.randperm(len(samples[0]))
+            size = len(order) // self._config.mini_batches
+            shuffled = [tensor[order].split(size) for tensor in samples]
+            steps = [self._step(*part) for part in zip(*shuffled, strict=True)]
+            for step in steps:
+                for name, value in step.items():
+                    metrics[name].append(value)
+            if self._config.kl_target and not values_only:
+                self._adapt(float(np.mean([step["learning/divergence"] for step in steps])))
+        self.observation_scaler.update(batch.observations.flatten(0, 1))
+        metrics["policy/standard deviation"] = [
+            (self.policy.log_deviation.detach().exp() * self.policy.scale).mean().item()
+        ]
+        metrics["learning/learning rate"] = [self.optimizer.param_groups[0]["lr"]]
+        return {name: float(np.mean(values)) for name, values in metrics.items()}
+
+    @torch.no_grad()
+    def _samples(self, batch: Batch) -> list[torch.Tensor]:
+        """Returns the arguments of `_step` for all control steps of a batch."""
+        config = self._config
+        observations = self.observation_scaler(torch.cat([batch.observations, batch.next_observations[None]]))
+        outputs = self.value(observations)
+        values = self.value_scaler.inverse(outputs).squeeze(-1)
+        estimates = advantages(
+            self._bootstrapped(batch), values, batch.ended, discount=config.discount, gae_lambda=config.gae_lambda
+        )
+        returns = (estimates + values[:-1]).reshape(-1, 1)
+        self.value_scaler.update(returns)
+        return [
+            observations[:-1].flatten(0, 1),
+            batch.actions.flatten(0, 1),
+            batch.log_densities.flatten(),
+            ((estimates - estimates.mean()) / (estimates.std() + _LEAST_DEVIATION)).flatten(),
+            outputs[:-1].flatten(0, 1),
+            self.value_scaler(returns),
+        ]
+
+    def _bootstrapped(self, batch: Batch) -> torch.Tensor:
+        """Returns the rewards `(t, n)`; where a step truncated an episode, plus the value of what would follow."""
+        steps, indices, last = batch.last_observations()
+        rewards = batch.rewards.clone()
+        following = self.value_scaler.inverse(self.value(self.observation_scaler(last))).squeeze(-1)
+        rewards[steps, indices] += self._config.discount * following
+        return rewards
+
+    def _step(
+        self,
+        observations: torch.Tensor,
+        actions: torch.Tensor,
+        log_densities: torch.Tensor,
+        advantage: torch.Tensor,
+        values: torch.Tensor,
+        returns: torch.Tensor,
+    ) -> dict[str, float]:
+        """Makes a step of the optimiser; returns its metrics.
+
+        Args:
+          observations: `(b, m)`, standardised.
+          actions: `(b, k)`, in units of the policy's scale.
+          log_densities: `(b,)`, of the actions when they were taken.
+          advantage: `(b,)`, of the actions, standardised.
+          values: `(b, 1)`, outputs of the value network when the actions were taken.
+          returns: `(b, 1)`, estimated, standardised.
+        """
+        config = self._config
+        change = self.policy.log_densities(observations, actions) - log_densities
+        ratio = change.exp()
+        clipped = ratio.clamp(1 - config.ratio_clip, 1 + config.ratio_clip)
+        policy_loss = -torch.minimum(advantage * ratio, advantage * clipped).mean()
+        predicted = self.value(observations)
+        if config.value_clip:
+            predicted = values + (predicted - values).clamp(-config.value_clip, config.value_clip)
+        value_loss = config.value_scale * torch.nn.functional.mse_loss(predicted, returns)
+        # The entropy of a normal distribution, without its constant.
+        entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
+        self.optimizer.zero_grad()
+        (policy_loss + value_loss + entropy_loss).backward()
+        self._clip_gradient()
+        self.optimizer.step()
+        with torch.no_grad():
+            divergence = (ratio - 1 - change).mean()
+        return {
+            "loss/policy loss": policy_loss.item(),
+            "loss/value loss": value_loss.item(),
+            "loss/entropy loss": entropy_loss.item(),
+            "learning/divergence": divergence.item(),
+        }
+
+    def _clip_gradient(self) -> None:
+        if self._config.gradient_norm:
+            parameters = [*self.policy.parameters(), *self.value.parameters()]
+            torch.nn.utils.clip_grad_norm_(parameters, self._config.gradient_norm)
+
+    def _adapt(self, divergence: float) -> None:
+        """Adapts the learning rates to the divergence of a pass over the batch."""
+        target, (least, greatest) = self._config.kl_target, _LEARNING_RATES
+        for group in self.optimizer.param_groups:
+            if divergence > _TOLERANCE * target:
+                group["lr"] = max(group["lr"] / _RATE_FACTOR, least)
+            elif divergence < target / _TOLERANCE:
+                group["lr"] = min(group["lr"] * _RATE_FACTOR, greatest)

@@ -1,0 +1,85 @@
+"""The policies that come with the package for the kitchen's seven tasks do them, in all kinds of environments."""
+
+import gymnasium
+import numpy as np
+import pytest
+from suite_episode import play
+from sweeps import brief
+
+from kitchen_suite import suite
+from kitchen_suite.cli import play as play_command
+from kitchen_suite.gymnasium_env import KITCHEN_ID
+from kitchen_suite.policies import find
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, flat, shipped_as
+from kitchen_suite.tasks import DEFAULT_TASKS
+
+TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
+
+# First of the seeds; training and its evaluations take theirs from 500,000,000 on.
+UNSEEN = 30_000
+
+
+def through_suite(task, count):
+    successes = []
+    with suite.load("kitchen", task, {"visuals": False}) as environment:
+        for seed in range(UNSEEN, UNSEEN + count):
+            play(environment, find("trained"), seed)
+            successes.append(environment.task.episode_metrics["success"])
+    return sum(successes)
+
+
+def through_vector(task, count):
+    policy = TrainedPolicy.load(shipped_as(task))
+    environments = gymnasium.make_vec(
+        KITCHEN_ID,
+        num_envs=count,
+        vectorization_mode="vector_entry_point",
+        goal_format="flat",
+        info_format="arrays",
+        **suite.task_arguments("kitchen", task),
+    )
+    observations, infos = environments.reset(seed=UNSEEN)
+    ended, successes = np.zeros(count, bool), np.zeros(count, bool)
+    while not ended.all():
+        observations, _, terminations, truncations, infos = environments.step(policy(flat(observations)))
+        ending = (terminations | truncations) & ~ended
+        successes[ending] = infos["is_success"][ending]
+        ended |= ending
+    environments.close()
+    return successes.sum()
+
+
+@pytest.mark.parametrize("task", brief(TASKS, ["kettle"]))
+def test_it_does_its_task(task):
+    assert through_suite(task, 3) >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("play_episodes", [through_suite, through_vector])
+@pytest.mark.parametrize("task", TASKS)
+def test_it_does_its_task_nearly_always(play_episodes, task):
+    assert play_episodes(task, 100) >= 95
+
+
+def test_a_policy_comes_with_the_package_for_each_of_the_seven_tasks():
+    for task in TASKS:
+        policy = TrainedPolicy.load(shipped_as(task))
+        assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("kitchen", task)
+        assert policy.metadata["task_kwargs"] == {}
+        assert policy.metadata["training"]["success"] >= 0.95
+
+
+def test_the_policies_are_small():
+    assert all(path.stat().st_size < 200_000 for path in SHIPPED.glob("*.npz"))
+
+
+def test_all_policies_are_listed_with_their_success_and_size(capsys):
+    assert play_command.main(["--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    paths = sorted(SHIPPED.glob("*.npz"))
+    assert [line.split()[0] for line in lines[2:]] == [path.stem for path in paths]
+    for line, path in zip(lines[2:], paths, strict=True):
+        metadata = TrainedPolicy.load(path).metadata
+        assert f"{metadata['domain_name']} {metadata['task_name']}" in line
+        assert f"{metadata['training']['success']:.0%}" in line
+        assert line.endswith(f" {path.stat().st_size / 1024:.0f} KiB")

@@ -1,0 +1,112 @@
+"""Arguments of the environments that are trained in, which those that policies are evaluated in do not have."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.cli import train
+
+pytestmark = pytest.mark.clients
+
+SMALL = {"num_envs": 2, "hidden": [8], "rollouts": 4, "mini_batches": 1}
+KETTLE = ["--domain_name=kitchen", "--task_name=kettle"]
+
+
+@pytest.fixture
+def job_of(capsys, monkeypatch, tmp_path):
+    """Returns a function that prepares a training and returns its job, or None and the error."""
+    monkeypatch.chdir(tmp_path)
+    jobs = []
+    monkeypatch.setattr("kitchen_suite.training.train_job.TrainJob.run", lambda job: jobs.append(job) or True)
+
+    def job_of(*flags, status=0):
+        small = f"--hyperparameters={json.dumps(SMALL)}"
+        assert train.main(["--output=runs", "--eval_episodes=2", small, *flags]) == status
+        error = capsys.readouterr().err
+        assert (error == "") == (status == 0)
+        return jobs[-1] if status == 0 else error
+
+    return job_of
+
+
+def task_of(environments):
+    return environments.template_env.environment.task
+
+
+def length_of(environments):
+    return environments.template_env.max_episode_steps
+
+
+def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(job_of):
+    job = job_of(*KETTLE)
+    trained, evaluated = job._environments, job._evaluation_environments
+    assert set(task_of(trained).mdp.reward_terms.terms) == {"approach", "progress", "completion"}
+    assert set(task_of(evaluated).mdp.reward_terms.terms) == {"completion"}
+    assert task_of(trained).root_entity.mjcf_model.option.flag.sleep == "enable"
+    assert task_of(evaluated).root_entity.mjcf_model.option.flag.sleep != "enable"
+    # Both have the same length, and the spaces of the policy.
+    assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
+    assert trained.single_observation_space == evaluated.single_observation_space
+    assert job._metadata["task_kwargs"] == {}
+    assert job._metadata["training_kwargs"] == json.loads(json.dumps(dict(suite.DOMAINS["kitchen"].training_options)))
+
+
+def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
+    job = job_of(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "sleep": false}')
+    _, varied = job._environments.reset(seed=0)
+    _, info = job._evaluation_environments.reset(seed=0)
+    np.testing.assert_array_equal(varied["variation_values"]["microwave/door"], [-0.2, -0.2])
+    assert "variation_values" not in info
+    # They replace some of the domain's.
+    assert job._metadata["training_kwargs"]["reward"] == "dense_gain"
+    assert job._metadata["training_kwargs"]["sleep"] is False
+
+
+def test_arguments_of_the_task_are_those_of_training_too(job_of):
+    job = job_of(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
+    assert job._metadata["training_kwargs"].keys() == {"max_episode_steps", "sleep"}
+    for environments in (job._environments, job._evaluation_environments):
+        assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
+        assert task_of(environments).mdp.terminate_on_tasks_completed is False
+
+
+def test_other_domains_train_in_the_environments_of_their_evaluations(job_of):
+    job = job_of()
+    assert job._metadata["training_kwargs"] == {}
+    assert length_of(job._environments) == suite.DOMAINS["open_cabinet"].episode_steps
+
+
+BAD = {
+    '{"control_mode": "joint_position"}': "training_kwargs cannot change ['control_mode'], on which the policy depends",
+    '{"extra_observables": ["kettle/pose"]}': "training_kwargs cannot change ['extra_observables']",
+    '{"max_episode_steps": 0}': "max_episode_steps must be at least 1",
+    '{"max_episode_steps": "many"}': "max_episode_steps must be an integer",
+    '{"rewrad": "dense"}': "did you mean 'reward'?",
+    '{"reward": "dens"}': "did you mean 'dense'?",
+    "[1]": "JSON object",
+}
+
+
+@pytest.mark.parametrize("value", BAD)
+def test_bad_arguments_of_training_are_refused_in_one_line(job_of, value):
+    error = job_of(*KETTLE, f"--training_kwargs={value}", status=2)
+    assert re.fullmatch(r"kitchen-train: [^\n]+\n", error)
+    assert BAD[value] in error
+
+
+def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
+    job_of(*KETTLE)
+    error = job_of(*KETTLE, "--resume", '--training_kwargs={"reward": "dense"}', status=2)
+    assert 'runs holds a run with training_kwargs {"max_episode_steps": 100, "reward": "dense_gain"' in error
+
+
+def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
+    from kitchen_suite.training.learner import Learner
+
+    job = job_of('--training_kwargs={"max_episode_steps": 6}')
+    environments = job._environments
+    Learner(environments, job._config, 0).start(0)
+    assert sorted(environments._get_info()["episode_step"]) == [2, 5]
