@@ -15,7 +15,8 @@ from absl import flags
 import kitchen_suite
 from kitchen_suite import checks
 from kitchen_suite.cli import process
-from kitchen_suite.cli.options import OPTIONS, RENAMED, define_flags
+from kitchen_suite.cli.flag_parsing import define_flags
+from kitchen_suite.cli.options import OPTIONS, RENAMED
 from kitchen_suite.rendering import gl
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
