@@ -15,6 +15,11 @@ class OptionedTask:
 
     reset_options: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def drawn_tasks(self) -> tuple[str, ...]:
+        """Names of the tasks of which each episode draws some; empty if every episode asks for the same."""
+        return ()
+
     def reset_request(self, options: Mapping[str, Any]) -> Any:
         """Returns the checked request for a reset of one episode; None if the options have none.
 

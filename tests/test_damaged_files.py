@@ -231,7 +231,12 @@ class Runs(Kind):
     def __init__(self, folder):
         self.folder = folder / "run"
         self.description = run_folder.RunDescription(
-            domain_name="kitchen", task_name="kettle", task_kwargs={"a": [1.5]}, hyperparameters={"b": 2.0}, seed=3
+            domain_name="kitchen",
+            task_name="kettle",
+            task_kwargs={"a": [1.5]},
+            training_kwargs={"c": True},
+            hyperparameters={"b": 2.0},
+            seed=3,
         )
         run_folder.create_run(self.folder, self.description)
 

@@ -1,20 +1,30 @@
 """Training on tasks drawn for each episode: the less a task succeeds, the more often it is drawn."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Any, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.base import SuiteTask
-from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
-from kitchen_suite.tasks.kitchen.requesting import RequestingTask
 
 # Weight of a task that always succeeds, relative to 1 more for one that never does.
 _LEAST_WEIGHT = 0.05
 
 # Number of episodes of a task over which its success is averaged.
 _MEMORY = 50
+
+
+class DrawingTask(Protocol):
+    """A task that draws what each episode asks for.
+
+    Attributes:
+      drawn_tasks: names of the `n` tasks that are drawn from.
+      task_weights: `(n,)`, with which later episodes draw them.
+    """
+
+    drawn_tasks: tuple[str, ...]
+    task_weights: Any
 
 
 class TaskBalance:
@@ -24,18 +34,15 @@ class TaskBalance:
       success: `(n,)`, recent success rates, in the order of the tasks.
     """
 
-    def __init__(self, task: RequestingTask, names: Sequence[str]) -> None:
-        """Takes the task that starts the episodes, and the names of its tasks `(n,)`; none has succeeded yet."""
-        self._task, self._names = task, names
-        self.success = np.zeros(len(names))
+    def __init__(self, task: DrawingTask) -> None:
+        """Takes the task that starts the episodes; none of those that it draws has succeeded yet."""
+        self._task, self._names = task, task.drawn_tasks
+        self.success = np.zeros(len(self._names))
 
     @classmethod
     def of(cls, task: SuiteTask) -> Self | None:
         """Returns the balance of a task; None if it does not draw tasks."""
-        mdp = task.mdp
-        if not isinstance(task, RequestingTask) or not isinstance(mdp, KitchenMDP) or mdp.task_draw is None:
-            return None
-        return cls(task, mdp.goals.tasks)
+        return cls(cast(DrawingTask, task)) if task.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
         """Adds the episodes that have ended.

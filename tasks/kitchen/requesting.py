@@ -34,6 +34,10 @@ class RequestingTask(SuiteTask):
     _task_weights: NDArray[np.float64] | None = None
 
     @property
+    def drawn_tasks(self) -> tuple[str, ...]:
+        return self._mdp.goals.tasks if self._mdp.task_draw else ()
+
+    @property
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in the order asked; all in configured order without `tasks_per_episode`."""
         return self.tasks_in(self._state.requested_order)

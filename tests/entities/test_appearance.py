@@ -11,6 +11,8 @@ from kitchen_suite.entities.assets import is_visual
 from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
 from kitchen_suite.rendering.quality import set_render_quality
 
+pytestmark = pytest.mark.thorough
+
 SCENES = {
     "kitchen": build_kitchen_scene,
     "open_cabinet": build_open_cabinet_scene,

@@ -15,6 +15,8 @@ from kitchen_suite.entities.assets import asset_dir, is_visual
 from kitchen_suite.rendering import light_meshes
 from kitchen_suite.rendering.quality import set_render_quality
 
+pytestmark = pytest.mark.thorough
+
 VISUAL = asset_dir() / "franka_assets" / "meshes" / "visual"
 LARGE = (*(f"link{number}" for number in range(8)), "hand")
 

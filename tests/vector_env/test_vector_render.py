@@ -9,6 +9,8 @@ from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
+pytestmark = pytest.mark.thorough
+
 SMALL = {"width": 96, "height": 64}
 # Without visual geoms: for tests that do not look at the robot.
 BARE = {**SMALL, "visuals": False}
