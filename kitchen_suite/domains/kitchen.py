@@ -95,7 +95,7 @@ _TASKS = {
     **{name.replace(" ", "_"): (name,) for name in _FURTHER_GOALS},
 }
 
-# Each episode asks for so many of the default tasks.
+# `random_4` asks for four of the default tasks in each episode.
 _RANDOM = {
     f"random_{count}": {"tasks_to_complete": _GOALS, "tasks_per_episode": count} for count in range(1, len(_GOALS) + 1)
 }

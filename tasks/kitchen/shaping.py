@@ -1,4 +1,4 @@
-"""What dense rewards of the kitchen remember of an episode, on arrays of shape `(..., n)`."""
+"""The state of the kitchen's dense rewards in an episode, on arrays of shape `(..., n)`."""
 
 from typing import NamedTuple, Self
 

@@ -45,8 +45,8 @@ from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.
 _DONE = 0.98
-# With strict tolerances, objects are moved more slowly from so many tolerances before their goal, down to this share of
-# the speed.
+# With strict tolerances: distance from the goal, in tolerances, below which objects are moved more slowly, and the
+# least share of the speed.
 _SLOW_DISTANCE, _LEAST_PACE = 8.0, 0.12
 # Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
 _SETTLE_STEPS = 6
