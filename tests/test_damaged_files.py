@@ -260,7 +260,7 @@ class Checkpoints(Kind):
 
         self.checkpoints, self.folder = checkpoints, folder
         weights = torch.linspace(-1, 1, 300).reshape(10, 30)
-        progress = {"seconds": 1.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
+        progress = {"seconds": 1.5, "processor_seconds": 2.5, "best": (0.0, 1.25), "progress": 0.5, "successes": [0.0]}
         for steps in (1, 2):
             checkpoint = checkpoints.Checkpoint(
                 modules={"policy": {"weight": weights * steps}},
