@@ -127,6 +127,11 @@ class Progress(NamedTuple):
         return self.completion_steps > 0
 
     @property
+    def advanced(self) -> NDArray[np.bool_]:
+        """`(...)`, whether a task has been completed for the first time in this step."""
+        return np.logical_or.reduce((self.completion_steps == self.step) & self.completed, axis=-1)
+
+    @property
     def all_completed(self) -> NDArray[np.bool_]:
         """`(...)`, whether all tasks have been completed."""
         return np.minimum.reduce(self.completion_steps, axis=-1) > 0

@@ -108,6 +108,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         ),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
         "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
+        "initial_policy": Option("File of a trained policy to start from, of the same networks.", unset="from scratch"),
         "eval_interval": Option(
             "Control steps between evaluations, each followed by a checkpoint.",
             minimum=1,

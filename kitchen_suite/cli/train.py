@@ -5,6 +5,8 @@
   kitchen-train --output=runs/hold --task_kwargs='{"gripper": "deterministic"}'
   kitchen-train --output=runs/kettle --domain_name=kitchen --task_name=kettle --demonstrations=kettle
                                                                clones a recording first
+  kitchen-train --output=runs/more --initial_policy=runs/drawer/policy.npz
+                                                               starts from a trained policy
   kitchen-train --output=runs/small --hyperparameters='{"num_envs": 512, "hidden": [128, 64]}'
   tensorboard --logdir=runs                                    shows the curves, also during training
 

@@ -121,7 +121,15 @@ KITCHEN = Domain(
     replaceable=("tasks_to_complete",),
     array_options=MappingProxyType({"info_format": "arrays"}),
     flat_options=MappingProxyType({"goal_format": "flat"}),
-    cloning_options=("tasks_to_complete", "tasks_per_episode", "goals", "velocity_scale", "feedback", *CONTROL_OPTIONS),
+    cloning_options=(
+        "tasks_to_complete",
+        "tasks_per_episode",
+        "tasks_in_turn",
+        "goals",
+        "velocity_scale",
+        "feedback",
+        *CONTROL_OPTIONS,
+    ),
     hyperparameters=MappingProxyType(
         {
             "num_envs": 64,

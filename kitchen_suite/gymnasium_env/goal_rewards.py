@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
-from kitchen_suite.tasks.kitchen.mdp import REWARD_STATE, KitchenMDP
+from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.shaping import Shaping
 from kitchen_suite.tasks.rewards import total
@@ -55,11 +55,12 @@ def reward(
     have under `reward_state/...`.
     """
     if mdp.is_shaped:
-        shaping, asked = _shaping(info, achieved.shape[:-1], mdp.goals), _asked(info, achieved.shape[:-1], mdp)
+        shape = achieved.shape[:-1]
+        shaping, asked = _shaping(info, shape, mdp.goals), _asked(info, shape, mdp, _attempted_key(mdp))
         return total(mdp.shaped_terms(shaping, achieved, desired, asked))
     within = _within(achieved, desired, mdp)
     listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    rewarded, asked = np.where(has_lists, listed, True), _asked(info, within.shape[:-1], mdp)
+    rewarded, asked = np.where(has_lists, listed, True), _asked(info, within.shape[:-1], mdp, _attempted_key(mdp))
     return total(mdp.reward_terms(within & (rewarded if asked is None else rewarded & asked)))
 
 
@@ -69,15 +70,20 @@ def terminated(
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
     within = _within(achieved, desired, mdp)
     completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
-    done, asked = np.where(has_list, completed, within), _asked(info, within.shape[:-1], mdp)
+    done, asked = np.where(has_list, completed, within), _asked(info, within.shape[:-1], mdp, REQUESTED)
     return np.all(done if asked is None else done | ~asked, axis=-1)
 
 
-def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP) -> NDArray[np.bool_] | None:
-    """Returns which tasks `(..., n)` infos `(...)` ask for, all where an info does not say; None without draws."""
+def _attempted_key(mdp: KitchenMDP) -> str:
+    """Returns the key of the tasks that a step could complete, of those that a task draw asks for."""
+    return ATTEMPTED if mdp.tasks_in_turn else REQUESTED
+
+
+def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP, key: str) -> NDArray[np.bool_] | None:
+    """Returns which tasks `(..., n)` infos `(...)` list under a key, all where one does not; None without draws."""
     if mdp.task_draw is None:
         return None
-    asked, has_list = _listed_tasks(info, (*shape, len(mdp.goals.tasks)), mdp.goals.tasks, (REQUESTED,))
+    asked, has_list = _listed_tasks(info, (*shape, len(mdp.goals.tasks)), mdp.goals.tasks, (key,))
     return np.where(has_list, asked, True)
 
 

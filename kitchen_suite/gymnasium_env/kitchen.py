@@ -48,7 +48,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
     Info, with `tasks_per_episode`: `requested_tasks_mask` `(n,)` bool, and `requested_order` `(n,)` int64, the place of
-      each task in the order asked, from 0, and -1 where it is not asked. All other infos concern the tasks asked.
+      each task in the order asked, from 0, and -1 where it is not asked. All other infos concern the tasks asked. With
+      `tasks_in_turn` also `attempted_tasks_mask` `(n,)` bool: the task asked before the step, and those completed.
     Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
       needs of the episode.
     Info, always: `is_success`, whether all tasks asked have been completed, and `episode_step`; numbers, or arrays of
@@ -77,6 +78,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         success: str | None = None,
         reward: str = "sparse",
         tasks_per_episode: int | Sequence[int] | None = None,
+        tasks_in_turn: bool = False,
         feedback: str | None = None,
         sleep: bool = False,
         goal_format: str = "dict",
@@ -106,6 +108,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           tasks_per_episode: number of tasks that an episode asks for, or a pair of the least and greatest number; each
             reset draws which of `tasks_to_complete`, and their order. `reset(options={"requested_tasks": names})` asks
             for given ones, in the order of the names. Every episode asks for all when omitted.
+          tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed.
           feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
             (the default), `true` or `target`; see `KitchenTask`.
           sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
@@ -137,6 +140,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "success": success,
             "reward": reward,
             "tasks_per_episode": tasks_per_episode,
+            "tasks_in_turn": tasks_in_turn,
             "feedback": feedback,
             "sleep": sleep,
         }
@@ -183,7 +187,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _requests_of(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the observation of the tasks asked `(..., n)`; empty if every episode asks for all."""
         mdp = self._task.mdp
-        return {REQUESTED: mdp.asked_mask(state).astype(np.float64)} if mdp.task_draw else {}
+        return {REQUESTED: mdp.shown_mask(state).astype(np.float64)} if mdp.task_draw else {}
 
     def _make_goals(self) -> layouts.Goals:
         mask = spaces.Box(0.0, 1.0, (len(self._goals.tasks),), np.float64)
@@ -227,7 +231,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           achieved_goal: dict by task or flat, with any leading axes.
           desired_goal: dict by task or flat, with the same leading axes.
           info: one dict, or a list of dicts for a batch; an info without lists and masks of tasks rewards every task;
-            with `tasks_per_episode` only those listed under `requested_tasks`, or its mask, are rewarded.
+            with `tasks_per_episode` only those listed under `requested_tasks`, or its mask, are rewarded, with
+            `tasks_in_turn` those of `attempted_tasks_mask`.
             A dense reward needs its infos under `reward_state/...`.
 
         Returns:

@@ -63,6 +63,28 @@ def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     )
 
 
+@torch.no_grad()
+def load_policy(agent: Agent, policy: TrainedPolicy) -> None:
+    """Gives an agent the network of a trained policy, and its standardisation for good; the values are not known.
+
+    Raises:
+      ValueError: the networks have other layers, or other units of actions.
+    """
+    own = export_policy(agent, {})
+    if policy.layers != own.layers:
+        raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
+    if not np.array_equal(policy.action_scale, own.action_scale):
+        raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
+    layers = (layer for layer in agent.policy.network if isinstance(layer, torch.nn.Linear))
+    for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+        layer.weight.copy_(torch.as_tensor(weight))
+        layer.bias.copy_(torch.as_tensor(bias))
+    scaler = agent.observation_scaler
+    scaler.running_mean.copy_(torch.as_tensor(policy.mean))
+    scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
+    scaler.freeze()
+
+
 def _array(tensor: torch.Tensor) -> np.ndarray:
     # A copy: the tensor goes on changing in training.
     return np.array(tensor.detach().numpy(), np.float32)

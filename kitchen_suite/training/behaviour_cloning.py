@@ -26,9 +26,6 @@ _ACTION_LIMIT = 5.0
 # Arguments of all domains on which the meaning of observed numbers depends.
 OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
 
-# Number of observations that the scaler is made to have seen, so large that later ones do not change its statistics.
-_SCALER_COUNT = 1e15
-
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
@@ -150,5 +147,5 @@ def _fit_scaler(agent: Agent, observations: torch.Tensor) -> torch.Tensor:
     scaler = agent.observation_scaler
     scaler.update(observations)
     # Every PPO update adds to the statistics, which would change what the cloned policy sees.
-    scaler.current_count.fill_(_SCALER_COUNT)
+    scaler.freeze()
     return scaler(observations)

@@ -10,9 +10,9 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from kitchen_suite.policies.trained import flat
+from kitchen_suite.policies.trained import TrainedPolicy, flat
 from kitchen_suite.training import behaviour_cloning
-from kitchen_suite.training.agent import build_agent
+from kitchen_suite.training.agent import build_agent, load_policy
 from kitchen_suite.training.batch import Batch
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters
@@ -66,6 +66,18 @@ class Learner:
           report: called after each pass over the demonstrations with its mean loss.
         """
         behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, report)
+        self._warm_up_values()
+
+    def adopt(self, policy: TrainedPolicy) -> None:
+        """Starts from a trained policy; the next `value_batches` batches train the value network alone.
+
+        Raises:
+          ValueError: it does not fit the networks.
+        """
+        load_policy(self.agent, policy)
+        self._warm_up_values()
+
+    def _warm_up_values(self) -> None:
         self._standardised, self._warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
@@ -124,8 +136,8 @@ class Learner:
     def learn(self) -> dict[str, float]:
         """Collects a batch and updates the networks with it.
 
-        The first `value_batches` batches after cloning train the value network alone (value warm-up): an untrained one
-        would spoil the cloned policy.
+        The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
+        warm-up): an untrained one would spoil the policy.
 
         Returns:
           Means by name: of the metrics of steps, of episodes that ended, and of the agent's own.

@@ -24,6 +24,7 @@ class TrainSettings(TaskSettings):
     training_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     demonstrations: Path | None = None
+    initial_policy: Path | None = None
     num_steps: int | None = None
     eval_interval: int | None = None
     eval_episodes: int = 100

@@ -5,6 +5,9 @@ import torch
 # Bound of standardised numbers.
 CLIP = 10.0
 
+# Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
+_FROZEN_COUNT = 1e15
+
 
 class RunningScaler(torch.nn.Module):
     """Standardises vectors, element by element.
@@ -41,6 +44,10 @@ class RunningScaler(torch.nn.Module):
         self.running_mean += delta * count / total
         self.running_variance.copy_(squares / total)
         self.current_count.copy_(total)
+
+    def freeze(self) -> None:
+        """Keeps the statistics as they are, whatever is added later."""
+        self.current_count.fill_(_FROZEN_COUNT)
 
     @property
     def deviation(self) -> torch.Tensor:

@@ -55,6 +55,8 @@ class TaskBalance:
           Successes of the tasks asked for, by the names of their curves.
         """
         asked, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
+        # Of tasks asked in turn, those that were never attempted say nothing.
+        asked = infos.get("attempted_tasks_mask", asked)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(asked[i], completed[i] - self.success, 0.0) / _MEMORY
         self._task.task_weights = 1.0 + _LEAST_WEIGHT - self.success

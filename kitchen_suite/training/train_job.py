@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.policies import PolicyError
+from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
@@ -80,9 +81,9 @@ class TrainJob:
         self._evaluation_environments = self._make_environments(
             evaluation, settings.eval_episodes, AutoresetMode.DISABLED
         )
-        # Raises a ValueError if the hyperparameters do not fit the environments.
-        Learner(self._environments, self._config, settings.seed)
-        self._demonstrations = self._load_demonstrations()
+        self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
+        # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
+        self._make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else _NO_RESULT
         prepare = run_folder.open_run if settings.resume else run_folder.create_run
@@ -120,7 +121,7 @@ class TrainJob:
     def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
-        learner = Learner(self._environments, self._config, seed)
+        learner = self._make_learner(seed)
         run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
         self._seed_run = run
         if self._demonstrations and not run.resumed:
@@ -131,6 +132,13 @@ class TrainJob:
         success, mean_return = run.best
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
         return reason
+
+    def _make_learner(self, seed: int) -> Learner:
+        """Returns a new learner, which starts from the initial policy if there is one."""
+        learner = Learner(self._environments, self._config, seed)
+        if self._initial_policy:
+            learner.adopt(self._initial_policy)
+        return learner
 
     def _report(self, run: SeedRun, row: str) -> None:
         """Prints the row of an evaluation, after which the policy may be the best so far."""
@@ -210,6 +218,22 @@ class TrainJob:
     def _make_environments(self, spec: RecordingSpec, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
         options = suite.DOMAINS[spec.domain_name].flat_options
         return spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
+
+    def _load_initial_policy(self) -> TrainedPolicy | None:
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`.
+
+        Raises:
+          ValueError: it is of another domain, or demonstrations are to be cloned.
+        """
+        path = self._settings.initial_policy
+        if path is None:
+            return None
+        if self._settings.demonstrations:
+            raise ValueError("--initial_policy and --demonstrations both give a policy to start from: give one of them")
+        policy = TrainedPolicy.load(path)
+        if (domain := policy.metadata["domain_name"]) != self._settings.domain_name:
+            raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
+        return policy
 
     def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
         """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.

@@ -63,7 +63,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         task = self._template_env.environment.task
         if name not in _WORDS or task.mdp.task_draw is None:
             return super()._each(name)
-        instructions = [task.instructions_in(order) for order in self._orders]
+        instructions = [task.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state)]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.requested import REQUESTED, TaskDraw
+from kitchen_suite.tasks.kitchen.requested import REQUESTED, TaskDraw, current
 from kitchen_suite.tasks.kitchen.reward import ShapedReward
 from kitchen_suite.tasks.kitchen.sensors import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.shaping import Shaping, shares
@@ -23,6 +23,9 @@ REWARD_STATE = "reward_state"
 
 # Name of the info on the order of the tasks asked.
 REQUESTED_ORDER = "requested_order"
+
+# First part of the name of the info on the tasks that a step could complete, where they are asked in turn.
+ATTEMPTED = "attempted_tasks"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
       task_draw: how many of the tasks an episode asks for; None for all.
+      tasks_in_turn: whether the next of them is asked only once the one before has been completed.
     """
 
     sensors: KitchenSensors
@@ -50,6 +54,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     terminate_on_tasks_completed: bool
     remove_task_when_completed: bool
     task_draw: TaskDraw | None = None
+    tasks_in_turn: bool = False
 
     @property
     def noise_draws(self) -> int:
@@ -77,10 +82,22 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """Returns the state before the first step of an episode that asks for some tasks; see `requested`."""
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
-    def asked_mask(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` the episode asks for."""
-        order = state.requested_order
+    def shown_mask(self, state: KitchenState) -> NDArray[np.bool_]:
+        """Returns which tasks `(..., n)` are asked at present."""
+        order = self.shown_order(state)
         return np.full(state.distances.shape, True) if isinstance(order, tuple) else order >= 0
+
+    def shown_order(self, state: KitchenState) -> NDArray[np.int64] | tuple[()]:
+        """Returns the order `(..., n)` of the tasks that are asked at present; `()` if every episode asks for all."""
+        order = state.requested_order
+        if not self.tasks_in_turn or isinstance(order, tuple):
+            return order
+        return np.where(current(order, state.progress.completed), order, -1)
+
+    def _attempted(self, state: KitchenState) -> NDArray[np.bool_]:
+        """Returns which tasks `(..., n)` the next step may complete, or has completed before."""
+        shown = self.shown_mask(state)
+        return shown | state.progress.completed if self.tasks_in_turn else shown
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | tuple[()]:
         """Returns what a dense reward remembers at a reset; `()` for the sparse one."""
@@ -102,7 +119,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         distances = self.goals.distances(achieved)
         within, order = self.success.within(achieved, distances), state.requested_order
         if not isinstance(order, tuple):
-            within = within & (order >= 0)
+            within = within & self._attempted(state)
         progress = state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed)
         after = KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress, (), (), order)
         return after if hand_distances is None else self._shaped(after, state, hand_distances)
@@ -110,9 +127,11 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
         """Returns a state with the terms of a dense reward."""
         assert isinstance(before.shaping, Shaping)
-        shaping = before.shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-        order = after.requested_order
-        asked = None if isinstance(order, tuple) else order >= 0
+        remembered = before.shaping
+        if self.tasks_in_turn:
+            remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
+        shaping = remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
+        asked = None if isinstance(after.requested_order, tuple) else self._attempted(before)
         terms = self.shaped_terms(shaping, after.achieved, self.goals.desired, asked)
         return after._replace(shaping=shaping, terms=terms)
 
@@ -172,6 +191,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         }
         if not isinstance(state.requested_order, tuple):
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
+        if self.tasks_in_turn:
+            # A step that completes a task has not attempted the next one.
+            attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self._attempted(state))
+            infos[f"{ATTEMPTED}_mask"] = attempted
         if isinstance(state.shaping, Shaping):
             infos |= {f"reward/{name}": np.array(term) for name, term in self.terms(state).items()}
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}

@@ -74,6 +74,13 @@ def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[
     return order
 
 
+def current(order: NDArray[np.int64], completed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns which task `(..., n)` of an order is next: the first that is not `completed`; the last one if all are."""
+    places = np.where((order >= 0) & ~completed, order, order.shape[-1])
+    place: NDArray[np.int64] = np.minimum(places.min(axis=-1), order.max(axis=-1))
+    return order == place[..., np.newaxis]
+
+
 def in_order(order: NDArray[np.int64]) -> list[int]:
     """Returns the indices of the tasks that an order `(n,)` asks for, in their sequence."""
     return [int(index) for index in np.argsort(order, kind="stable") if order[index] >= 0]

@@ -56,7 +56,7 @@ class RequestingTask(SuiteTask):
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        return self.instructions_in(self._state.requested_order if self._state else ())
+        return self.instructions_in(self._mdp.shown_order(self._state) if self._state else ())
 
     @property
     def task_weights(self) -> NDArray[np.float64]:
@@ -104,7 +104,7 @@ class RequestingTask(SuiteTask):
 
     def _observed_requests(self) -> NDArray[np.float64]:
         """Returns the observation `requested_tasks`, `(n,)`."""
-        return self._mdp.asked_mask(self._state).astype(np.float64)
+        return self._mdp.shown_mask(self._state).astype(np.float64)
 
     def _may_be_done(self) -> dict[str, Goal]:
         """Returns the goals of the tasks that may be done at the start of the episode that starts."""

@@ -47,6 +47,17 @@ class Shaping(NamedTuple):
             previously_completed=np.zeros(distances.shape, bool),
         )
 
+    def restarted(self, mask: NDArray[np.bool_], achieved: NDArray[np.float64], goals: GoalSet) -> Self:
+        """Returns what is remembered if, where `mask` `(...)`, the last step counts as a reset.
+
+        Args:
+          mask: which episodes.
+          achieved: `(..., k)`, achieved goals after that step.
+          goals: the tasks.
+        """
+        restart = self.start(achieved, self.hand_distances, goals)
+        return type(self)(*(np.where(mask[..., np.newaxis], new, old) for new, old in zip(restart, self, strict=True)))
+
     def after(
         self,
         achieved: NDArray[np.float64],

@@ -73,6 +73,7 @@ class KitchenTask(KitchenProgress):
         success: str | None = None,
         reward: str = "sparse",
         tasks_per_episode: int | Sequence[int] | None = None,
+        tasks_in_turn: bool = False,
         control_mode: str = "joint_velocity",
         **options: Any,
     ) -> None:
@@ -94,6 +95,8 @@ class KitchenTask(KitchenProgress):
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.
+          tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed;
+            observation and instruction show one task, and only this one can be completed. Needs `tasks_per_episode`.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
             `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
@@ -127,6 +130,7 @@ class KitchenTask(KitchenProgress):
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
             task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
+            tasks_in_turn=_checked_in_turn(tasks_in_turn, tasks_per_episode),
         )
         super().__init__(scene, **observables)
         self._scene = scene
@@ -184,6 +188,7 @@ class KitchenTask(KitchenProgress):
         reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
         # Whatever their number: the observation has those asked.
         random = "_random" if self._mdp.task_draw else ""
+        random += "_in_turn" if self._mdp.tasks_in_turn else ""
         return "_".join(self._mdp.goals.tasks).replace(" ", "_") + random + reward
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
@@ -273,3 +278,15 @@ class KitchenTask(KitchenProgress):
         self._observables.noise[:] = self._state.noise
         if self._visualize_reward:
             self._highlighting.update(self._state.progress.within)
+
+
+def _checked_in_turn(tasks_in_turn: object, tasks_per_episode: object) -> bool:
+    """Returns the argument `tasks_in_turn`.
+
+    Raises:
+      TypeError: it is no bool.
+      ValueError: it is true, but every episode asks for all tasks.
+    """
+    if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
+        raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
+    return bool(tasks_in_turn)

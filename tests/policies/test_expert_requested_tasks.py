@@ -41,6 +41,14 @@ def test_in_order_is_the_configured_order_and_flat_observations_do():
     assert [*environment.task.completion_steps] == ["light switch", "kettle"]
 
 
+@pytest.mark.parametrize("seed", brief(range(8), [1]))
+def test_the_expert_does_tasks_asked_in_turn_in_the_order_asked(seed):
+    arguments = {"random": seed, "visuals": False, "tasks_in_turn": True}
+    environment = suite.load("kitchen", "random_4", task_kwargs=arguments)
+    play(environment)
+    assert [*environment.task.completion_steps] == environment.task.requested_tasks
+
+
 def test_bad_settings_are_refused():
     with pytest.raises(TypeError, match="observes_requests must be True or False"):
         KitchenExpert(["kettle"], observes_requests=1)

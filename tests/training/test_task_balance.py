@@ -40,6 +40,17 @@ def test_the_weights_fall_with_the_success_of_a_task(envs):
     np.testing.assert_allclose(task.task_weights, [0.05, 1.05], atol=1e-3)
 
 
+def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
+    from kitchen_suite.training.task_balance import TaskBalance
+
+    balance = TaskBalance.of(envs.template_env.environment.task)
+    balance.success[:] = 0.5
+    infos = {**infos_of([[1, 1]], [[1, 0]]), "attempted_tasks_mask": np.array([[True, False]])}
+    assert set(balance.add(infos, np.array([True]))) == {"episode/success/kettle"}
+    assert balance.success[0] > 0.5
+    assert balance.success[1] == 0.5
+
+
 def test_tasks_that_draw_nothing_have_no_balance():
     from kitchen_suite.training.task_balance import TaskBalance
 

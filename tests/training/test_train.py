@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite.cli import play, train
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.training.settings import TrainSettings
 
@@ -354,6 +354,9 @@ BAD = {
     '--hyperparameters={"ratio_clip": -0.1}': "ratio_clip must be finite and non-negative",
     '--hyperparameters={"num_envs": 1000000000000}': "num_envs must be at most 65536",
     '--hyperparameters={"hidden": [100000000]}': "hidden must be at most 16384",
+    "--initial_policy=nowhere.npz": "nowhere.npz",
+    f"--initial_policy={SHIPPED / 'kettle.npz'}": "is a policy of the domain kitchen, not of open_cabinet",
+    f"--initial_policy={SHIPPED / 'top_drawer.npz'}": "the policy has layers",
     "--demonstrations=nowhere": "there is no recording in nowhere",
     "--num_steps=0": "needs --demonstrations",
 }

@@ -17,9 +17,9 @@ def make(mode="SameStep", **arguments):
     return FrankaKitchenVectorEnv(COUNT, autoreset_mode=mode, num_threads=1, **{**ARGUMENTS, **arguments})
 
 
-def single_episodes(i, actions, mode):
+def single_episodes(i, actions, mode, arguments):
     """Returns observation, reward, infos and sentence after each call of environment `i`, played alone."""
-    env, needs_reset = FrankaKitchenEnv(max_episode_steps=LIMIT, **ARGUMENTS), False
+    env, needs_reset = FrankaKitchenEnv(max_episode_steps=LIMIT, **ARGUMENTS, **arguments), False
     observation, info = env.reset(seed=7 + i)
     rows = [(observation, 0.0, info, env.instruction)]
     for action in actions:
@@ -38,11 +38,12 @@ def single_episodes(i, actions, mode):
     return rows
 
 
+@pytest.mark.parametrize("arguments", [{}, {"tasks_in_turn": True}], ids=["at once", "in turn"])
 @pytest.mark.parametrize("mode", brief(AutoresetMode, [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP]))
-def test_every_environment_is_the_single_one_of_its_seed(mode):
-    envs = make(mode, max_episode_steps=LIMIT)
+def test_every_environment_is_the_single_one_of_its_seed(mode, arguments):
+    envs = make(mode, max_episode_steps=LIMIT, **arguments)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, COUNT, 9)).astype(np.float32)
-    expected = [single_episodes(i, actions[:, i], mode) for i in range(COUNT)]
+    expected = [single_episodes(i, actions[:, i], mode, arguments) for i in range(COUNT)]
     observations, infos = envs.reset(seed=7)
     rewards, ended = np.zeros(COUNT), np.zeros(COUNT, bool)
     for step in range(STEPS + 1):

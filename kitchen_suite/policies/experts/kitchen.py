@@ -100,8 +100,9 @@ class KitchenExpert(Expert):
           control_mode: the environment's.
           extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
             the observation must include all of them, and the motions are planned for the poses.
-          observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. It cannot
-            observe their order: with `in_order` it does them in that of `tasks`.
+          observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. Of several
+            at once it cannot observe the order: with `in_order` it does them in that of `tasks`. It turns to other
+            tasks when others are asked, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
 
         Raises:
@@ -160,10 +161,12 @@ class KitchenExpert(Expert):
         return observation[_ROBOT]
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+        requested = self._requested(observation)
         if self._trajectory is None:
-            if count := self._num_requests:
-                self._queue = TaskQueue(asked(self._order, self._goals.tasks, observation[-count:]))
+            self._queue = TaskQueue(requested)
             return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
+        if requested != self._queue.tasks:
+            return self._turn_to(requested, observation, joints)
         distances, task = self._relative_distances(observation), self._queue.current
         if self._is_strict:
             self._pace = _pace(distances[task]) if task else 1.0
@@ -179,6 +182,20 @@ class KitchenExpert(Expert):
             self._queue.postpone()
             return self._then_current_task(retreat, observation)
         return None
+
+    def _requested(self, observation: NDArray[np.float64]) -> tuple[str, ...]:
+        """Returns the tasks that an observation asks for, in the order in which to do them."""
+        count = self._num_requests
+        return asked(self._order, self._goals.tasks, observation[-count:]) if count else self._order
+
+    def _turn_to(
+        self, tasks: Sequence[str], observation: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> JointTrajectory:
+        """Leaves what is under way for other tasks."""
+        is_busy = self._queue.current is not None
+        retreat = self._plan_retreat(self._skill, joints) if is_busy else JointTrajectory.stationary(joints, OPEN)
+        self._queue = TaskQueue(tasks)
+        return self._then_current_task(retreat, observation)
 
     def _resume_from_rest(
         self, distances: Mapping[str, float], observation: NDArray[np.float64], joints: NDArray[np.float64]

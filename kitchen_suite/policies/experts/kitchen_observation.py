@@ -30,7 +30,7 @@ def achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]
     return observation[_OBJECTS][_elements()[task]]
 
 
-def asked(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> list[str]:
+def asked(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
     """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
     wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
-    return [task for task in order if task in wanted]
+    return tuple(task for task in order if task in wanted)

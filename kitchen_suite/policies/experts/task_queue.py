@@ -10,10 +10,13 @@ class TaskQueue:
     """Tasks that remain to be done; the first one is the current one.
 
     Distances are by task, in units of its threshold.
+
+    Attributes:
+      tasks: all tasks, in the order in which they were to be done.
     """
 
     def __init__(self, tasks: Sequence[str]) -> None:
-        self._tasks = tuple(tasks)
+        self.tasks = tuple(tasks)
         self._remaining = list(tasks)
 
     @property
@@ -36,4 +39,4 @@ class TaskQueue:
 
     def restart_undone(self, distances: Mapping[str, float]) -> None:
         """Adds the completed tasks that have come undone, once no others remain."""
-        self._remaining = [task for task in self._tasks if distances[task] > _UNDONE]
+        self._remaining = [task for task in self.tasks if distances[task] > _UNDONE]
