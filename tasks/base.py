@@ -1,7 +1,7 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -27,6 +27,9 @@ SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
+
+# Number of axes of an observed picture.
+_PICTURE_AXES = 3
 
 
 class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
@@ -88,6 +91,27 @@ class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
     @abc.abstractmethod
     def observation_size(self) -> int:
         """Number of elements of the flat observation, goals included."""
+
+    @property
+    def state_size(self) -> int:
+        """Number of elements at the beginning of the flat observation that are no goals and no requests of tasks."""
+        return self.observation_size
+
+    @property
+    def task_names(self) -> tuple[str, ...]:
+        """Names of the tasks that episodes may ask for; empty if the task has no parts."""
+        return ()
+
+    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
+        """Returns the inputs `(m,)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.
+
+        Args:
+          observation: of a dm_env time step.
+          tasks: names, in the order of the policy.
+        """
+        del tasks
+        flat = [np.ravel(array) for array in observation.values() if np.ndim(array) < _PICTURE_AXES]
+        return np.concatenate(flat)[: self.state_size]
 
     @property
     def policy_key(self) -> str:

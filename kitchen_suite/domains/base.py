@@ -50,8 +50,9 @@ class Domain:
       replaceable: arguments of `tasks` that a caller may replace.
       array_options: options with which infos are arrays of fixed shape alone, which can be recorded.
       flat_options: options with which goals are arrays as well, as a network needs them.
-      cloning_options: names of the options on which the meaning of observed numbers and of actions depends.
-        Demonstrations can be cloned where these are equal.
+      state_options: names of the options on which the meaning of actions and of observed states depends.
+      cloning_options: names of those on which the meaning of whole observations, with their goals, and of actions
+        depends. Demonstrations can be cloned where these are equal.
       hyperparameters: values that replace defaults of `training.hyperparameters.Hyperparameters`.
       cloning_hyperparameters: values that replace these where demonstrations are cloned first.
       training_options: options of the environments that policies are trained in from scratch, which those that they are
@@ -74,6 +75,7 @@ class Domain:
     replaceable: Collection[str] = ()
     array_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     flat_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    state_options: Collection[str] = ()
     cloning_options: Collection[str] = ()
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)

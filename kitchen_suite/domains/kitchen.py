@@ -107,6 +107,8 @@ _AJAR = {
     "hinge_cabinet/doors": {"choice": ((0.0, 0.0),) * 6 + tuple((0.0, q) for q in (0.08, 0.2, 0.35, 0.5, 0.65, 0.8))},
 }
 
+_STATE_OPTIONS = ("velocity_scale", "feedback", *CONTROL_OPTIONS)
+
 KITCHEN = Domain(
     name="kitchen",
     build=kitchen,
@@ -121,15 +123,8 @@ KITCHEN = Domain(
     replaceable=("tasks_to_complete",),
     array_options=MappingProxyType({"info_format": "arrays"}),
     flat_options=MappingProxyType({"goal_format": "flat"}),
-    cloning_options=(
-        "tasks_to_complete",
-        "tasks_per_episode",
-        "tasks_in_turn",
-        "goals",
-        "velocity_scale",
-        "feedback",
-        *CONTROL_OPTIONS,
-    ),
+    state_options=_STATE_OPTIONS,
+    cloning_options=("tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "goals", *_STATE_OPTIONS),
     hyperparameters=MappingProxyType(
         {
             "num_envs": 64,

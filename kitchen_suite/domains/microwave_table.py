@@ -58,5 +58,6 @@ MICROWAVE_TABLE = Domain(
     env="kitchen_suite.gymnasium_env.microwave_table:FrankaMicrowaveTableEnv",
     vector_env="kitchen_suite.vector_env.microwave_table:FrankaMicrowaveTableVectorEnv",
     episode_steps=500,
+    state_options=("gripper", *CONTROL_OPTIONS),
     cloning_options=("gripper", *CONTROL_OPTIONS),
 )

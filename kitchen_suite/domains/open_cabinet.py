@@ -68,6 +68,7 @@ OPEN_CABINET = Domain(
     episode_steps=700,
     task_id="KitchenSuite/{}-v1",
     training_settings=MappingProxyType({"eval_interval": 250_000, "target_success": 0.98}),
+    state_options=("gripper", *CONTROL_OPTIONS),
     cloning_options=("gripper", *CONTROL_OPTIONS),
     expert="kitchen_suite.policies.experts.open_cabinet:DrawerExpert",
     benchmark="kitchen_suite.benchmarks.open_cabinet:OPEN_CABINET",

@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies.trained import TrainedPolicy, flat_timestep, shipped
+from kitchen_suite.policies import policy_files
+from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.trained import shipped
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
@@ -77,11 +79,11 @@ def expert(environment: dm_env.Environment, generator: np.random.Generator, **op
 
 
 def trained(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
-    """Builds a trained policy, which acts without exploration noise.
+    """Builds a trained policy, which acts without exploration noise; some algorithms draw their actions.
 
     Args:
       environment: of the suite.
-      generator: not used.
+      generator: of the draws.
       file: a policy that `kitchen-train` has written; by default the one that comes with the package for the
         environment's task and reward.
 
@@ -97,17 +99,14 @@ def _trained_builder(digest: str | None) -> PolicyBuilder:
     load = functools.cache(functools.partial(_load_trained, digest=digest))
 
     def build(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
-        del generator
-        policy = load(Path(file) if file else shipped(environment.task))
-        policy.check_fits(environment.task)
-        return lambda timestep: policy(flat_timestep(timestep))
+        return load(Path(file) if file else shipped(environment.task)).episode(environment.task, generator)
 
     return build
 
 
-def _load_trained(path: Path, digest: str | None) -> TrainedPolicy:
+def _load_trained(path: Path, digest: str | None) -> StoredPolicy:
     """Reads a trained policy; raises a ValueError if its file has another SHA-256 than `digest`, if that is given."""
-    policy = TrainedPolicy.load(path)
+    policy = policy_files.load(path)
     if digest is not None and files.file_digest(path) != digest:
         raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
     return policy

@@ -1,25 +1,20 @@
-"""Trained policies: networks that act with numpy alone, stored in npz files that are read without pickle."""
+"""Multilayer perceptrons as trained by PPO, and the policies that come with the package."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-import kitchen_suite
 from kitchen_suite import checks, files
+from kitchen_suite.policies import stored
+from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.base import SuiteTask
-
-# Version of the file layout, incremented when older versions of the suite would misread new files.
-FORMAT = 1
-
-# Bound of the arrays of a file [bytes], a hundred times what the policies of the package take.
-_MAX_BYTES = 64 * 2**20
 
 # First parts of the names of each layer's arrays.
 _LAYER = ("weight", "bias")
@@ -31,18 +26,8 @@ SHIPPED = Path(__file__).parent / "trained_policies"
 _GOAL_KEYS = ("observation", "achieved_goal", "desired_goal", "requested_tasks")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Metadata:
-    """Metadata that every file must hold: the version of its layout, and the task of the policy."""
-
-    format: int
-    domain_name: str
-    task_name: str
-    task_kwargs: dict[str, Any]
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
-class TrainedPolicy:
+class TrainedPolicy(StoredPolicy):
     """A multilayer perceptron with ELU activations on standardised observations.
 
     Attributes:
@@ -87,13 +72,8 @@ class TrainedPolicy:
         if not (self.deviation > 0).all() or not self.clip > 0:
             raise ValueError("deviation and clip must be positive")
 
-    def __repr__(self) -> str:
-        task = f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
-        return f"<TrainedPolicy of {task}, layers {self.layers}>"
-
     @property
     def layers(self) -> list[int]:
-        """Number of inputs, and of outputs of each layer."""
         return [self.observation_size, *(bias.size for bias in self.biases)]
 
     @property
@@ -103,7 +83,6 @@ class TrainedPolicy:
 
     @property
     def action_size(self) -> int:
-        """Number of elements of the action."""
         return self.action_scale.size
 
     def __call__(self, observations: NDArray) -> NDArray[np.float32]:
@@ -116,9 +95,9 @@ class TrainedPolicy:
         weight, bias = last
         return (values @ weight.T + bias) * self.action_scale
 
-    def save(self, path: Path) -> None:
-        """Writes the policy to an npz file, atomically."""
-        arrays = {
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        return {
             "mean": self.mean,
             "deviation": self.deviation,
             "clip": np.array(self.clip, np.float32),
@@ -126,56 +105,56 @@ class TrainedPolicy:
             **{f"weight_{i}": weight for i, weight in enumerate(self.weights)},
             **{f"bias_{i}": bias for i, bias in enumerate(self.biases)},
         }
-        metadata = {**self.metadata, "format": FORMAT, "kitchen_suite": kitchen_suite.__version__}
-        files.save_arrays(path, arrays, metadata)
 
     @classmethod
-    def load(cls, path: Path) -> "TrainedPolicy":
+    def load(cls, path: Path) -> Self:
         """Reads a policy.
 
         Raises:
           OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
           ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
         """
-        arrays, metadata = files.load_arrays(path, "a trained policy", max_bytes=_MAX_BYTES)
-        problem = f"{path} holds no trained policy"
-        version = files.parse(metadata, _Metadata, problem).format
-        if version != FORMAT:
-            raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
+        arrays, metadata = stored.read(path)
+        try:
+            return cls.from_arrays(arrays, metadata)
+        except ValueError as error:
+            raise ValueError(f"{stored.problem(path)}: {error}") from error
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Self:
+        """Returns the policy with the arrays and the metadata of a file.
+
+        Raises:
+          ValueError: an array is missing or unknown, or does not fit the others.
+        """
         layers = range(sum(name.startswith("weight_") for name in arrays))
         names = ["mean", "deviation", "clip", "action_scale", *(f"{kind}_{i}" for kind in _LAYER for i in layers)]
         if odd := sorted(arrays.keys() ^ set(names)):
-            raise ValueError(f"{problem}: missing or unknown arrays {odd}")
-        try:
-            return cls(
-                mean=arrays["mean"],
-                deviation=arrays["deviation"],
-                clip=float(_scalar(arrays["clip"])),
-                weights=tuple(arrays[f"weight_{i}"] for i in layers),
-                biases=tuple(arrays[f"bias_{i}"] for i in layers),
-                action_scale=arrays["action_scale"],
-                metadata=metadata,
-            )
-        except ValueError as error:
-            raise ValueError(f"{problem}: {error}") from error
+            raise ValueError(f"missing or unknown arrays {odd}")
+        return cls(
+            mean=arrays["mean"],
+            deviation=arrays["deviation"],
+            clip=float(_scalar(arrays["clip"])),
+            weights=tuple(arrays[f"weight_{i}"] for i in layers),
+            biases=tuple(arrays[f"bias_{i}"] for i in layers),
+            action_scale=arrays["action_scale"],
+            metadata=metadata,
+        )
 
     def check_fits(self, task: "SuiteTask") -> None:
-        """Checks that the policy's sizes and its control mode are those of a task.
-
-        Raises:
-          ValueError: they differ.
-        """
-        (action_size,) = task.mdp.action_mode.spec(task.robot).shape
-        trained_for = f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
-        if (self.observation_size, self.action_size) != (task.observation_size, action_size):
+        self._check_action(task)
+        if self.observation_size != task.observation_size:
             raise ValueError(
-                f"the policy maps {self.observation_size} observed numbers to {self.action_size} numbers of an action, "
-                f"but this task has {task.observation_size} and {action_size}: {trained_for}"
+                f"the policy observes {self.observation_size} numbers, but this task has {task.observation_size}: "
+                f"{self._trained_for}"
             )
-        arguments = self.metadata.get("task_kwargs") or {}
-        expected, found = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
-        if expected != found:
-            raise ValueError(f"the policy acts in control mode {expected!r}, not {found!r}: {trained_for}")
+
+    def episode(
+        self, task: "SuiteTask", generator: np.random.Generator
+    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
+        del generator
+        self.check_fits(task)
+        return lambda timestep: self(flat_timestep(timestep))
 
 
 def _scalar(array: NDArray) -> NDArray:

@@ -4,7 +4,7 @@ import contextlib
 import inspect
 import json
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,28 +44,37 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
       ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
         episodes.
     """
-    if not (folder / SPEC_FILE).exists():
-        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
-    recording = RecordingFolder.open(folder)
-    _check_compatible(folder, recording.spec, spec)
+    recording = open_recording(folder, spec, suite.DOMAINS[spec.domain_name].cloning_options)
+    found, expected = (f"{each.domain_name} {each.task_name}" for each in (recording.spec, spec))
+    if found != expected:
+        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
     episodes = [recording.load(index).arrays for index in recording.indices]
-    observations = np.concatenate([_flat_observations(arrays)[:-1] for arrays in episodes])
+    observations = np.concatenate([flat_observations(arrays)[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])
     return observations.astype(np.float32), actions.astype(np.float32)
 
 
-def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSpec) -> None:
-    """Checks that observations and actions of a recording mean the same in the environments to be trained in.
+def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]) -> RecordingFolder:
+    """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
+
+    Args:
+      folder: of the recording.
+      wanted: specification of those environments.
+      options: names of the domain's options that have to be equal.
 
     Raises:
-      ValueError: the tasks differ, or one of the domain's `cloning_options`.
+      OSError: there is no recording.
+      ValueError: the domains differ, or one of the options.
     """
-    found, expected = (f"{spec.domain_name} {spec.task_name}" for spec in (recorded, wanted))
-    if found != expected:
-        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
-    for name in (*OBSERVATION_OPTIONS, *suite.DOMAINS[wanted.domain_name].cloning_options):
+    if not (folder / SPEC_FILE).exists():
+        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
+    recording = RecordingFolder.open(folder)
+    recorded = recording.spec
+    if recorded.domain_name != wanted.domain_name:
+        raise ValueError(f"{folder} holds episodes of {recorded.domain_name}, not of {wanted.domain_name}")
+    for name in (*OBSERVATION_OPTIONS, *options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
@@ -74,6 +83,7 @@ def _check_compatible(folder: Path, recorded: RecordingSpec, wanted: RecordingSp
                 f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
                 "pass the same --task_kwargs to both commands"
             )
+    return recording
 
 
 def _argument(spec: RecordingSpec, name: str) -> Any:
@@ -94,7 +104,7 @@ def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
     return mode.name if name == "control_mode" else getattr(mode, name, None)
 
 
-def _flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
+def flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
     """Returns an episode's observations `(T + 1, n)` as a trained policy takes them; see `trained.flat`.
 
     Goals recorded by task have one array for each task, in the configured order, which is that of flat goals.

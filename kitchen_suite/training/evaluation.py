@@ -6,18 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.policies.trained import TrainedPolicy, flat
-from kitchen_suite.rollouts.controllers import NetworkController
+from kitchen_suite.rollouts.controllers import Controller
 from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.training.metrics import EPISODE_METRICS, episode_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
-def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:
+def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:
     """Plays an episode of each seed, without exploration.
 
     Args:
-      policy: takes flat observations.
+      controller: acts by the policy.
       environments: with autoreset mode `Disabled`.
       seeds: of the episodes.
 
@@ -25,7 +24,7 @@ def evaluate(policy: TrainedPolicy, environments: SuiteVectorEnv, seeds: Sequenc
       Metrics of the episodes `(n,)` by name: those of `episode_metrics`, and `episode/return`; all are 0 for an episode
       in which the physics has diverged.
     """
-    rollout = VectorRollout(environments, NetworkController(lambda observations: policy(flat(observations))))
+    rollout = VectorRollout(environments, controller)
     task = environments.template_env.environment.task
     metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
     for index, episode in rollout.play(collections.deque(enumerate(seeds))):

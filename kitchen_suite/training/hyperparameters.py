@@ -3,9 +3,11 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from kitchen_suite import checks, suite
+
+Config = TypeVar("Config")
 
 # Hyperparameters that are divided by, or whose logarithm is taken.
 _POSITIVE = ("exploration", "standardisation_epsilon")
@@ -16,6 +18,9 @@ _MAXIMA = {
     "rollouts": 2**16,
     "mini_batches": 2**16,
     "hidden": 2**14,
+    "width": 2**14,
+    "chunk": 2**10,
+    "averaging": 1,
     "discount": 1,
     "gae_lambda": 1,
 }
@@ -95,14 +100,7 @@ class Hyperparameters:
           TypeError: a value has the wrong type.
           ValueError: a name is unknown, or a value is out of range.
         """
-        hints = get_type_hints(cls)
-        for name, value in changes.items():
-            checks.choice(name, hints.keys(), "hyperparameter")
-            _check(name, value, hints[name])
-        values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
-        }
-        config = dataclasses.replace(cls.defaults(domain_name, cloning=cloning), **values)
+        config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
             raise ValueError(
                 f"mini_batches {config.mini_batches} must divide the {config.batch_size} steps of a batch "
@@ -111,6 +109,27 @@ class Hyperparameters:
         if config.noise_correlation >= 1:
             raise ValueError(f"noise_correlation must be below 1, got {config.noise_correlation}")
         return config
+
+
+def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
+    """Returns hyperparameters with some values changed.
+
+    Args:
+      defaults: a dataclass of numbers and tuples of numbers.
+      changes: by name, as read from JSON.
+
+    Raises:
+      TypeError: a value has the wrong type.
+      ValueError: a name is unknown, or a value is out of range.
+    """
+    hints = get_type_hints(type(defaults))
+    for name, value in changes.items():
+        checks.choice(name, hints.keys(), "hyperparameter")
+        _check(name, value, hints[name])
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in changes.items()
+    }
+    return dataclasses.replace(defaults, **values)  # type: ignore[type-var]
 
 
 def _check(name: str, value: object, kind: Any) -> None:

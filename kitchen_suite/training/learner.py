@@ -2,7 +2,7 @@
 
 import collections
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,11 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy, flat
+from kitchen_suite.rollouts.controllers import Controller, NetworkController
 from kitchen_suite.training import behaviour_cloning
-from kitchen_suite.training.agent import build_agent, load_policy
+from kitchen_suite.training.agent import build_agent, export_policy, load_policy
 from kitchen_suite.training.batch import Batch
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters
@@ -108,6 +110,16 @@ class Learner:
         self._observations = _tensor(observations)
         if not self._standardised:
             self.agent.observation_scaler.update(self._observations)
+
+    def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
+        """Returns the present policy, without exploration."""
+        return export_policy(self.agent, metadata)
+
+    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
+        """Returns a controller that acts by a policy of PPO, in all environments at once."""
+        del environments
+        assert isinstance(policy, TrainedPolicy)
+        return NetworkController(lambda observations: policy(flat(observations)))
 
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""

@@ -23,6 +23,7 @@ class RunDescription:
       training_kwargs: further arguments of the environments trained in, among them `max_episode_steps`.
       hyperparameters: all of them, by name.
       seed: of the first learner.
+      algorithm: one of `settings.ALGORITHMS`.
     """
 
     domain_name: str
@@ -31,6 +32,7 @@ class RunDescription:
     training_kwargs: dict[str, Any]
     hyperparameters: dict[str, Any]
     seed: int
+    algorithm: str = "ppo"
 
     def as_json(self) -> dict[str, Any]:
         """Returns the description as JSON represents it."""

@@ -1,7 +1,6 @@
 """One seed of a training run: it learns, is evaluated, and writes curves and checkpoints, from which it can resume."""
 
 import contextlib
-import dataclasses
 import enum
 import time
 from collections.abc import Callable, Mapping
@@ -11,13 +10,12 @@ from typing import Any
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.training import checkpoints
-from kitchen_suite.training.agent import export_policy
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
-from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.learning import Learner
 from kitchen_suite.training.settings import Schedule
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -159,7 +157,8 @@ class SeedRun:
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)
         writer.write(means, self.steps)
         bar.update(self.steps - steps)
-        bar.set_postfix_str(f"reward {means['step/reward']:.2f}", refresh=False)
+        name = next(iter(means))
+        bar.set_postfix_str(f"{name.partition('/')[2]} {means[name]:.2f}", refresh=False)
 
     def _evaluate_and_checkpoint(self, writer: CurveWriter, report: Callable[[str], None]) -> None:
         """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
@@ -172,9 +171,10 @@ class SeedRun:
 
     def _evaluate(self) -> dict[str, NDArray]:
         """Evaluates the policy, saves it if it is the best so far, and returns the metrics `(n,)` of the episodes."""
-        policy = export_policy(self._learner.agent, self._metadata)
+        policy = self._learner.export(self._metadata)
+        controller = self._learner.controller(policy, self._evaluation_environments)
         seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._schedule.eval_episodes)]
-        metrics = evaluate(policy, self._evaluation_environments, seeds)
+        metrics = evaluate(controller, self._evaluation_environments, seeds)
         result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
         self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
         self._successes = [*self._successes[-1:], result[0]]
@@ -183,11 +183,11 @@ class SeedRun:
             self._save_policy(policy)
         return metrics
 
-    def _save_policy(self, policy: TrainedPolicy) -> None:
+    def _save_policy(self, policy: StoredPolicy) -> None:
         success, mean_return = self._best
         training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
         metadata = {**policy.metadata, "training": training}
-        dataclasses.replace(policy, metadata=metadata).save(self.policy_file)
+        policy.with_metadata(metadata).save(self.policy_file)
 
     def _save_checkpoint(self) -> None:
         checkpoint = Checkpoint(

@@ -8,6 +8,13 @@ from typing import Any
 from kitchen_suite import suite
 from kitchen_suite.rollouts.settings import TaskSettings
 
+# Algorithms by the name of `--algorithm`; all but the first learn from demonstrations alone.
+PPO = "ppo"
+ALGORITHMS = (PPO, "bc", "flow", "vqbet")
+
+# Of imitation, in every domain.
+_IMITATION = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
+
 # Of domains without `training_settings` of their own.
 _DEFAULTS = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
@@ -16,14 +23,17 @@ _DEFAULTS = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success"
 class TrainSettings(TaskSettings):
     """Settings of `kitchen-train`; each is the flag of its name.
 
-    Steps are control steps over all environments; those that are None are the domain's, see `schedule`.
+    Steps are control steps over all environments, and steps of the optimiser in imitation. Those that are None are the
+    domain's or the algorithm's, see `schedule`.
     """
 
     output: Path
     domain_name: str = "open_cabinet"
+    algorithm: str = PPO
     training_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     demonstrations: Path | None = None
+    num_demonstrations: int | None = None
     initial_policy: Path | None = None
     num_steps: int | None = None
     eval_interval: int | None = None
@@ -44,7 +54,8 @@ class TrainSettings(TaskSettings):
         Raises:
           ValueError: an unknown domain.
         """
-        defaults: dict[str, Any] = {**_DEFAULTS, **suite.find_domain(self.domain_name).training_settings}
+        own = suite.find_domain(self.domain_name).training_settings if self.algorithm == PPO else _IMITATION
+        defaults: dict[str, Any] = {**_DEFAULTS, **own}
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
         values: dict[str, Any] = {name: defaults[name] if value is None else value for name, value in chosen.items()}
         return Schedule(**values)

@@ -3,23 +3,16 @@
 import contextlib
 import dataclasses
 import functools
-import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from dm_control.rl.control import PhysicsError
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
-from tqdm import tqdm
 
 from kitchen_suite import checks, files, suite
 from kitchen_suite.policies import PolicyError
-from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
@@ -27,13 +20,13 @@ from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.settings import PlaySettings
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training import run_folder
-from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.checkpoints import CheckpointError
-from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.learner import DivergedError, Learner
+from kitchen_suite.training.learner import DivergedError
+from kitchen_suite.training.learning import Training
+from kitchen_suite.training.reinforcement import PPOTraining
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
-from kitchen_suite.training.settings import TrainSettings
-from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.training.settings import ALGORITHMS, PPO, TrainSettings
+from kitchen_suite.training.specs import make_spec
 
 # Below the success rate and mean return of any evaluation.
 _NO_RESULT = (-1.0, 0.0)
@@ -57,37 +50,34 @@ class TrainJob:
           TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
           ValueError: an unknown name, or a value that is refused.
         """
-        self._schedule = settings.schedule
-        if self._schedule.num_steps == 0 and not settings.demonstrations:
-            raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
-        self._settings = settings
-        self._spec = self._make_spec(settings.environment_kwargs, None)
-        self._training_kwargs = self._make_training_kwargs()
+        self._settings, self._schedule = settings, settings.schedule
+        self._spec = make_spec(settings, settings.environment_kwargs)
         if settings.video:
             video.check_ffmpeg()
-        self._config = Hyperparameters.for_domain(
-            settings.domain_name, settings.hyperparameters, cloning=settings.demonstrations is not None
-        )
+        self._training = make_training(settings, self._spec)
         self._metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
             "task_kwargs": settings.environment_kwargs,
-            "training_kwargs": self._training_kwargs,
-            "hyperparameters": dataclasses.asdict(self._config),
+            "training_kwargs": self._training.training_kwargs,
+            "hyperparameters": dataclasses.asdict(self._training.config),
         }
-        training = self._make_training_spec()
-        self._environments = self._make_environments(training, self._config.num_envs, AutoresetMode.SAME_STEP)
-        evaluation = dataclasses.replace(self._spec, max_episode_steps=training.max_episode_steps)
-        self._evaluation_environments = self._make_environments(
-            evaluation, settings.eval_episodes, AutoresetMode.DISABLED
+        evaluation = dataclasses.replace(self._spec, max_episode_steps=self._training.max_episode_steps)
+        options = suite.DOMAINS[settings.domain_name].flat_options
+        self._evaluation_environments = evaluation.make_vector_env(
+            settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
         )
-        self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
-        self._make_learner(settings.seed)
+        self._training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else _NO_RESULT
         prepare = run_folder.open_run if settings.resume else run_folder.create_run
-        prepare(settings.output, run_folder.RunDescription(**self._metadata, seed=settings.seed))
+        prepare(settings.output, self._description)
+
+    @property
+    def _description(self) -> run_folder.RunDescription:
+        settings = self._settings
+        return run_folder.RunDescription(**self._metadata, seed=settings.seed, algorithm=settings.algorithm)
 
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
@@ -107,9 +97,9 @@ class TrainJob:
         # The matrices are small: with a second thread, training is slower.
         torch.set_num_threads(1)
         settings = self._settings
-        print_line(f"{settings.domain_name} {self._spec.task_name}, PPO, in {settings.output}")
+        print_line(f"{settings.domain_name} {self._spec.task_name}, {self._training.title}, in {settings.output}")
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
-        with contextlib.closing(self._environments), contextlib.closing(self._evaluation_environments):
+        with contextlib.closing(self._training), contextlib.closing(self._evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
                 if self._train_seed(seed) is not StopReason.NO_PROGRESS:
                     break
@@ -121,24 +111,16 @@ class TrainJob:
     def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
-        learner = self._make_learner(seed)
+        learner = self._training.make_learner(seed)
         run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
         self._seed_run = run
-        if self._demonstrations and not run.resumed:
-            with _cloning_bar(self._config.clone_epochs) as report:
-                learner.imitate(*self._demonstrations, report)
+        if not run.resumed:
+            self._training.prepare(learner)
         reason = run.run(functools.partial(self._report, run))
         self._keep_if_best(run)
         success, mean_return = run.best
         print_line(f"seed {seed}: {reason.value}; best evaluation: success {success:.0%}, return {mean_return:.1f}")
         return reason
-
-    def _make_learner(self, seed: int) -> Learner:
-        """Returns a new learner, which starts from the initial policy if there is one."""
-        learner = Learner(self._environments, self._config, seed)
-        if self._initial_policy:
-            learner.adopt(self._initial_policy)
-        return learner
 
     def _report(self, run: SeedRun, row: str) -> None:
         """Prints the row of an evaluation, after which the policy may be the best so far."""
@@ -169,96 +151,17 @@ class TrainJob:
         ).run()
         print_line(f"video {file}")
 
-    def _make_spec(self, task_kwargs: Mapping[str, Any], max_episode_steps: int | None) -> RecordingSpec:
-        """Returns the specification of environments of the task, with which `kitchen-play` can play the policy."""
-        settings = self._settings
-        spec = RecordingSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=task_kwargs,
-            policy="zero",
-            seed=settings.seed,
-            seeding="gymnasium",
-            max_episode_steps=max_episode_steps,
-        )
-        default = spec.env_class.observed.default_type
-        if spec.task_kwargs.get("obs_type") not in (None, default):
-            raise ValueError(
-                f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "
-                f"default, {default!r}; leave obs_type out"
-            )
-        spec.make_environment().close()
-        return spec
 
-    def _make_training_kwargs(self) -> dict[str, Any]:
-        """Returns the arguments of the environments that are trained in, which replace those of the task.
+def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
+    """Returns the training of the algorithm that settings name; raises what its class does.
 
-        The domain's are left out where the task's arguments have them.
+    Raises:
+      ValueError: an unknown algorithm.
+    """
+    checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
+    if settings.algorithm == PPO:
+        return PPOTraining(settings, spec)
+    # Needs a further package.
+    from kitchen_suite.training.imitation.training import ImitationTraining
 
-        Raises:
-          ValueError: observations or actions would have another meaning than in those that are evaluated in.
-        """
-        settings = self._settings
-        domain = suite.DOMAINS[settings.domain_name]
-        own = {} if settings.demonstrations else domain.training_options
-        defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
-        arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
-        if shared := sorted({*OBSERVATION_OPTIONS, *domain.cloning_options} & arguments.keys()):
-            raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
-        return arguments
-
-    def _make_training_spec(self) -> RecordingSpec:
-        """Returns the specification of the environments that are trained in."""
-        arguments = {**self._settings.environment_kwargs, **self._training_kwargs}
-        steps = arguments.pop("max_episode_steps", None)
-        if steps is not None:
-            checks.integer(steps, "max_episode_steps", minimum=1)
-        return self._make_spec(arguments, steps)
-
-    def _make_environments(self, spec: RecordingSpec, count: int, autoreset_mode: AutoresetMode) -> SuiteVectorEnv:
-        options = suite.DOMAINS[spec.domain_name].flat_options
-        return spec.make_vector_env(count, self._settings.num_threads, autoreset_mode, **options)
-
-    def _load_initial_policy(self) -> TrainedPolicy | None:
-        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`.
-
-        Raises:
-          ValueError: it is of another domain, or demonstrations are to be cloned.
-        """
-        path = self._settings.initial_policy
-        if path is None:
-            return None
-        if self._settings.demonstrations:
-            raise ValueError("--initial_policy and --demonstrations both give a policy to start from: give one of them")
-        policy = TrainedPolicy.load(path)
-        if (domain := policy.metadata["domain_name"]) != self._settings.domain_name:
-            raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
-        return policy
-
-    def _load_demonstrations(self) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-        """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.
-
-        Raises:
-          ValueError: their shapes are not those of this task.
-        """
-        folder = self._settings.demonstrations
-        if folder is None:
-            return None
-        observations, actions = load_demonstrations(folder, self._spec)
-        space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
-        found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
-        if found != expected:
-            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
-        return observations, actions
-
-
-@contextlib.contextmanager
-def _cloning_bar(epochs: int) -> Iterator[Callable[[float], None]]:
-    """Shows a progress bar; yields the function that takes the loss of each epoch."""
-    with tqdm(total=epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
-
-        def report(loss: float) -> None:
-            bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-            bar.update()
-
-        yield report
+    return ImitationTraining(settings, spec)

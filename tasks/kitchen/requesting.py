@@ -1,6 +1,6 @@
 """Tasks of the kitchen of which each episode asks for some: draws, requests and weights."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,17 @@ class RequestingTask(SuiteTask):
     @property
     def drawn_tasks(self) -> tuple[str, ...]:
         return self._mdp.goals.tasks if self._mdp.task_draw else ()
+
+    @property
+    def task_names(self) -> tuple[str, ...]:
+        return self._mdp.goals.tasks
+
+    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
+        state, names = super().policy_inputs(observation, tasks), self.task_names
+        # The observation of the tasks asked is the last one, or the end of a flat one.
+        requested = [*observation.values()][-1][-len(names) :] if self._mdp.task_draw else np.ones(len(names))
+        asked = {name for name, is_asked in zip(names, requested > 0.5, strict=True) if is_asked}
+        return np.concatenate([state, [float(task in asked) for task in tasks]])
 
     @property
     def requested_tasks(self) -> list[str]:

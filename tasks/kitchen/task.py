@@ -184,6 +184,10 @@ class KitchenTask(KitchenProgress):
         return self._mdp.noise_scale.size + self.extra_size + 2 * goals.desired.size + requested
 
     @property
+    def state_size(self) -> int:
+        return self._mdp.noise_scale.size + self.extra_size
+
+    @property
     def policy_key(self) -> str:
         reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
         # Whatever their number: the observation has those asked.

@@ -16,6 +16,7 @@ import kitchen_suite
 from kitchen_suite import files, policies, suite
 from kitchen_suite.cli import record
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
+from kitchen_suite.policies import stored
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.episode import unflatten
@@ -117,7 +118,7 @@ def test_a_saved_policy_is_loaded_unchanged(saved):
         np.testing.assert_array_equal(one, other)
     assert loaded.metadata == {
         **policy.metadata,
-        "format": trained_policy.FORMAT,
+        "format": stored.FORMAT,
         "kitchen_suite": kitchen_suite.__version__,
     }
     observations = np.random.default_rng(1).normal(size=(4, 25))

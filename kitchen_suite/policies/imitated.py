@@ -1,0 +1,296 @@
+"""Policies learned by imitation, which act with numpy alone, in chunks: several control steps are predicted at once.
+
+The input of a policy is the state that it observes, without goals, and which of its tasks are asked. It therefore acts
+in every task that asks for some of them, whatever goals the observation has.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import dm_env
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.policies.residual_network import ResidualNetwork, checked
+from kitchen_suite.policies.stored import StoredPolicy
+
+if TYPE_CHECKING:
+    from kitchen_suite.tasks.base import SuiteTask
+
+# Bound of standardised inputs.
+CLIP = 10.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Standardisation of inputs and actions.
+
+    Attributes:
+      input_mean: `(m,)`.
+      input_deviation: `(m,)`, positive.
+      action_mean: `(k,)`.
+      action_deviation: `(k,)`, positive.
+    """
+
+    input_mean: NDArray[np.float32]
+    input_deviation: NDArray[np.float32]
+    action_mean: NDArray[np.float32]
+    action_deviation: NDArray[np.float32]
+
+    @classmethod
+    def take(cls, arrays: dict[str, NDArray]) -> Self:
+        """Removes the arrays of the scales from others, and returns the scales; raises a ValueError for bad ones."""
+        scales = cls(**{name: checked(arrays.pop(name), name) for name in cls.names() if name in arrays})
+        for mean, deviation in (
+            (scales.input_mean, scales.input_deviation),
+            (scales.action_mean, scales.action_deviation),
+        ):
+            if mean.ndim != 1 or mean.shape != deviation.shape or not (deviation > 0).all():
+                raise ValueError("means and positive deviations must be vectors of the same length")
+        return scales
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Returns the names of the arrays."""
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    def inputs(self, inputs: NDArray) -> NDArray[np.float32]:
+        """Returns inputs `(..., m)` standardised, and clipped."""
+        values = ((inputs - self.input_mean) / self.input_deviation).astype(np.float32)
+        return np.clip(values, -CLIP, CLIP)
+
+    def actions(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the actions `(..., k)` whose standardised values are given."""
+        return values * self.action_deviation + self.action_mean
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class ImitatedPolicy(StoredPolicy):
+    """A policy that predicts chunks of actions.
+
+    Attributes:
+      scales: of inputs and actions.
+      networks: by name.
+      tables: further arrays by name.
+      metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
+        are predicted, `executed`, how many of them are applied before the next prediction, `state_size` and `tasks`.
+    """
+
+    algorithm: ClassVar[str]
+    network_names: ClassVar[tuple[str, ...]]
+    table_names: ClassVar[tuple[str, ...]] = ()
+
+    scales: Scales
+    networks: Mapping[str, ResidualNetwork]
+    tables: Mapping[str, NDArray[np.float32]] = dataclasses.field(default_factory=dict)
+    metadata: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        """Checks that all parts fit together.
+
+        Raises:
+          ValueError: they do not.
+        """
+        checks.integer(self.metadata.get("chunk"), "chunk", minimum=1)
+        executed = checks.integer(self.metadata.get("executed"), "executed", minimum=1)
+        if executed > self.chunk:
+            raise ValueError(f"executed is {executed}, but a chunk has {self.chunk} actions")
+        size = checks.integer(self.metadata.get("state_size"), "state_size", minimum=1) + len(self.tasks)
+        if self.scales.input_mean.size != size:
+            raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state and tasks have {size}")
+        self._check_sizes()
+
+    @abc.abstractmethod
+    def _check_sizes(self) -> None:
+        """Raises a ValueError unless networks and tables have the sizes that `_predict` needs."""
+
+    @abc.abstractmethod
+    def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        """Returns the standardised actions `(chunk * k,)` of a chunk.
+
+        Args:
+          inputs: `(m,)`, standardised.
+          generator: that random numbers are drawn from.
+        """
+
+    @property
+    def chunk(self) -> int:
+        """Number of actions that are predicted at once."""
+        return self.metadata["chunk"]
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Tasks whose request is an input; empty if none is."""
+        return tuple(self.metadata["tasks"])
+
+    @property
+    def action_size(self) -> int:
+        return self.scales.action_mean.size
+
+    @property
+    def layers(self) -> list[int]:
+        main = self.networks[self.network_names[0]]
+        return [main.inputs, *(block.first.bias.size for block in main.blocks), main.outputs]
+
+    def predict(self, inputs: NDArray, generator: np.random.Generator) -> NDArray[np.float32]:
+        """Returns the actions `(chunk, k)` that follow inputs `(m,)`; randomness comes from the generator."""
+        values = self._predict(self.scales.inputs(inputs), generator)
+        return self.scales.actions(values.reshape(self.chunk, self.action_size))
+
+    def episode(self, task: "SuiteTask", generator: np.random.Generator) -> "Chunks":
+        self.check_fits(task)
+        return Chunks(self, task, generator)
+
+    def check_fits(self, task: "SuiteTask") -> None:
+        self._check_action(task)
+        if task.state_size != self.metadata["state_size"]:
+            raise ValueError(
+                f"the policy observes a state of {self.metadata['state_size']} numbers, but this task has "
+                f"{task.state_size}: {self._trained_for}"
+            )
+        if self.tasks and (others := sorted(set(task.task_names) - set(self.tasks))):
+            raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        networks = {
+            f"{name}.{key}": array for name, each in self.networks.items() for key, array in each.arrays.items()
+        }
+        return {**vars(self.scales), **networks, **self.tables}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
+        """Returns the policy that a file holds.
+
+        Args:
+          arrays: of the file, by name.
+          metadata: of the file.
+
+        Raises:
+          ValueError: a part is missing or unknown, or does not fit the others.
+        """
+        names = {*Scales.names(), *cls.table_names}
+        if missing := sorted(names - arrays.keys()):
+            raise ValueError(f"missing arrays {missing}")
+        tasks = metadata.get("tasks")
+        if not isinstance(tasks, list) or not all(isinstance(task, str) for task in tasks):
+            raise ValueError(f"tasks must be a list of names, got {tasks!r}")
+        scales = Scales.take(arrays)
+        networks = {name: ResidualNetwork.take(arrays, name) for name in cls.network_names}
+        tables = {name: checked(arrays.pop(name), name) for name in cls.table_names}
+        if arrays:
+            raise ValueError(f"unknown arrays {sorted(arrays)}")
+        return cls(scales=scales, networks=networks, tables=tables, metadata=metadata)
+
+
+class Chunks:
+    """Acts in one episode: predicts a chunk, applies its first actions, and predicts the next."""
+
+    def __init__(self, policy: ImitatedPolicy, task: "SuiteTask", generator: np.random.Generator) -> None:
+        """Starts with nothing predicted.
+
+        Args:
+          policy: predicts the chunks.
+          task: reads the tasks asked from observations.
+          generator: of the episode.
+        """
+        self._policy, self._task, self._generator = policy, task, generator
+        self._waiting: list[NDArray[np.float32]] = []
+
+    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
+        """Returns the action `(k,)`."""
+        if timestep.first() or not self._waiting:
+            inputs = self._task.policy_inputs(timestep.observation, self._policy.tasks)
+            chunk = self._policy.predict(inputs, self._generator)
+            self._waiting = [*chunk[: self._policy.metadata["executed"]]]
+        return self._waiting.pop(0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class ClonedPolicy(ImitatedPolicy):
+    """Behaviour cloning with action chunks: a network from inputs to a chunk."""
+
+    algorithm = "bc"
+    network_names = ("network",)
+
+    def _check_sizes(self) -> None:
+        _check_network(self.networks["network"], self.scales.input_mean.size, self.chunk * self.action_size)
+
+    def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        del generator
+        return self.networks["network"](inputs)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class FlowPolicy(ImitatedPolicy):
+    """Flow matching: a network for the velocity that carries normal noise to chunks, integrated by Euler's method.
+
+    Source: Lipman et al., Flow Matching for Generative Modeling, ICLR 2023.
+    """
+
+    algorithm = "flow"
+    network_names = ("network",)
+
+    def _check_sizes(self) -> None:
+        checks.integer(self.metadata.get("flow_steps"), "flow_steps", minimum=1)
+        size = self.chunk * self.action_size
+        _check_network(self.networks["network"], self.scales.input_mean.size + size + len(time_features(0.0)), size)
+
+    def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        count: int = self.metadata["flow_steps"]
+        values = generator.standard_normal(self.chunk * self.action_size, np.float32)
+        for step in range(count):
+            features = np.concatenate([inputs, values, time_features(step / count)])
+            values = values + self.networks["network"](features) / np.float32(count)
+        return values
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class TokenPolicy(ImitatedPolicy):
+    """VQ-BeT without a history: chunks are sums of code vectors, whose codes are drawn as a network predicts.
+
+    Source: Lee et al., Behavior Generation with Latent Actions, ICML 2024; a residual network of the present input
+    stands for the transformer of past ones.
+    """
+
+    algorithm = "vqbet"
+    network_names = ("network", "decoder")
+    table_names = ("codebooks",)
+
+    def _check_sizes(self) -> None:
+        books, size = self.tables["codebooks"], self.chunk * self.action_size
+        if books.ndim != 3:
+            raise ValueError(f"codebooks must have three axes, not shape {books.shape}")
+        count, codes, latent = books.shape
+        _check_network(self.networks["decoder"], latent, size)
+        _check_network(self.networks["network"], self.scales.input_mean.size, count * codes * (1 + size))
+
+    def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        books = self.tables["codebooks"]
+        count, codes, _ = books.shape
+        outputs = self.networks["network"](inputs)
+        logits, offsets = np.split(outputs, [count * codes])
+        # The greatest of logits with Gumbel noise is a draw from their softmax.
+        noisy = logits.reshape(count, codes) + generator.gumbel(size=(count, codes))
+        rows, chosen = np.arange(count), noisy.argmax(axis=1)
+        latent = books[rows, chosen].sum(axis=0)
+        offset = offsets.reshape(count, codes, -1)[rows, chosen].sum(axis=0)
+        return self.networks["decoder"](latent) + offset
+
+
+def time_features(time: Any) -> NDArray[np.float32]:
+    """Returns features `(..., 8)` of times in [0, 1]: sines and cosines of four frequencies.
+
+    Args:
+      time: a number, or an array `(..., 1)`.
+    """
+    angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
+    return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
+
+
+def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:
+    if (network.inputs, network.outputs) != (inputs, outputs):
+        raise ValueError(f"a network maps {network.inputs} values to {network.outputs}, not {inputs} to {outputs}")

@@ -1,0 +1,126 @@
+"""Policies stored in npz files, which are read without pickle and act with numpy alone."""
+
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import dm_env
+import numpy as np
+from numpy.typing import NDArray
+
+import kitchen_suite
+from kitchen_suite import files
+
+if TYPE_CHECKING:
+    from kitchen_suite.tasks.base import SuiteTask
+
+# Version of the file layout, incremented when older versions of the suite would misread new files.
+FORMAT = 1
+
+# Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
+_MAX_BYTES = 64 * 2**20
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Metadata:
+    """Metadata that every file must hold: the version of its layout, and the task of the policy."""
+
+    format: int
+    domain_name: str
+    task_name: str
+    task_kwargs: dict[str, Any]
+
+
+class StoredPolicy(abc.ABC):
+    """A policy that can be written to a file.
+
+    Attributes:
+      metadata: JSON-compatible; `domain_name`, `task_name`, `task_kwargs` and a record of the training.
+    """
+
+    metadata: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        task = f"{self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+        return f"<{type(self).__name__} of {task}, layers {self.layers}>"
+
+    @property
+    @abc.abstractmethod
+    def layers(self) -> list[int]:
+        """Number of inputs, and of outputs of each layer or block of the greatest network."""
+
+    @property
+    @abc.abstractmethod
+    def action_size(self) -> int:
+        """Number of elements of the action."""
+
+    @abc.abstractmethod
+    def check_fits(self, task: "SuiteTask") -> None:
+        """Checks that the policy's sizes and its control mode are those of a task.
+
+        Raises:
+          ValueError: they differ.
+        """
+
+    @abc.abstractmethod
+    def episode(
+        self, task: "SuiteTask", generator: np.random.Generator
+    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
+        """Returns the policy of an episode.
+
+        Args:
+          task: that it acts in.
+          generator: of the episode, for policies that draw.
+
+        Raises:
+          ValueError: the policy does not fit the task.
+        """
+
+    @property
+    @abc.abstractmethod
+    def arrays(self) -> dict[str, NDArray]:
+        """The arrays of its file, by name."""
+
+    def with_metadata(self, metadata: Mapping[str, Any]) -> Self:
+        """Returns the policy with other metadata."""
+        return dataclasses.replace(self, metadata=metadata)  # type: ignore[type-var]
+
+    def save(self, path: Path) -> None:
+        """Writes the policy to an npz file, atomically."""
+        metadata = {**self.metadata, "format": FORMAT, "kitchen_suite": kitchen_suite.__version__}
+        files.save_arrays(path, self.arrays, metadata)
+
+    @property
+    def _trained_for(self) -> str:
+        return f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+
+    def _check_action(self, task: "SuiteTask") -> None:
+        """Raises a ValueError unless the policy's actions have the size and the control mode of a task's."""
+        (size,) = task.mdp.action_mode.spec(task.robot).shape
+        if self.action_size != size:
+            raise ValueError(f"the policy's actions have {self.action_size} numbers, not {size}: {self._trained_for}")
+        arguments = self.metadata.get("task_kwargs") or {}
+        expected, found = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
+        if expected != found:
+            raise ValueError(f"the policy acts in control mode {expected!r}, not {found!r}: {self._trained_for}")
+
+
+def read(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Returns arrays and metadata of a policy's file.
+
+    Raises:
+      OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
+      ValueError: the metadata lacks an entry, or the file has another version of the layout.
+    """
+    arrays, metadata = files.load_arrays(path, "a trained policy", max_bytes=_MAX_BYTES)
+    version = files.parse(metadata, _Metadata, problem(path)).format
+    if version != FORMAT:
+        raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
+    return arrays, metadata
+
+
+def problem(path: Path) -> str:
+    """Returns the beginning of the error for a file of another kind."""
+    return f"{path} holds no trained policy"

@@ -1,0 +1,1 @@
+"""Learning from demonstrations, in chunks of actions: behaviour cloning, flow matching, VQ-BeT."""

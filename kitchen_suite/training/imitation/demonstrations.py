@@ -1,0 +1,73 @@
+"""Demonstrations as inputs of a policy and chunks of the actions that follow them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.training import behaviour_cloning
+
+_REQUESTED = "observation/requested_tasks"
+
+
+class Demonstrations(NamedTuple):
+    """Control steps of all episodes, one after the other.
+
+    Attributes:
+      inputs: `(m, n)`, float32: the state, and which of the policy's tasks are asked.
+      actions: `(m, k)`, float32, taken on them.
+      last: `(m,)`, index of the last step of each step's episode.
+    """
+
+    inputs: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    last: NDArray[np.int64]
+
+    def chunks(self, length: int) -> NDArray[np.int64]:
+        """Returns the indices `(m, length)` of the actions that follow each input; the last ones repeat at the end."""
+        return np.minimum(np.arange(len(self.actions))[:, np.newaxis] + np.arange(length), self.last[:, np.newaxis])
+
+
+def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
+    """Reads the episodes that `kitchen-record` has written to a folder.
+
+    Args:
+      folder: of the recording.
+      spec: of the environments that the policy is evaluated in.
+      tasks: names of the tasks whose request the policy observes; none where it does not.
+      count: number of episodes, the first ones; all when omitted.
+
+    Raises:
+      OSError: there is no recording, or one of its episodes cannot be read.
+      ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
+        episodes.
+    """
+    recording = behaviour_cloning.open_recording(folder, spec, suite.DOMAINS[spec.domain_name].state_options)
+    indices = [*recording.indices][:count]
+    if len(indices) < (count or 1):
+        raise ValueError(f"{folder} holds {len(indices)} episodes, not {count or 'one or more'}")
+    with recording.spec.make_environment() as environment:
+        task = suite_env(environment).environment.task
+    episodes = [recording.load(index).arrays for index in indices]
+    lengths = [len(arrays["action"]) for arrays in episodes]
+    return Demonstrations(
+        inputs=np.concatenate([_inputs(arrays, task, tasks) for arrays in episodes]),
+        actions=np.concatenate([arrays["action"] for arrays in episodes]).astype(np.float32),
+        last=np.repeat(np.cumsum(lengths) - 1, lengths),
+    )
+
+
+def _inputs(arrays: Mapping[str, NDArray], task: SuiteTask, tasks: Sequence[str]) -> NDArray[np.float32]:
+    """Returns the inputs `(t, n)` of an episode of a recorded task."""
+    state = behaviour_cloning.flat_observations(arrays)[:-1, : task.state_size]
+    # Without draws, every episode asks for all tasks.
+    requested = arrays.get(_REQUESTED, np.ones((len(state) + 1, len(task.task_names))))[:-1]
+    columns = dict(zip(task.task_names, requested.T, strict=True))
+    asked = [columns.get(name, np.zeros(len(state))) for name in tasks]
+    return np.column_stack([state, *asked]).astype(np.float32)

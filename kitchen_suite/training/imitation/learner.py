@@ -1,0 +1,157 @@
+"""A learner from demonstrations."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from kitchen_suite.policies.imitated import CLIP, ImitatedPolicy, Scales
+from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.rollouts.controllers import Controller, PolicyController
+from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.imitation.demonstrations import Demonstrations
+from kitchen_suite.training.imitation.hyperparameters import ImitationHyperparameters
+from kitchen_suite.training.imitation.methods import Method
+from kitchen_suite.training.state_dicts import check_modules
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# Steps of the optimiser between points of the curves.
+_STEPS = 100
+
+# Added to the standard deviations of actions.
+_ACTION_EPSILON = 1e-3
+
+
+class ImitationLearner:
+    """Fits the networks of a method to demonstrations.
+
+    Attributes:
+      steps: steps of the optimiser so far.
+    """
+
+    def __init__(
+        self,
+        demonstrations: Demonstrations,
+        method: type[Method],
+        config: ImitationHyperparameters,
+        *,
+        num_steps: int,
+        seed: int,
+        tasks: Sequence[str] = (),
+    ) -> None:
+        """Builds the networks.
+
+        Args:
+          demonstrations: to learn from.
+          method: class of the method.
+          config: its hyperparameters.
+          num_steps: steps of the optimiser in the whole run, over which the learning rate falls.
+          seed: of networks and batches.
+          tasks: names of the tasks whose request is an input.
+        """
+        torch.manual_seed(seed)
+        self.steps = 0
+        self._config, self._num_steps, self._tasks = config, num_steps, tuple(tasks)
+        self._scales = _scales(demonstrations, config.standardisation_epsilon)
+        self._inputs = torch.as_tensor(self._scales.inputs(demonstrations.inputs))
+        actions = (demonstrations.actions - self._scales.action_mean) / self._scales.action_deviation
+        self._actions = torch.as_tensor(actions)
+        self._chunks = torch.as_tensor(demonstrations.chunks(config.chunk))
+        self._method = method(self._inputs.shape[1], config.chunk * self._actions.shape[1], config)
+        self._average = AveragedModel(self._method, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
+        self._optimizer = torch.optim.AdamW(
+            self._method.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+        )
+
+    @property
+    def _modules(self) -> dict[str, Any]:
+        return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
+
+    def start(self, seed: int) -> None:
+        """Does nothing: there are no environments to learn in."""
+
+    def learn(self) -> dict[str, float]:
+        """Makes steps of the optimiser; returns metrics by name."""
+        started, losses = time.perf_counter(), []
+        for _ in range(min(_STEPS, self._num_steps - self.steps)):
+            losses.append(self._step())
+        seconds = time.perf_counter() - started
+        return {"loss/imitation loss": float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
+
+    def _step(self) -> float:
+        """Makes a step of the optimiser; returns its loss."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._config.learning_rate * 0.5 * (1 + math.cos(math.pi * self.steps / self._num_steps))
+        indices = torch.randint(len(self._inputs), (self._config.batch_size,))
+        inputs, chunks = self._inputs[indices], self._actions[self._chunks[indices]].flatten(1)
+        if self._config.input_noise:
+            inputs = (inputs + self._config.input_noise * torch.randn_like(inputs)).clamp(-CLIP, CLIP)
+        loss = self._method.loss(inputs, chunks, self.steps)
+        self._optimizer.zero_grad()
+        loss.backward()
+        self._optimizer.step()
+        self._average.update_parameters(self._method)
+        self.steps += 1
+        return loss.item()
+
+    def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
+        """Returns the policy with the averaged weights."""
+        method = cast(Method, self._average.module)
+        policy_class = method.policy_class
+        config = self._config
+        own = {
+            "algorithm": policy_class.algorithm,
+            "chunk": config.chunk,
+            "executed": config.executed,
+            "state_size": self._inputs.shape[1] - len(self._tasks),
+            "tasks": [*self._tasks],
+            **method.settings(),
+        }
+        return policy_class(
+            scales=self._scales,
+            networks={name: getattr(method, name).export() for name in policy_class.network_names},
+            tables=method.tables(),
+            metadata={**metadata, **own},
+        )
+
+    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
+        """Returns a controller that acts by a policy."""
+        return PolicyController(
+            environments, lambda environment, generator: policy.episode(environment.task, generator)
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Returns the state of learning, as in a `Checkpoint`."""
+        modules = {name: module.state_dict() for name, module in self._modules.items()}
+        return {"modules": modules, "random": torch.get_rng_state(), "steps": self.steps, "warmup_batches": 0}
+
+    def check_fits(self, checkpoint: Checkpoint) -> None:
+        """Checks that `load_state` can restore a checkpoint.
+
+        Raises:
+          ValueError: it is one of other networks.
+        """
+        check_modules(checkpoint.modules, self._modules)
+        torch.Generator().set_state(checkpoint.random)
+
+    def load_state(self, checkpoint: Checkpoint) -> None:
+        """Restores the state of learning; the checkpoint has to fit."""
+        for name, module in self._modules.items():
+            module.load_state_dict(checkpoint.modules[name])
+        torch.set_rng_state(checkpoint.random)
+        self.steps = checkpoint.steps
+
+
+def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
+    inputs, actions = demonstrations.inputs.astype(np.float64), demonstrations.actions.astype(np.float64)
+    parts = {
+        "input_mean": inputs.mean(axis=0),
+        "input_deviation": inputs.std(axis=0) + epsilon,
+        "action_mean": actions.mean(axis=0),
+        "action_deviation": actions.std(axis=0) + _ACTION_EPSILON,
+    }
+    return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})

@@ -1,0 +1,157 @@
+"""Losses of the algorithms of imitation, on standardised inputs `(b, m)` and chunks `(b, n)`."""
+
+import abc
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from vector_quantize_pytorch import ResidualVQ
+
+from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, ImitatedPolicy, TokenPolicy, time_features
+from kitchen_suite.training.imitation.hyperparameters import (
+    FlowHyperparameters,
+    ImitationHyperparameters,
+    TokenHyperparameters,
+)
+from kitchen_suite.training.imitation.networks import ResidualNetwork
+
+# Encoder and decoder of chunks are small beside the network that predicts codes.
+_CODER_WIDTH, _CODER_BLOCKS = 128, 1
+
+# Of the mean vectors of codes (exponential moving averages).
+_CODE_DECAY = 0.99
+
+# Factor of the distance of encoded chunks from their codes.
+_COMMITMENT = 0.25
+
+
+class Method(torch.nn.Module, abc.ABC):
+    """Networks of an algorithm, and its loss.
+
+    Attributes:
+      network: that predicts from inputs.
+    """
+
+    policy_class: ClassVar[type[ImitatedPolicy]]
+    hyperparameters: ClassVar[type[ImitationHyperparameters]]
+
+    network: ResidualNetwork
+
+    @abc.abstractmethod
+    def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
+        """Returns the loss `()` of a batch.
+
+        Args:
+          inputs: `(b, m)`.
+          chunks: `(b, n)`.
+          step: number of the step of the optimiser, from 0.
+        """
+
+    def tables(self) -> dict[str, NDArray[np.float32]]:
+        """Returns the policy's arrays beside those of networks."""
+        return {}
+
+    def settings(self) -> dict[str, Any]:
+        """Returns the policy's metadata beside what all have."""
+        return {}
+
+
+class Cloning(Method):
+    """Behaviour cloning: the mean absolute error of chunks."""
+
+    policy_class = ClonedPolicy
+    hyperparameters = ImitationHyperparameters
+
+    def __init__(self, inputs: int, outputs: int, config: ImitationHyperparameters) -> None:
+        """Builds the network for `inputs` and `outputs` values."""
+        super().__init__()
+        self.network = ResidualNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
+
+    def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
+        del step
+        return torch.nn.functional.l1_loss(self.network(inputs), chunks)
+
+
+class Flow(Method):
+    """Flow matching: the velocity of straight lines from noise to chunks, at times drawn from U(0, 1)."""
+
+    policy_class = FlowPolicy
+    hyperparameters = FlowHyperparameters
+
+    def __init__(self, inputs: int, outputs: int, config: FlowHyperparameters) -> None:
+        """Builds the network for `inputs` and `outputs` values."""
+        super().__init__()
+        size = inputs + outputs + len(time_features(0.0))
+        self.network = ResidualNetwork(size, outputs, width=config.width, blocks=config.blocks)
+        self._flow_steps = config.flow_steps
+
+    def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
+        del step
+        noise, time = torch.randn_like(chunks), torch.rand(len(chunks), 1)
+        between = torch.lerp(noise, chunks, time)
+        features = torch.as_tensor(time_features(time.numpy()))
+        velocity = self.network(torch.cat([inputs, between, features], dim=1))
+        return torch.nn.functional.mse_loss(velocity, chunks - noise)
+
+    def settings(self) -> dict[str, Any]:
+        return {"flow_steps": self._flow_steps}
+
+
+class Tokens(Method):
+    """VQ-BeT: first an autoencoder of chunks with residual codes, then a classifier of codes with offsets of chunks."""
+
+    policy_class = TokenPolicy
+    hyperparameters = TokenHyperparameters
+
+    def __init__(self, inputs: int, outputs: int, config: TokenHyperparameters) -> None:
+        """Builds the networks for `inputs` and `outputs` values."""
+        super().__init__()
+        self._config, self._outputs = config, outputs
+        coder = {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
+        self.encoder = ResidualNetwork(outputs, config.latent, **coder)
+        self.decoder = ResidualNetwork(config.latent, outputs, **coder)
+        self.quantizer = ResidualVQ(
+            dim=config.latent,
+            num_quantizers=config.codebooks,
+            codebook_size=config.codes,
+            kmeans_init=True,
+            decay=_CODE_DECAY,
+            commitment_weight=_COMMITMENT,
+            threshold_ema_dead_code=2,
+        )
+        size = config.codebooks * config.codes * (1 + outputs)
+        self.network = ResidualNetwork(inputs, size, width=config.width, blocks=config.blocks)
+
+    def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
+        return self._coding_loss(chunks) if step < self._config.quantizer_steps else self._loss(inputs, chunks)
+
+    def _coding_loss(self, chunks: torch.Tensor) -> torch.Tensor:
+        self.quantizer.train()
+        latent, _, commitment = self.quantizer(self.encoder(chunks))
+        return torch.nn.functional.l1_loss(self.decoder(latent), chunks) + commitment.sum()
+
+    def _loss(self, inputs: torch.Tensor, chunks: torch.Tensor) -> torch.Tensor:
+        config = self._config
+        with torch.no_grad():
+            self.quantizer.eval()
+            latent, codes, _ = self.quantizer(self.encoder(chunks))
+            decoded = self.decoder(latent)
+        logits, offsets = self.network(inputs).split([config.codebooks * config.codes, self._offset_size], dim=1)
+        logits = logits.reshape(-1, config.codebooks, config.codes)
+        likelihood = torch.nn.functional.cross_entropy(logits.flatten(0, 1), codes.flatten())
+        offsets = offsets.reshape(-1, config.codebooks, config.codes, self._outputs)
+        chosen = offsets.gather(2, codes[..., None, None].expand(-1, -1, 1, self._outputs)).sum(dim=(1, 2))
+        return likelihood + config.offset_scale * torch.nn.functional.l1_loss(decoded + chosen, chunks)
+
+    @property
+    def _offset_size(self) -> int:
+        return self._config.codebooks * self._config.codes * self._outputs
+
+    def tables(self) -> dict[str, NDArray[np.float32]]:
+        return {"codebooks": self.quantizer.codebooks.detach().clone().numpy()}
+
+
+METHODS: Mapping[str, Any] = MappingProxyType({each.policy_class.algorithm: each for each in (Cloning, Flow, Tokens)})

@@ -1,0 +1,136 @@
+"""Training by PPO: the environments that are trained in, and the learners in them."""
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from kitchen_suite import checks, suite
+from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.training.specs import make_spec
+
+
+class PPOTraining:
+    """The environments, hyperparameters and demonstrations of a run by PPO; see `learning.Training`."""
+
+    title = "PPO"
+
+    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+        """Makes the environments.
+
+        Args:
+          settings: of the run.
+          spec: of the environments that are evaluated in.
+
+        Raises:
+          OSError: demonstrations or the initial policy cannot be read.
+          TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
+          ValueError: an unknown name, or a value that is refused.
+        """
+        if settings.schedule.num_steps == 0 and not settings.demonstrations:
+            raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
+        self._settings, self._spec = settings, spec
+        self.training_kwargs = self._make_training_kwargs()
+        self.config = Hyperparameters.for_domain(
+            settings.domain_name, settings.hyperparameters, cloning=settings.demonstrations is not None
+        )
+        training = self._make_training_spec()
+        self.max_episode_steps = training.max_episode_steps
+        options = suite.DOMAINS[settings.domain_name].flat_options
+        self._environments = training.make_vector_env(
+            self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
+        )
+        self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
+
+    def make_learner(self, seed: int) -> Learner:
+        learner = Learner(self._environments, self.config, seed)
+        if self._initial_policy:
+            learner.adopt(self._initial_policy)
+        return learner
+
+    def prepare(self, learner: Learner) -> None:
+        if self._demonstrations:
+            with _cloning_bar(self.config.clone_epochs) as report:
+                learner.imitate(*self._demonstrations, report)
+
+    def close(self) -> None:
+        self._environments.close()
+
+    def _make_training_kwargs(self) -> dict[str, Any]:
+        """Returns the arguments of the environments that are trained in, which replace those of the task.
+
+        The domain's are left out where the task's arguments have them.
+
+        Raises:
+          ValueError: observations or actions would have another meaning than in those that are evaluated in.
+        """
+        settings = self._settings
+        domain = suite.DOMAINS[settings.domain_name]
+        own = {} if settings.demonstrations else domain.training_options
+        defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
+        arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
+        if shared := sorted({*OBSERVATION_OPTIONS, *domain.cloning_options} & arguments.keys()):
+            raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
+        return arguments
+
+    def _make_training_spec(self) -> RecordingSpec:
+        """Returns the specification of the environments that are trained in."""
+        arguments = {**self._settings.environment_kwargs, **self.training_kwargs}
+        steps = arguments.pop("max_episode_steps", None)
+        if steps is not None:
+            checks.integer(steps, "max_episode_steps", minimum=1)
+        return make_spec(self._settings, arguments, steps)
+
+    def _load_initial_policy(self) -> TrainedPolicy | None:
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`.
+
+        Raises:
+          ValueError: it is of another domain, or demonstrations are to be cloned.
+        """
+        path = self._settings.initial_policy
+        if path is None:
+            return None
+        if self._settings.demonstrations:
+            raise ValueError("--initial_policy and --demonstrations both give a policy to start from: give one of them")
+        policy = TrainedPolicy.load(path)
+        if (domain := policy.metadata["domain_name"]) != self._settings.domain_name:
+            raise ValueError(f"{path} is a policy of the domain {domain}, not of {self._settings.domain_name}")
+        return policy
+
+    def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:
+        """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.
+
+        Raises:
+          ValueError: their shapes are not those of this task.
+        """
+        folder = self._settings.demonstrations
+        if folder is None:
+            return None
+        observations, actions = load_demonstrations(folder, self._spec)
+        space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
+        found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
+        if found != expected:
+            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
+        return observations, actions
+
+
+@contextlib.contextmanager
+def _cloning_bar(epochs: int) -> Iterator[Callable[[float], None]]:
+    """Shows a progress bar; yields the function that takes the loss of each epoch."""
+    with tqdm(total=epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+
+        def report(loss: float) -> None:
+            bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+            bar.update()
+
+        yield report
