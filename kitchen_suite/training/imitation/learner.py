@@ -71,6 +71,11 @@ class ImitationLearner:
     def _modules(self) -> dict[str, Any]:
         return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
 
+    @property
+    def averaged(self) -> Method:
+        """The networks with the averaged weights, which act."""
+        return cast(Method, self._average.module)
+
     def start(self, seed: int) -> None:
         """Does nothing: there are no environments to learn in."""
 
@@ -100,7 +105,7 @@ class ImitationLearner:
 
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
         """Returns the policy with the averaged weights."""
-        method = cast(Method, self._average.module)
+        method = self.averaged
         policy_class = method.policy_class
         config = self._config
         own = {

@@ -1,0 +1,230 @@
+"""Policies learned by imitation: files, chunks, and the tasks that they act in."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.cli import rollout
+from kitchen_suite.policies import policy_files
+from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, Scales, TokenPolicy, time_features
+from kitchen_suite.policies.residual_network import Block, Linear, ResidualNetwork, silu
+
+STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
+TASKS = ["kettle", "microwave", "light switch"]
+INPUTS = STATE + len(TASKS)
+LATENT, BOOKS, CODES = 4, 2, 5
+
+
+def linear(generator, inputs, outputs):
+    weight = 0.1 * generator.standard_normal((outputs, inputs), np.float32)
+    return Linear(weight, generator.standard_normal(outputs, np.float32))
+
+
+def network(generator, inputs, outputs, blocks=2):
+    def block():
+        norm = Linear(*generator.uniform(0.5, 1.5, (2, WIDTH)).astype(np.float32))
+        return Block(norm, linear(generator, WIDTH, WIDTH), linear(generator, WIDTH, WIDTH))
+
+    parts = tuple(block() for _ in range(blocks))
+    return ResidualNetwork(linear(generator, inputs, WIDTH), parts, linear(generator, WIDTH, outputs))
+
+
+def scales(inputs=INPUTS):
+    generator = np.random.default_rng(9)
+    return Scales(
+        input_mean=generator.standard_normal(inputs, np.float32),
+        input_deviation=np.full(inputs, 2.0, np.float32),
+        action_mean=np.zeros(ACTION, np.float32),
+        action_deviation=np.full(ACTION, 0.1, np.float32),
+    )
+
+
+def make(algorithm, **changes):
+    """Returns a policy with random weights."""
+    generator = np.random.default_rng(0)
+    metadata = {
+        "domain_name": "kitchen",
+        "task_name": "all",
+        "task_kwargs": {},
+        "algorithm": algorithm,
+        "chunk": CHUNK,
+        "executed": 2,
+        "state_size": STATE,
+        "tasks": TASKS,
+        **({"flow_steps": 4} if algorithm == "flow" else {}),
+        **changes,
+    }
+    size = CHUNK * ACTION
+    if algorithm == "bc":
+        return ClonedPolicy(scales=scales(), networks={"network": network(generator, INPUTS, size)}, metadata=metadata)
+    if algorithm == "flow":
+        inputs = INPUTS + size + time_features(0.0).size
+        return FlowPolicy(scales=scales(), networks={"network": network(generator, inputs, size)}, metadata=metadata)
+    networks = {
+        "network": network(generator, INPUTS, BOOKS * CODES * (1 + size)),
+        "decoder": network(generator, LATENT, size, blocks=1),
+    }
+    tables = {"codebooks": generator.standard_normal((BOOKS, CODES, LATENT), np.float32)}
+    return TokenPolicy(scales=scales(), networks=networks, tables=tables, metadata=metadata)
+
+
+ALGORITHMS = ("bc", "flow", "vqbet")
+
+
+@pytest.fixture(params=ALGORITHMS)
+def policy(request):
+    return make(request.param)
+
+
+def kitchen(task_name="complete", **task_kwargs):
+    return suite.load("kitchen", task_name, task_kwargs={"random": 0, "visuals": False, **task_kwargs})
+
+
+def test_a_saved_policy_is_loaded_unchanged(policy, tmp_path):
+    policy.save(tmp_path / "policy.npz")
+    loaded = policy_files.load(tmp_path / "policy.npz")
+    assert type(loaded) is type(policy)
+    assert policy.metadata.items() <= loaded.metadata.items()
+    inputs = np.random.default_rng(1).standard_normal(INPUTS)
+    one, other = (each.predict(inputs, np.random.default_rng(2)) for each in (policy, loaded))
+    assert one.shape == (CHUNK, ACTION)
+    np.testing.assert_array_equal(one, other)
+
+
+def test_predictions_depend_on_inputs_and_where_they_are_drawn_on_the_generator(policy):
+    inputs = np.random.default_rng(1).standard_normal((2, INPUTS))
+    first, again, other_seed = (policy.predict(inputs[0], np.random.default_rng(seed)) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other_seed).any() == (policy.algorithm != "bc")
+    assert (first != policy.predict(inputs[1], np.random.default_rng(0))).any()
+
+
+def test_only_the_first_actions_of_a_chunk_are_applied(policy, monkeypatch):
+    environment, predicted = kitchen(tasks_to_complete=TASKS), []
+    predict = type(policy).predict
+
+    def spy(self, inputs, generator):
+        predicted.append(predict(self, inputs, generator))
+        return predicted[-1]
+
+    monkeypatch.setattr(type(policy), "predict", spy)
+    act, timestep, actions = policy.episode(environment.task, np.random.default_rng(0)), environment.reset(), []
+    for _ in range(5):
+        actions.append(act(timestep))
+        timestep = environment.step(actions[-1])
+    np.testing.assert_array_equal(actions, np.concatenate([chunk[:2] for chunk in predicted])[:5])
+    # A new episode begins with a new chunk.
+    act(environment.reset())
+    assert len(predicted) == 4
+
+
+@pytest.mark.parametrize(
+    ("task_name", "arguments", "asked"),
+    [
+        ("kettle", {}, [1, 0, 0]),
+        ("all", {"tasks_to_complete": ["light switch", "kettle"]}, [1, 0, 1]),
+        ("random_1", {"tasks_to_complete": TASKS}, None),
+    ],
+)
+@pytest.mark.parametrize("flat", [False, True])
+def test_inputs_are_the_state_and_the_tasks_asked(task_name, arguments, asked, flat):
+    environment = suite.load(
+        "kitchen",
+        task_name,
+        task_kwargs={"random": 0, "visuals": False, **arguments},
+        environment_kwargs={"flat_observation": flat},
+    )
+    timestep = environment.reset()
+    inputs = environment.task.policy_inputs(timestep.observation, TASKS)
+    asked = asked or [float(task in environment.task.requested_tasks) for task in TASKS]
+    np.testing.assert_array_equal(inputs[STATE:], asked)
+    state = np.concatenate([np.ravel(array) for array in timestep.observation.values()])[:STATE]
+    np.testing.assert_array_equal(inputs[:STATE], state)
+    np.testing.assert_array_equal(environment.task.policy_inputs(timestep.observation, []), state)
+
+
+def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
+    policy = make("bc")
+    policy.check_fits(kitchen("kettle").task)
+    with pytest.raises(ValueError, match="cannot be asked for slide cabinet: it was trained for kitchen all"):
+        policy.check_fits(kitchen("complete").task)
+    free = ClonedPolicy(
+        scales=scales(STATE),
+        networks={"network": network(np.random.default_rng(0), STATE, CHUNK * ACTION)},
+        metadata={**policy.metadata, "tasks": []},
+    )
+    free.check_fits(kitchen("all").task)
+    with pytest.raises(ValueError, match="a state of 59 numbers, but this task has 25"):
+        make_nine_actions(free).check_fits(suite.load("open_cabinet", "top_drawer").task)
+    with pytest.raises(ValueError, match="9 numbers, not 8"):
+        free.check_fits(suite.load("open_cabinet", "top_drawer").task)
+    with pytest.raises(ValueError, match="control mode"):
+        free.check_fits(kitchen("all", control_mode="joint_position").task)
+
+
+def make_nine_actions(policy):
+    """Returns a policy with the eight actions of the cabinet."""
+    size = ACTION - 1
+    changed = dataclasses.replace(
+        policy.scales, **{name: np.ones(size, np.float32) for name in ("action_mean", "action_deviation")}
+    )
+    networks = {"network": network(np.random.default_rng(0), STATE, CHUNK * size)}
+    return ClonedPolicy(scales=changed, networks=networks, metadata=policy.metadata)
+
+
+def test_the_commands_play_such_policies(tmp_path, capsys):
+    make("flow").save(tmp_path / "policy.npz")
+    path = str(tmp_path / "policy.npz")
+    flags = ["--task_name=kettle", "--num_episodes=1", "--max_episode_steps=5"]
+    assert rollout.main([f"--policy=trained(file={path!r})", *flags]) == 0
+    assert "episodes              1" in capsys.readouterr().out
+
+
+BAD = {
+    "executed is 4, but a chunk has 3 actions": {"executed": 4},
+    "chunk must be at least 1": {"chunk": 0},
+    "state_size must be": {"state_size": "59"},
+    "there are 62 inputs, but state and tasks have 61": {"tasks": TASKS[:2]},
+    "tasks must be a list of names": {"tasks": [3, 4, 5]},
+    "algorithm": {"algorithm": "td3"},
+    "a network maps": {"chunk": 4},
+}
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_metadata_that_do_not_fit_are_refused(message, tmp_path):
+    policy, path = make("bc"), tmp_path / "policy.npz"
+    object.__setattr__(policy, "metadata", {**policy.metadata, **BAD[message]})
+    policy.save(path)
+    with pytest.raises(ValueError, match="holds no trained policy") as caught:
+        policy_files.load(path)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda arrays: arrays.pop("network.input.bias"), "missing or unknown arrays"),
+        (lambda arrays: arrays.update(more=np.ones(2, np.float32)), "unknown arrays ['more']"),
+        (lambda arrays: arrays.pop("input_mean"), "missing arrays ['input_mean']"),
+        (lambda arrays: arrays.update({"network.output.bias": np.ones(27)}), "finite numbers of float32"),
+        (lambda arrays: arrays["network.output.bias"].fill(np.nan), "finite numbers of float32"),
+        (lambda arrays: arrays["input_deviation"].fill(0), "positive deviations"),
+        (lambda arrays: arrays.update({"network.blocks.0.norm.bias": np.ones(2, np.float32)}), "parts of shapes"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(change, message):
+    policy = make("bc")
+    arrays = {name: array.copy() for name, array in policy.arrays.items()}
+    change(arrays)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ClonedPolicy.from_arrays(arrays, policy.metadata)
+
+
+def test_silu_of_large_values():
+    values = np.array([-1e30, -100.0, 0.0, 100.0, 1e30], np.float32)
+    with np.errstate(all="raise", under="ignore"):
+        np.testing.assert_allclose(silu(values), [0.0, 0.0, 0.0, 100.0, 1e30], atol=1e-30)

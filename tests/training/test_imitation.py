@@ -1,0 +1,194 @@
+"""Imitation: learning from demonstrations in chunks of actions."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from kitchen_suite.cli import record, train
+from kitchen_suite.policies import policy_files
+
+pytestmark = pytest.mark.clients
+
+ALGORITHMS = ("bc", "flow", "vqbet")
+SMALL = {"width": 32, "blocks": 1, "chunk": 4, "batch_size": 64}
+QUICK = {"bc": {}, "flow": {"flow_steps": 5}, "vqbet": {"quantizer_steps": 100, "codes": 8, "latent": 8}}
+INPUTS, ACTION = 5, 2
+
+
+def demonstrations(count=20, length=30):
+    """Returns made-up demonstrations, whose actions are smooth functions of the inputs."""
+    from kitchen_suite.training.imitation.demonstrations import Demonstrations
+
+    inputs = np.random.default_rng(0).uniform(-1.0, 1.0, (count, length, INPUTS)).cumsum(axis=1).astype(np.float32)
+    actions = np.tanh(inputs[..., :ACTION] / 3.0)
+    return Demonstrations(
+        inputs=inputs.reshape(-1, INPUTS),
+        actions=actions.reshape(-1, ACTION),
+        last=np.repeat(np.arange(count) * length + length - 1, length),
+    )
+
+
+def learner(algorithm, num_steps=300, seed=0, **changes):
+    import torch
+
+    from kitchen_suite.training.hyperparameters import checked_changes
+    from kitchen_suite.training.imitation.learner import ImitationLearner
+    from kitchen_suite.training.imitation.methods import METHODS
+
+    torch.set_num_threads(1)
+    method = METHODS[algorithm]
+    config = checked_changes(method.hyperparameters(), {**SMALL, **QUICK[algorithm], **changes})
+    return ImitationLearner(demonstrations(), method, config, num_steps=num_steps, seed=seed)
+
+
+def errors(policy):
+    """Returns the mean absolute error of the first predicted actions."""
+    shown, generator = demonstrations(), np.random.default_rng(0)
+    predicted = np.array([policy.predict(inputs, generator)[0] for inputs in shown.inputs[::7]])
+    return np.abs(predicted - shown.actions[::7]).mean()
+
+
+METADATA = {"domain_name": "kitchen", "task_name": "all", "task_kwargs": {}}
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_learning_lowers_the_error_of_the_exported_policy(algorithm):
+    taught = learner(algorithm, num_steps=600, averaging=0.9)
+    before = errors(taught.export(METADATA))
+    while taught.steps < 600:
+        assert np.isfinite([*taught.learn().values()]).all()
+    assert errors(taught.export(METADATA)) < 0.5 * before
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_an_exported_network_is_that_of_the_learner(algorithm):
+    import torch
+
+    taught = learner(algorithm)
+    taught.learn()
+    policy, averaged = taught.export(METADATA), taught.averaged
+    for name, network in policy.networks.items():
+        values = np.random.default_rng(0).standard_normal((6, network.inputs), np.float32)
+        with torch.no_grad():
+            expected = getattr(averaged, name)(torch.as_tensor(values)).numpy()
+        np.testing.assert_allclose(network(values), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_seed_determines_what_is_learned_and_a_state_continues_it(algorithm):
+    one, other = (_taught(algorithm) for _ in range(2))
+    from kitchen_suite.training.checkpoints import Checkpoint
+
+    progress = {"seconds": 0.0, "processor_seconds": 0.0, "best": (0.0, 0.0), "progress": 0.0, "successes": []}
+    checkpoint = Checkpoint(**other.state(), **progress)
+    resumed = learner(algorithm, num_steps=200, seed=5)
+    resumed.check_fits(checkpoint)
+    resumed.load_state(checkpoint)
+    expected = _continued(one, checkpoint.random).arrays
+    for name, array in _continued(resumed, checkpoint.random).arrays.items():
+        np.testing.assert_array_equal(array, expected[name])
+
+
+def _taught(algorithm):
+    taught = learner(algorithm, num_steps=200)
+    taught.learn()
+    return taught
+
+
+def _continued(taught, random):
+    """Returns the policy after further steps from a random state of PyTorch, which has only one for all learners."""
+    import torch
+
+    torch.set_rng_state(random)
+    taught.learn()
+    return taught.export(METADATA)
+
+
+def test_checkpoints_of_other_networks_are_refused():
+    from kitchen_suite.training.checkpoints import Checkpoint
+
+    progress = {"seconds": 0.0, "processor_seconds": 0.0, "best": (0.0, 0.0), "progress": 0.0, "successes": []}
+    checkpoint = Checkpoint(**learner("bc").state(), **progress)
+    with pytest.raises(ValueError, match="method"):
+        learner("bc", width=16).check_fits(checkpoint)
+
+
+def test_chunks_end_with_the_episode():
+    shown = demonstrations(count=2, length=3)
+    np.testing.assert_array_equal(
+        shown.chunks(4), [[0, 1, 2, 2], [1, 2, 2, 2], [2, 2, 2, 2], [3, 4, 5, 5], [4, 5, 5, 5], [5, 5, 5, 5]]
+    )
+
+
+FLAGS = ["--domain_name=kitchen", "--num_steps=20", "--eval_interval=20", "--eval_episodes=1", "--num_threads=1"]
+HYPERPARAMETERS = f"--hyperparameters={json.dumps(SMALL)}"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A recording of random actions in episodes that ask for some of three tasks."""
+    folder = tmp_path_factory.mktemp("recording") / "runs"
+    arguments = {"tasks_to_complete": ["kettle", "microwave", "light switch"], "tasks_per_episode": [1, 2]}
+    flags = ["--task_name=all", f"--task_kwargs={json.dumps(arguments)}", "--policy=random", "--num_episodes=4"]
+    assert record.main([f"--output={folder}", "--max_episode_steps=12", *flags]) == 0
+    return folder, arguments
+
+
+@pytest.fixture
+def run(recording, tmp_path, capsys):
+    def run(*flags, task_kwargs=None):
+        folder, arguments = recording
+        kwargs = json.dumps(arguments if task_kwargs is None else task_kwargs)
+        own = [f"--output={tmp_path / 'run'}", f"--demonstrations={folder}", f"--task_kwargs={kwargs}", HYPERPARAMETERS]
+        status = train.main([*own, *FLAGS, "--task_name=all", *flags])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algorithm):
+    assert run(f"--algorithm={algorithm}")[0] == 0
+    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    assert policy.tasks == ("kettle", "microwave", "light switch")
+    assert policy.metadata["algorithm"] == algorithm
+    assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
+    status, out, _ = run(f"--algorithm={algorithm}", "--resume")
+    assert (status, "all steps were made" in out) == (0, True)
+
+
+def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(run, tmp_path):
+    assert run("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
+    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
+
+
+BAD = {
+    ("--algorithm=td3",): "algorithm",
+    ("--algorithm=bc", "--demonstrations="): "--demonstrations",
+    ("--algorithm=bc", "--num_demonstrations=5"): "holds 4 episodes, not 5",
+    ("--algorithm=bc", '--training_kwargs={"sleep": true}'): "--training_kwargs is for the algorithm 'ppo'",
+    ("--algorithm=bc", "--initial_policy=policy.npz"): "--initial_policy is for the algorithm 'ppo'",
+    ("--algorithm=bc", "--control_mode=joint_position"): "was recorded with control_mode",
+    ("--algorithm=bc", '--hyperparameters={"widht": 3}'): "did you mean 'width'?",
+    ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): "hyperparameter",
+    ("--algorithm=bc", '--hyperparameters={"executed": 9}'): "executed must be at most chunk, 8, got 9",
+    ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): "holds episodes of kitchen",
+}
+
+
+@pytest.mark.parametrize("flags", BAD)
+def test_bad_arguments_are_refused_in_one_line(run, tmp_path, flags):
+    kwargs = {} if "--domain_name=open_cabinet" in flags else None
+    status, _, err = run(*flags, task_kwargs=kwargs)
+    assert status == 2
+    assert re.fullmatch(r"kitchen-train: [^\n]+\n", err)
+    assert BAD[flags] in err
+    assert not (tmp_path / "run").exists()
+
+
+def test_imitation_needs_demonstrations(tmp_path, capsys):
+    assert train.main([f"--output={tmp_path / 'run'}", "--algorithm=flow"]) == 2
+    assert "algorithm 'flow' needs --demonstrations" in capsys.readouterr().err
