@@ -133,6 +133,9 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
         "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),
         "resume": Option("Continue the run in the folder from its newest checkpoint."),
+        "preset": Option(
+            "Set of demonstrations, of its own task and policy: one of the domain's presets.", unset="none"
+        ),
         "output": Option("Folder to write to.", check=option_checks.check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
         "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),

@@ -59,6 +59,8 @@ class Domain:
         evaluated in do not have; except for `max_episode_steps`, which both have.
       training_settings: values that replace defaults of `training.settings.TrainSettings`, those of `num_steps`,
         `eval_interval`, `target_success` and `patience`.
+      recording_presets: settings of `kitchen-record` by the name of a set of demonstrations: `task_name`, `task_kwargs`
+        and `policy`.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
@@ -81,6 +83,7 @@ class Domain:
     cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     training_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     training_settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    recording_presets: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
     expert: str | None = None
     benchmark: str | None = None
 

@@ -107,6 +107,15 @@ _AJAR = {
     "hinge_cabinet/doors": {"choice": ((0.0, 0.0),) * 6 + tuple((0.0, q) for q in (0.08, 0.2, 0.35, 0.5, 0.65, 0.8))},
 }
 
+# Sets of demonstrations: four tasks always in the same order; four of the seven in an order drawn for each episode; and
+# one to seven of them, in the order that suits the expert. Noise on its actions and poses makes all episodes differ.
+_DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
+_PRESETS = {
+    "fixed_order": {"task_name": "complete", "policy": _DEMONSTRATOR},
+    "random_order": {"task_name": "random_4", "task_kwargs": {"tasks_in_turn": True}, "policy": _DEMONSTRATOR},
+    "goal_conditioned": {"task_name": "all", "task_kwargs": {"tasks_per_episode": [1, 7]}, "policy": _DEMONSTRATOR},
+}
+
 _STATE_OPTIONS = ("velocity_scale", "feedback", *CONTROL_OPTIONS)
 
 KITCHEN = Domain(
@@ -171,6 +180,7 @@ KITCHEN = Domain(
     training_settings=MappingProxyType(
         {"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000}
     ),
+    recording_presets=MappingProxyType(_PRESETS),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

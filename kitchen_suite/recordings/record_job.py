@@ -42,7 +42,7 @@ class RecordJob:
           ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
         """
         self._ray = RaySettings.of(settings.workers, settings.ray_address)
-        self._settings = settings
+        self._settings = settings = settings.with_preset
         self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
@@ -74,6 +74,8 @@ class RecordJob:
                     self._plan.make(self._template_env, self._folder, self._present())
         finally:
             print(f"\n{self._summary()}")
+        if not diverged:
+            print(f"digest of all arrays  {self._folder.digest(self._wanted)}")
         if self._plan:
             print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
         if diverged:

@@ -3,19 +3,40 @@
 import dataclasses
 from pathlib import Path
 
+from kitchen_suite import checks, suite
 from kitchen_suite.rollouts.settings import EpisodeSettings, FilmSettings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecordSettings(EpisodeSettings):
-    """Settings of `kitchen-record`; each is the flag of its name."""
+    """Settings of `kitchen-record`; each is the flag of its name.
+
+    A preset gives those that have their default: task, `task_kwargs` and policy.
+    """
 
     output: Path
+    preset: str | None = None
     num_episodes: int = 100
     num_envs: int = 16
     num_threads: int | None = None
     dataset: str | None = None
     data_path: Path | None = None
+
+    @property
+    def with_preset(self) -> "RecordSettings":
+        """The settings with those of the preset, if there is one.
+
+        Raises:
+          ValueError: there is no such preset, or it fixes a setting that is given.
+        """
+        if self.preset is None:
+            return self
+        presets = suite.find_domain(self.domain_name).recording_presets
+        chosen = presets[checks.choice(self.preset, presets, "preset")]
+        defaults = {field.name: field.default for field in dataclasses.fields(self)} | {"task_kwargs": {}}
+        if given := sorted(name for name in chosen if getattr(self, name) not in (defaults[name], chosen[name])):
+            raise ValueError(f"preset {self.preset!r} fixes {', '.join(given)}: leave it out, or the preset")
+        return dataclasses.replace(self, **chosen)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

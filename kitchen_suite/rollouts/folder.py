@@ -2,10 +2,13 @@
 
 import contextlib
 import dataclasses
+import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
@@ -136,6 +139,19 @@ class RecordingFolder:
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode
+
+    def digest(self, indices: Iterable[int]) -> str:
+        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order.
+
+        Raises:
+          OSError: an episode cannot be read.
+        """
+        digest = hashlib.sha256()
+        for index in indices:
+            for name, array in sorted(self.load(index).arrays.items()):
+                digest.update(f"{index} {name} {array.dtype.str} {array.shape} ".encode())
+                digest.update(np.ascontiguousarray(array))
+        return digest.hexdigest()
 
     def load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode, and not its arrays; raises as `load`."""

@@ -128,10 +128,15 @@ HYPERPARAMETERS = f"--hyperparameters={json.dumps(SMALL)}"
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A recording of random actions in episodes that ask for some of three tasks."""
+    """A recording of random actions in episodes that ask for some of three tasks; some of them count as successful."""
     folder = tmp_path_factory.mktemp("recording") / "runs"
-    arguments = {"tasks_to_complete": ["kettle", "microwave", "light switch"], "tasks_per_episode": [1, 2]}
-    flags = ["--task_name=all", f"--task_kwargs={json.dumps(arguments)}", "--policy=random", "--num_episodes=4"]
+    tasks = ["kettle", "microwave", "light switch"]
+    arguments = {
+        "tasks_to_complete": tasks,
+        "tasks_per_episode": [1, 2],
+        "threshold": {"kettle": 9.0, "microwave": 9.0},
+    }
+    flags = ["--task_name=all", f"--task_kwargs={json.dumps(arguments)}", "--policy=random", "--num_episodes=8"]
     assert record.main([f"--output={folder}", "--max_episode_steps=12", *flags]) == 0
     return folder, arguments
 
@@ -168,7 +173,7 @@ def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked
 BAD = {
     ("--algorithm=td3",): "algorithm",
     ("--algorithm=bc", "--demonstrations="): "--demonstrations",
-    ("--algorithm=bc", "--num_demonstrations=5"): "holds 4 episodes, not 5",
+    ("--algorithm=bc", "--num_demonstrations=9"): "successful episodes, not 9",
     ("--algorithm=bc", '--training_kwargs={"sleep": true}'): "--training_kwargs is for the algorithm 'ppo'",
     ("--algorithm=bc", "--initial_policy=policy.npz"): "--initial_policy is for the algorithm 'ppo'",
     ("--algorithm=bc", "--control_mode=joint_position"): "was recorded with control_mode",
@@ -192,3 +197,16 @@ def test_bad_arguments_are_refused_in_one_line(run, tmp_path, flags):
 def test_imitation_needs_demonstrations(tmp_path, capsys):
     assert train.main([f"--output={tmp_path / 'run'}", "--algorithm=flow"]) == 2
     assert "algorithm 'flow' needs --demonstrations" in capsys.readouterr().err
+
+
+def test_episodes_that_failed_are_left_out(recording):
+    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.training.imitation.demonstrations import load
+
+    folder, _ = recording
+    opened = RecordingFolder.open(folder)
+    successful = [index for index in opened.indices if opened.load_stats(index).metrics["success"]]
+    assert 0 < len(successful) < len(opened.indices)
+    shown = load(folder, opened.spec, ["kettle"])
+    assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
+    assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}

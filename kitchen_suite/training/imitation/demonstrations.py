@@ -1,5 +1,6 @@
 """Demonstrations as inputs of a policy and chunks of the actions that follow them."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -35,23 +36,24 @@ class Demonstrations(NamedTuple):
 
 
 def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
-    """Reads the episodes that `kitchen-record` has written to a folder.
+    """Reads the successful episodes that `kitchen-record` has written to a folder.
 
     Args:
       folder: of the recording.
       spec: of the environments that the policy is evaluated in.
       tasks: names of the tasks whose request the policy observes; none where it does not.
-      count: number of episodes, the first ones; all when omitted.
+      count: number of these episodes, the first ones; all when omitted.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
       ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
-        episodes.
+        such episodes.
     """
     recording = behaviour_cloning.open_recording(folder, spec, suite.DOMAINS[spec.domain_name].state_options)
-    indices = [*recording.indices][:count]
+    successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
+    indices = [*itertools.islice(successful, count)]
     if len(indices) < (count or 1):
-        raise ValueError(f"{folder} holds {len(indices)} episodes, not {count or 'one or more'}")
+        raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
         task = suite_env(environment).environment.task
     episodes = [recording.load(index).arrays for index in indices]
