@@ -2,8 +2,8 @@
 
 `python docs/failed_returns.py` trains each of the kitchen's seven tasks with each dense reward, as `kitchen-train` does
 with its defaults, for 120,000 control steps, and writes docs/benchmarks/failed_returns.json. After every 20,000 steps
-the policy plays 20 episodes of 280 control steps with that reward. Each row has the greatest return of the episodes that
-did not complete the task. Cases that have a row are skipped, so an interrupted command continues. It needs the extra
+the policy plays 20 episodes of 280 control steps with that reward. Each row has the greatest return of those that did
+not complete the task. Cases that have a row are skipped, so an interrupted command continues. It needs the extra
 `train`, and takes 3 minutes for a case on two processors. `docs/build.py tables` makes a table of the results.
 """
 
