@@ -2,7 +2,7 @@
 
 The flags of a command are the fields of its settings dataclass, which has their types and defaults. `OPTIONS` has the
 same help for a field of one name in every command, and the order in which `--help` lists them; `flag_parsing` defines
-the flags. What applies without a flag may differ between commands: `metadata["unset"]` of the field replaces `Option.unset`.
+the flags. `metadata["unset"]` of a field replaces `Option.unset` where something else applies without the flag.
 """
 
 import dataclasses
@@ -133,14 +133,14 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
         "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),
         "resume": Option(
-            "Continue the run in the folder from its newest checkpoint; for kitchen-evaluate, the evaluation in the folder."
+            "Continue the run in the folder from its newest checkpoint; for kitchen-evaluate, the evaluation in it."
         ),
         "output": Option("Folder to write to.", check=option_checks.check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
         "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
         "json": Option(
-            "kitchen-benchmark: print JSON in place of tables. kitchen-evaluate: file to write the results to as JSON; one "
-            "that is there is replaced.",
+            "kitchen-benchmark: print JSON in place of tables. kitchen-evaluate: file to write the results to as JSON, "
+            "which is replaced if it is there.",
             check=option_checks.check_file,
         ),
         "video": Option(

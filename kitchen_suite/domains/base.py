@@ -58,8 +58,8 @@ class Domain:
         evaluated in do not have; except for `max_episode_steps`, which both have.
       training_settings: values that replace defaults of `training.settings.TrainSettings`, those of `num_steps`,
         `eval_interval`, `target_success` and `patience`.
-      evaluation_task: name of the task that `kitchen-evaluate` plays where its protocol names none; the default task when
-        empty.
+      evaluation_task: name of the task that `kitchen-evaluate` plays where its protocol names none; the default task
+        when empty.
       protocols: names of the protocols of `kitchen-evaluate` that are made for this domain, beside those for all.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.

@@ -1,7 +1,7 @@
 """The protocols of `kitchen-evaluate`: what each fixes, and whom it follows.
 
-This module imports no dm_control, so that the command's help can show them. Protocols are quoted by name: the numbers of
-one do not change once results under it have been published.
+This module imports no dm_control, so that the command's help can show them. Results are quoted by the name of their
+protocol, so the numbers of a protocol must not change once results under it have been published.
 """
 
 import dataclasses

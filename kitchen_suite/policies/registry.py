@@ -202,7 +202,7 @@ def missing_observables(name: str, task: "SuiteTask") -> list[str]:
         return []
     from kitchen_suite.policies import experts
 
-    return experts.expert_class(task).missing_observables(task)
+    return experts.expert_class(task).missing_in(task)
 
 
 def _check_expert_packages(name: str) -> None:

@@ -81,13 +81,13 @@ class Expert(abc.ABC):
         return expert
 
     @classmethod
-    def missing_observables(cls, task: Any) -> list[str]:
+    def missing_in(cls, task: Any) -> list[str]:
         """Returns the names of the extra observables that the expert needs in a task and that the task does not have.
 
         Args:
           task: of the expert's domain.
         """
-        return cls(**cls._task_settings(task))._missing(_varied_layout(task))
+        return cls(**cls._task_settings(task)).missing_observables(_varied_layout(task))
 
     @classmethod
     @abc.abstractmethod
@@ -103,10 +103,10 @@ class Expert(abc.ABC):
         Raises:
           ValueError: extra observables are missing.
         """
-        if missing := self._missing(varied):
+        if missing := self.missing_observables(varied):
             raise ValueError(f"the expert needs extra_observables {missing} where the task varies {sorted(varied)}")
 
-    def _missing(self, varied: Collection[str]) -> list[str]:
+    def missing_observables(self, varied: Collection[str]) -> list[str]:
         """Returns the names of the extra observables that the expert lacks where parameters vary."""
         return [name for name in self._needed_observables(varied) if name not in self._observed_extras]
 
