@@ -65,7 +65,7 @@ class EpisodeResult:
         )
 
     @classmethod
-    def from_line(cls, line: str) -> "EpisodeResult":
+    def from_line(cls, line: str | bytes) -> "EpisodeResult":
         """Returns the result that `line` was made of.
 
         Raises:
@@ -91,11 +91,12 @@ def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None)
     if all(result.asked is not None for result in results):
         asked, steps, tasks = _arrays(results)
         completed = scores.tasks_completed(asked, steps)
-        reached = scores.at_least(completed, int(asked.sum(axis=1).max()))
+        most = int(asked.sum(axis=1).max())
+        reached = scores.at_least(completed, most)
         measured |= {name: scores.rate(verdicts) for name, verdicts in reached.items()}
-        measured["mean_tasks"] = scores.mean(completed)
+        measured["mean_tasks"] = scores.mean(completed, low=0.0, high=most)
         if score:
-            measured[score.name] = scores.mean(completed / score.tasks * score.best)
+            measured[score.name] = scores.mean(completed / score.tasks * score.best, low=0.0, high=score.best)
         further["task_rates"] = {
             name: _task_rate(steps[asked[:, column], column] > 0) for column, name in enumerate(tasks)
         }

@@ -94,8 +94,8 @@ class EvaluationFolder:
             return
         with files.reading(self._path, "the episodes of an evaluation"):
             files.check_size(self._path.stat().st_size, _MAX_BYTES)
-            whole, _, torn = self._path.read_bytes().rpartition(b"\n")
-            results = [EpisodeResult.from_line(line) for line in whole.decode().splitlines()]
+            *lines, torn = self._path.read_bytes().split(b"\n")
+            results = [EpisodeResult.from_line(line) for line in lines]
             for result in results:
                 if seeds.get((result.condition, result.episode)) != result.seed:
                     raise ValueError(f"episode {result.episode} of {result.condition!r} is not of this evaluation")

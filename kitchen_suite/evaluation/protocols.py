@@ -100,7 +100,7 @@ _PROTOCOLS = (
     ),
     Protocol(
         name="strict",
-        follows="as default, with the strict criterion of success",
+        follows="as default, with the strict success: joints within 0.05 rad or 1 cm, the kettle within 3 cm, upright",
         conditions=(Condition(task_kwargs={"variations": ["start"], "success": "strict"}),),
         num_episodes=200,
     ),

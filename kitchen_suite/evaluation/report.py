@@ -17,9 +17,10 @@ _MEANS = {
 
 def heading(description: Mapping[str, Any]) -> str:
     """Returns the line above the scores: what is evaluated, and on which episodes."""
+    each = " of each condition" if len(description["conditions"]) > 1 else ""
     return (
         f"{description['domain_name']}, policy {description['policy']}, protocol {description['protocol']}: "
-        f"{description['num_episodes']} episodes of each condition, seeds from {description['seed']}"
+        f"{_episodes(description['num_episodes'])}{each}, seeds from {description['seed']}"
     )
 
 
@@ -37,7 +38,7 @@ def condition(name: str, task_name: str, num_episodes: int, scores: Mapping[str,
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
     if "order_entropy" in scores:
         rows.append(("order entropy [bit]", f"{scores['order_entropy']:.2f}", ""))
-    parts = [Table((title, f"{num_episodes} episodes", "95 % interval"), rows).format("simple")]
+    parts = [Table((title, _episodes(num_episodes), "95 % interval"), rows).format("simple")]
     if "task_rates" in scores:
         tasks = [
             (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
@@ -45,7 +46,10 @@ def condition(name: str, task_name: str, num_episodes: int, scores: Mapping[str,
         ]
         parts.append(Table(("task", "completed", "95 % interval", "where asked"), tasks).format("simple"))
     if diverged := scores["diverged_seeds"]:
-        parts.append(f"the physics diverged in {len(diverged)} episodes, which count as failures: seeds {diverged}")
+        episodes = _episodes(len(diverged))
+        parts.append(
+            f"the physics diverged in {episodes}, counted as failures that completed nothing: seeds {diverged}"
+        )
     return "\n\n".join(parts)
 
 
@@ -57,6 +61,10 @@ def summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
         for name, each in scores.items()
     ]
     return Table(("condition", *map(_label, keys), "order entropy [bit]"), rows).format("simple")
+
+
+def _episodes(count: int) -> str:
+    return f"{count} episode" + ("s" if count > 1 else "")
 
 
 def _entropy(scores: Mapping[str, Any]) -> str:

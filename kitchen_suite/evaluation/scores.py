@@ -41,8 +41,13 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
     return low, 1.0 if successes == count else centre + half
 
 
-def mean(values: ArrayLike) -> tuple[float, Interval]:
+def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -> tuple[float, Interval]:
     """Returns the mean of values `(n,)`, and its interval by Student's t; None for the interval of one value.
+
+    Args:
+      values: of the episodes.
+      low: least possible value, at which the interval is cut off.
+      high: greatest possible value, at which the interval is cut off.
 
     Raises:
       ValueError: there is no value.
@@ -54,7 +59,7 @@ def mean(values: ArrayLike) -> tuple[float, Interval]:
     if numbers.size == 1:
         return middle, None
     half = float(special.stdtrit(numbers.size - 1, _TAIL)) * float(numbers.std(ddof=1)) / math.sqrt(numbers.size)
-    return middle, (middle - half, middle + half)
+    return middle, (max(low, middle - half), min(high, middle + half))
 
 
 def tasks_completed(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> NDArray[np.int64]:

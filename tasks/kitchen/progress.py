@@ -78,7 +78,7 @@ class KitchenProgress(RequestingTask):
         """Returns whether all tasks asked were completed, and the control step of each completion."""
         completions = self.completions_in(infos)
         steps = self._mdp.goals.by_completion(completions.steps)
-        return {"success": len(steps) == np.count_nonzero(completions.asked), "tasks_completed": steps}
+        return {"success": len(steps) == int(completions.asked.sum()), "tasks_completed": steps}
 
     def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
         """Returns the number of completed tasks."""
