@@ -155,6 +155,7 @@ def test_an_evaluation_goes_on_where_it_was_cut_off(run, tmp_path):
         assert sorted(episodes.read_bytes().splitlines()) == sorted(everything.splitlines())
 
 
+@pytest.mark.thorough
 def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, monkeypatch):
     assert run(*KETTLE)[0] == 0
     whole = (tmp_path / "a.json").read_bytes()
@@ -289,6 +290,7 @@ def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
     assert not (tmp_path / "a.json").exists()
 
 
+@pytest.mark.thorough
 def test_a_progress_bar_counts_all_episodes(run, monkeypatch):
     made = []
 
