@@ -79,8 +79,8 @@ class EvaluationFolder:
         return opened
 
     def add(self, result: EpisodeResult) -> None:
-        """Adds the result of an episode, with one write at the end of the file."""
-        with self._path.open("ab", buffering=0) as file:
+        """Adds the result of an episode, a line at the end of the file."""
+        with self._path.open("ab") as file:
             file.write(f"{result.line}\n".encode())
         self.results[result.condition, result.episode] = result
 
