@@ -7,7 +7,7 @@ from kitchen_suite.benchmarks.report import Table
 
 # Scores that are means in a unit of their own; all others are rates.
 _MEANS = {
-    "mean_tasks": "tasks completed",
+    "mean_tasks": "mean tasks",
     "mean_progress": "mean progress",
     "control_steps": "control steps",
     "score": "score",

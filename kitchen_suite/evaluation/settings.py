@@ -7,7 +7,7 @@ from typing import Any
 from kitchen_suite.rollouts.settings import PICTURES_PREFIX, TaskSettings
 
 
-def _protocols() -> Any:
+def _replaceable() -> Any:
     """Returns the field of a setting that replaces the protocol's value."""
     return dataclasses.field(default=None, metadata={"unset": "the protocol's"})
 
@@ -22,13 +22,13 @@ class EvaluateSettings(TaskSettings):
     protocol: str = "default"
     domain_name: str = "kitchen"
     policy: str = "random"
-    task_name: str | None = _protocols()
-    control_mode: str | None = _protocols()
-    variations: str | None = _protocols()
-    variation_split: str | None = _protocols()
-    seed: int | None = _protocols()
-    num_episodes: int | None = _protocols()
-    max_episode_steps: int | None = _protocols()
+    task_name: str | None = _replaceable()
+    control_mode: str | None = _replaceable()
+    variations: str | None = _replaceable()
+    variation_split: str | None = _replaceable()
+    seed: int | None = _replaceable()
+    num_episodes: int | None = _replaceable()
+    max_episode_steps: int | None = _replaceable()
     num_envs: int = 16
     num_threads: int | None = None
     resume: bool = False

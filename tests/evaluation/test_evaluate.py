@@ -39,7 +39,7 @@ def test_the_scores_are_printed_and_written(run, tmp_path):
     status, out, err = run("--json=a.json")
     assert (status, err) == (0, "")
     assert out.startswith("kitchen, policy random, protocol default: 5 episodes, seeds from 400000000\n\nrandom_4 ")
-    for label in ("p1", "p4", "tasks completed", "success", "control steps", "order entropy [bit]", "where asked"):
+    for label in ("p1", "p4", "mean tasks", "success", "control steps", "order entropy [bit]", "where asked"):
         assert label in out
     assert "p5" not in out
     result = read(tmp_path / "a.json")
