@@ -58,6 +58,9 @@ class Domain:
         evaluated in do not have; except for `max_episode_steps`, which both have.
       training_settings: values that replace defaults of `training.settings.TrainSettings`, those of `num_steps`,
         `eval_interval`, `target_success` and `patience`.
+      evaluation_task: name of the task that `kitchen-evaluate` plays where its protocol names none; the default task
+        when empty.
+      protocols: names of the protocols of `kitchen-evaluate` that are made for this domain, beside those for all.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
@@ -79,6 +82,8 @@ class Domain:
     cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     training_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     training_settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    evaluation_task: str = ""
+    protocols: Collection[str] = ()
     expert: str | None = None
     benchmark: str | None = None
 
@@ -108,6 +113,8 @@ class Domain:
         checks.integer(self.episode_steps, "episode_steps", minimum=1)
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
+        if self.evaluation_task:
+            checks.choice(self.evaluation_task, self.tasks.keys(), "evaluation task")
 
     @property
     def task_ids(self) -> dict[str, str]:

@@ -176,6 +176,8 @@ KITCHEN = Domain(
     training_settings=MappingProxyType(
         {"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000}
     ),
+    evaluation_task="random_4",
+    protocols=("strict", "diffusion-policy", "d4rl", "beso"),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )
