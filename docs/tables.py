@@ -13,6 +13,7 @@ from control_tables import CONTROL_TABLES
 from dm_control import mjcf
 from dm_env import specs
 from entity_tables import ENTITY_TABLES, markdown
+from evaluation_tables import EVALUATION_TABLES
 from observation_tables import OBSERVATION_TABLES
 from reward_tables import REWARD_TABLES
 from training_tables import TRAINING_TABLES
@@ -247,6 +248,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "my_task": my_task,
     **ENTITY_TABLES,
     **CONTROL_TABLES,
+    **EVALUATION_TABLES,
     **OBSERVATION_TABLES,
     **REWARD_TABLES,
     **TRAINING_TABLES,

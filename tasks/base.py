@@ -17,6 +17,7 @@ from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.instructions import InstructedTask
 from kitchen_suite.tasks.mdp import MEDIAN, ActionMode
+from kitchen_suite.tasks.measured import MeasuredTask, Metrics
 from kitchen_suite.tasks.observed import ObservedTask
 from kitchen_suite.tasks.reset_options import OptionedTask
 from kitchen_suite.tasks.simulation import PhysicsSimulation, columns
@@ -25,14 +26,12 @@ from kitchen_suite.tasks.varied_task import VariedTask
 # Colour of objects that the task counts as a success.
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
-# Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
-Metrics = dict[str, bool | float | dict[str, int]]
 
 # Number of axes of an observed picture.
 _PICTURE_AXES = 3
 
 
-class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
+class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, VariedTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -123,18 +122,6 @@ class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
         """Metrics of the present episode up to the last control step; see `metrics`."""
         return self.metrics(self.mdp.info(self.state))
 
-    @abc.abstractmethod
-    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns the metrics of an episode.
-
-        Args:
-          infos: its last infos, of the Gymnasium environment or from a recording; arrays without leading axis.
-        """
-
-    @abc.abstractmethod
-    def progress_in(self, infos: Mapping[str, Any]) -> NDArray:
-        """Returns how far episodes have come, `(...)`, from their infos: a number that grows towards success."""
-
     def begin_run(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
         zeros = {name: np.zeros_like(getattr(self._state, name)) for name in self.mdp.carried}
@@ -161,17 +148,6 @@ class SuiteTask(InstructedTask, OptionedTask, VariedTask, ObservedTask):
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         """Whether a recorded observation is one of the present physics state, up to noise and rounding."""
         return True
-
-    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        """Names of the task's goals, and whether each is reached after each step of a recorded episode.
-
-        Args:
-          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
-
-        Returns:
-          `n` names and a mask `(T + 1, n)`; None if the arrays do not determine it.
-        """
-        return None
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""

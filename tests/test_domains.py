@@ -21,6 +21,8 @@ OWN = dataclasses.replace(
     env_id="Mine/Pantry-v3",
     task_id="",
     benchmark_tasks=("open_all",),
+    evaluation_task="kettle",
+    protocols=(),
     hyperparameters={"num_envs": 5},
     benchmark=None,
 )
@@ -109,6 +111,7 @@ def test_only_records_are_registered():
         ({"expert": 3}, TypeError, "entry point must be a string, got 3"),
         ({"episode_steps": 0}, ValueError, "episode_steps must be at least 1"),
         ({"benchmark_tasks": ("kettles",)}, ValueError, "did you mean 'kettle'"),
+        ({"evaluation_task": "kettles"}, ValueError, "evaluation task 'kettles' does not exist"),
     ],
 )
 def test_a_bad_record_is_refused(changes, error, message):

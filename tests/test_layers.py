@@ -15,6 +15,7 @@ ORDER = (
     "cli",
     "bridges",
     "training",
+    "evaluation",
     "recordings",
     "benchmarks",
     "rollouts",
@@ -40,7 +41,7 @@ HOMES = {
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
 }
-COMMANDS = ("benchmark", "play", "record", "replay", "rollout", "train")
+COMMANDS = ("benchmark", "evaluate", "play", "record", "replay", "rollout", "train")
 
 
 def modules():
@@ -130,7 +131,7 @@ def test_no_command_imports_dm_control_before_the_gl_library_is_chosen(command):
 
 
 # Commands choose the GL library before they import these.
-COMMANDS_ALONE = {"cli", "training", "recordings", "benchmarks", "rollouts"}
+COMMANDS_ALONE = {"cli", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
 
 
 def test_the_gl_library_is_chosen_before_dm_control_is_imported():

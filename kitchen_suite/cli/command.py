@@ -192,7 +192,9 @@ class Command:
     def _help_of(self, name: str) -> str:
         required = {field.name for field in self._fields if _is_required(field)}
         default = None if name in required else self._flags[name].default
-        text = f"{OPTIONS[name].help} {'Required.' if name in required else _default_text(name, default)}".rstrip()
+        unset = {field.name: field.metadata.get("unset") for field in self._fields}.get(name) or OPTIONS[name].unset
+        ending = "Required." if name in required else _default_text(default, unset)
+        text = f"{OPTIONS[name].help} {ending}".rstrip()
         first = f"  {name.upper():<21} " if name == self.positional else f"  --{name:<19} "
         return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=" " * 24, break_on_hyphens=False)
 
@@ -213,10 +215,10 @@ def _is_required(field: dataclasses.Field) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _default_text(name: str, default: Any) -> str:
-    """Returns the sentence on a flag's default, empty where there is none to name."""
+def _default_text(default: Any, unset: str) -> str:
+    """Returns the sentence on a flag's default, or on what applies without the flag; empty where there is neither."""
     if default is None or default in ((), {}):
-        return f"Default: {OPTIONS[name].unset}." if OPTIONS[name].unset else ""
+        return f"Default: {unset}." if unset else ""
     if default is False:
         return ""
     return f"Default: {','.join(map(str, default)) if isinstance(default, tuple) else default}."

@@ -20,5 +20,17 @@ def check_video(path: Path) -> None:
     """Raises a ValueError for a path that cannot be written to as a video."""
     if path.suffix != ".mp4" or path.is_dir():
         raise ValueError("must be a file that ends with .mp4")
+    _check_parent(path)
+
+
+def check_file(path: Path) -> None:
+    """Raises a ValueError for a path that cannot be written to as a file."""
+    if path.exists() and not path.is_file():
+        raise ValueError("is not a file")
+    _check_parent(path)
+
+
+def _check_parent(path: Path) -> None:
+    """Raises a ValueError for a path in a folder that cannot be written to."""
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise ValueError(f"there is no folder {str(path.parent)!r} that may be written to")

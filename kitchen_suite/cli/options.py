@@ -2,7 +2,7 @@
 
 The flags of a command are the fields of its settings dataclass, which has their types and defaults. `OPTIONS` has the
 same help for a field of one name in every command, and the order in which `--help` lists them; `flag_parsing` defines
-the flags.
+the flags. `metadata["unset"]` of a field replaces `Option.unset` where something else applies without the flag.
 """
 
 import dataclasses
@@ -13,6 +13,7 @@ from typing import Any
 
 from kitchen_suite import checks
 from kitchen_suite.cli import option_checks
+from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 _MAX_STEPS = 10**12
 
@@ -55,6 +56,10 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
             "soak: memory in the course of a long run; rendering: frames per second, and what a frame costs.",
             choices=("speed", "scaling", "soak", "rendering"),
+        ),
+        "protocol": Option(
+            "Protocol of the evaluation: it sets task, variations, seeds and number of episodes.",
+            choices=tuple(PROTOCOLS),
         ),
         "domain_name": Option("Domain of the task; kitchen-rollout --list shows all."),
         "task_name": Option("Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"),
@@ -132,14 +137,20 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         ),
         "min_progress": Option("Mean opening [m], or tasks completed, that counts as progress.", minimum=0.0),
         "restarts": Option("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000),
-        "resume": Option("Continue the run in the folder from its newest checkpoint."),
+        "resume": Option(
+            "Continue the run in the folder from its newest checkpoint; for kitchen-evaluate, the evaluation in it."
+        ),
         "preset": Option(
             "Set of demonstrations, of its own task and policy: one of the domain's presets.", unset="none"
         ),
         "output": Option("Folder to write to.", check=option_checks.check_folder),
         "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
         "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
-        "json": Option("Print JSON in place of tables."),
+        "json": Option(
+            "kitchen-benchmark: print JSON in place of tables. kitchen-evaluate: file to write the results to as JSON, "
+            "which is replaced if it is there.",
+            check=option_checks.check_file,
+        ),
         "video": Option(
             "Video to write, an .mp4 in an existing folder; one that is there is replaced.",
             unset="none; kitchen-play writes kitchen-play.mp4 where it can",

@@ -61,6 +61,9 @@ class Domain:
         `eval_interval`, `target_success` and `patience`.
       recording_presets: settings of `kitchen-record` by the name of a set of demonstrations: `task_name`, `task_kwargs`
         and `policy`.
+      evaluation_task: name of the task that `kitchen-evaluate` plays where its protocol names none; the default task
+        when empty.
+      protocols: names of the protocols of `kitchen-evaluate` that are made for this domain, beside those for all.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
@@ -84,6 +87,8 @@ class Domain:
     training_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     training_settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
     recording_presets: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    evaluation_task: str = ""
+    protocols: Collection[str] = ()
     expert: str | None = None
     benchmark: str | None = None
 
@@ -113,6 +118,8 @@ class Domain:
         checks.integer(self.episode_steps, "episode_steps", minimum=1)
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
+        if self.evaluation_task:
+            checks.choice(self.evaluation_task, self.tasks.keys(), "evaluation task")
 
     @property
     def task_ids(self) -> dict[str, str]:

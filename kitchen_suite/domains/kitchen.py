@@ -110,7 +110,7 @@ _AJAR = {
 # Sets of demonstrations: four tasks always in the same order; four of the seven in an order drawn for each episode; and
 # one to seven of them, in the order that suits the expert. Noise on its actions and poses makes all episodes differ.
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
-_PRESETS = {
+_PRESETS: Mapping[str, Mapping[str, Any]] = {
     "fixed_order": {"task_name": "complete", "policy": _DEMONSTRATOR},
     "random_order": {"task_name": "random_4", "task_kwargs": {"tasks_in_turn": True}, "policy": _DEMONSTRATOR},
     "goal_conditioned": {"task_name": "all", "task_kwargs": {"tasks_per_episode": [1, 7]}, "policy": _DEMONSTRATOR},
@@ -181,6 +181,8 @@ KITCHEN = Domain(
         {"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000}
     ),
     recording_presets=MappingProxyType(_PRESETS),
+    evaluation_task="random_4",
+    protocols=("strict", "diffusion-policy", "d4rl", "beso"),
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

@@ -1,5 +1,25 @@
 """Policies by name: random, zero, scripted experts, trained policies, and those of a user."""
 
-from kitchen_suite.policies.registry import POLICIES, Policy, PolicyBuilder, PolicyError, find, policy_file
+from kitchen_suite.policies.registry import (
+    POLICIES,
+    Policy,
+    PolicyBuilder,
+    PolicyError,
+    file_of,
+    find,
+    missing_observables,
+    policy_file,
+    without_file,
+)
 
-__all__ = ["POLICIES", "Policy", "PolicyBuilder", "PolicyError", "find", "policy_file"]
+__all__ = [
+    "POLICIES",
+    "Policy",
+    "PolicyBuilder",
+    "PolicyError",
+    "file_of",
+    "find",
+    "missing_observables",
+    "policy_file",
+    "without_file",
+]

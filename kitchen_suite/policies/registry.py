@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dm_env
 import numpy as np
@@ -25,6 +25,9 @@ from kitchen_suite import checks, files
 from kitchen_suite.policies import policy_files
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import shipped
+
+if TYPE_CHECKING:
+    from kitchen_suite.tasks.base import SuiteTask
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
@@ -142,7 +145,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     if ":" in name and not is_call:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
-    key, options = _parse_call(name) if is_call else (name, {})
+    key, options = _key_and_options(name)
     try:
         build = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
@@ -166,15 +169,50 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
 
 def policy_file(name: str) -> Path | None:
     """Returns the file that `trained(file=...)` names; None for other policies."""
-    key, options = _parse_call(name) if "(" in name else (name, {})
+    key, options = _key_and_options(name)
     file = options.get("file")
     return Path(file) if key == "trained" and isinstance(file, str) else None
+
+
+def file_of(name: str, task: "SuiteTask") -> Path | None:
+    """Returns the file that a named policy is read from in a task; None for policies without a file.
+
+    Raises:
+      ValueError: the policy is the one that comes with the package for the task, and there is none.
+    """
+    key, _ = _key_and_options(name)
+    file = policy_file(name)
+    return shipped(task) if key == "trained" and file is None else file
+
+
+def without_file(name: str) -> str:
+    """Returns the name of a policy without the path of its file."""
+    key, options = _key_and_options(name)
+    if "file" not in options:
+        return name
+    others = ", ".join(f"{option}={value!r}" for option, value in options.items() if option != "file")
+    return f"{key}({others})" if others else key
+
+
+def missing_observables(name: str, task: "SuiteTask") -> list[str]:
+    """Returns the extra observables that a named policy needs and that a task does not have: those of the expert."""
+    key, _ = _key_and_options(name)
+    if key != "expert":
+        return []
+    from kitchen_suite.policies import experts
+
+    return experts.expert_class(task).missing_in(task)
 
 
 def _check_expert_packages(name: str) -> None:
     """Raises an ImportError with the pip command if the extra `experts` is missing."""
     if missing := [package for package in _EXPERT_PACKAGES if not importlib.util.find_spec(package)]:
         raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
+
+
+def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:
+    """Returns the key of a named policy in `POLICIES`, and its options; raises as `_parse_call`."""
+    return _parse_call(name) if "(" in name else (name, {})
 
 
 def _parse_call(text: str) -> tuple[str, dict[str, Any]]:

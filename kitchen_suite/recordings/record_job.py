@@ -15,9 +15,9 @@ from kitchen_suite.recordings.settings import RecordSettings
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
-from kitchen_suite.rollouts.runners import VectorRunner, play_many
+from kitchen_suite.rollouts.runners import VectorRunner, even_count, play_many
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.base import Metrics
+from kitchen_suite.tasks.measured import Metrics
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
@@ -116,9 +116,7 @@ class RecordJob:
 
     def _num_envs(self, count: int) -> int:
         """Returns the number of environments in each process: no more than keep all of them playing to the end."""
-        each = math.ceil(count / self._processes)
-        rounds = math.ceil(each / self._settings.num_envs)
-        return math.ceil(each / rounds)
+        return even_count(math.ceil(count / self._processes), self._settings.num_envs)
 
     @property
     def _processes(self) -> int:

@@ -8,12 +8,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.base import Metrics
+from kitchen_suite.tasks.measured import Metrics
 
 SPEC_FILE = "recording.json"
 _PATTERN = "episode_*.npz"
@@ -150,7 +148,7 @@ class RecordingFolder:
         for index in indices:
             for name, array in sorted(self.load(index).arrays.items()):
                 digest.update(f"{index} {name} {array.dtype.str} {array.shape} ".encode())
-                digest.update(np.ascontiguousarray(array))
+                digest.update(array.tobytes())
         return digest.hexdigest()
 
     def load_stats(self, index: int) -> EpisodeStats:

@@ -5,6 +5,7 @@ The runners are `workers.worker.EpisodeRunner`s.
 
 import collections
 import contextlib
+import math
 from collections.abc import Generator, Sequence
 
 from kitchen_suite.rollouts.controllers import PolicyController
@@ -29,6 +30,12 @@ def play_many(
         controller = PolicyController(environments, spec.find_policy())
         for index, episode in VectorRollout(environments, controller).play(waiting):
             yield index, episode.collect() if episode else None
+
+
+def even_count(num_episodes: int, num_envs: int) -> int:
+    """Returns the number of environments, at most `num_envs`, of which all play episodes to the end."""
+    rounds = math.ceil(num_episodes / num_envs)
+    return math.ceil(num_episodes / rounds)
 
 
 class SingleRunner:

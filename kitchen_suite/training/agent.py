@@ -1,7 +1,7 @@
 """The PPO agent: how it is built, and how the trained policy is exported from it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -49,8 +49,8 @@ def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Te
 
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
-    """Returns the agent's present policy, without exploration, as numpy arrays."""
-    scaler, policy = agent.observation_scaler, agent.policy
+    """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
+    scaler, policy = agent.observation_scaler, cast(Policy, agent.average.module)
     layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
     return TrainedPolicy(
         mean=_array(scaler.running_mean),
@@ -79,6 +79,7 @@ def load_policy(agent: Agent, policy: TrainedPolicy) -> None:
     for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
         layer.weight.copy_(torch.as_tensor(weight))
         layer.bias.copy_(torch.as_tensor(bias))
+    agent.restart_average()
     scaler = agent.observation_scaler
     scaler.running_mean.copy_(torch.as_tensor(policy.mean))
     scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())

@@ -150,6 +150,7 @@ def clone(
             scheduler.step()
             losses.append(loss.item())
         report(float(np.mean(losses)))
+    agent.restart_average()
 
 
 def _fit_scaler(agent: Agent, observations: torch.Tensor) -> torch.Tensor:

@@ -48,6 +48,8 @@ class Hyperparameters:
       value_scale: coefficient of the value loss.
       entropy_scale: entropy coefficient.
       gradient_norm: maximum norm of the gradient, which is clipped to it.
+      averaging: decay of the moving average of the policy's weights over updates, which is evaluated and exported; 0
+        for none.
       reward_scale: factor of the rewards.
       clone_epochs: passes over the demonstrations in behaviour cloning.
       value_batches: batches after cloning that train the value network alone (value warm-up).
@@ -73,6 +75,7 @@ class Hyperparameters:
     value_scale: float = 1.0
     entropy_scale: float = 0.001
     gradient_norm: float = 1.0
+    averaging: float = 0.0
     reward_scale: float = 0.1
     clone_epochs: int = 60
     value_batches: int = 10

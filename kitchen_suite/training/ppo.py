@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.training.batch import Batch, advantages
 from kitchen_suite.training.hyperparameters import Hyperparameters
@@ -23,6 +24,7 @@ class Agent:
 
     Attributes:
       policy: acts on standardised observations.
+      average: the policy with weights averaged over updates, which is evaluated and exported.
       value: network of the value function, from standardised observations to standardised returns `(n, 1)`.
       observation_scaler: standardises observations.
       value_scaler: standardises returns.
@@ -40,6 +42,7 @@ class Agent:
         """Takes the networks and scalers, and builds the optimiser."""
         self.policy, self.value, self._config = policy, value, config
         self.observation_scaler, self.value_scaler = observation_scaler, value_scaler
+        self.average = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         groups = [
             {"params": list(policy.parameters()), "lr": config.learning_rate},
             {"params": list(value.parameters()), "lr": config.value_learning_rate},
@@ -51,6 +54,7 @@ class Agent:
         """All that has a state dict, by name."""
         return {
             "policy": self.policy,
+            "average": self.average,
             "value": self.value,
             "observation_scaler": self.observation_scaler,
             "value_scaler": self.value_scaler,
@@ -61,6 +65,11 @@ class Agent:
     def networks(self) -> dict[str, torch.nn.Module]:
         """The networks that learn, by name."""
         return {"policy": self.policy, "value": self.value}
+
+    def restart_average(self) -> None:
+        """Makes the averaged policy the present one, after the present one has been changed by other means."""
+        self.average.module.load_state_dict(self.policy.state_dict())
+        self.average.n_averaged.zero_()
 
     def explore(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Returns actions `(n, k)` with exploration for observations `(n, m)`, and the logarithms of their densities.
@@ -95,6 +104,7 @@ class Agent:
                     metrics[name].append(value)
             if self._config.kl_target and not values_only:
                 self._adapt(float(np.mean([step["learning/divergence"] for step in steps])))
+        self.average.update_parameters(self.policy)
         self.observation_scaler.update(batch.observations.flatten(0, 1))
         metrics["policy/standard deviation"] = [
             (self.policy.log_deviation.detach().exp() * self.policy.scale).mean().item()

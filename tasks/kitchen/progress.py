@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.base import Metrics
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requested import REQUESTED
 from kitchen_suite.tasks.kitchen.requesting import RequestingTask
+from kitchen_suite.tasks.measured import Completions, Metrics
 from kitchen_suite.tasks.success import ThresholdSuccess
 
 
@@ -76,13 +76,18 @@ class KitchenProgress(RequestingTask):
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether all tasks asked were completed, and the control step of each completion."""
-        steps, asked = self._mdp.goals.by_completion(infos["completion_steps"]), infos.get(f"{REQUESTED}_mask")
-        count = len(self._mdp.goals.tasks) if asked is None else int(np.count_nonzero(asked))
-        return {"success": len(steps) == count, "tasks_completed": steps}
+        completions = self.completions_in(infos)
+        steps = self._mdp.goals.by_completion(completions.steps)
+        return {"success": len(steps) == int(completions.asked.sum()), "tasks_completed": steps}
 
     def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
         """Returns the number of completed tasks."""
         return infos["episode_task_completions_mask"].sum(axis=-1)
+
+    def completions_in(self, infos: Mapping[str, Any]) -> Completions:
+        tasks = self._mdp.goals.tasks
+        asked = infos.get(f"{REQUESTED}_mask", np.full(len(tasks), True))
+        return Completions(tuple(tasks), asked, infos["completion_steps"])
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         achieved, goals = self._recorded_goals(arrays), self._mdp.goals

@@ -15,7 +15,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.arena import SiteArena
 from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks.base import Metrics, SuiteTask
+from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import Goal, GoalSet
@@ -23,6 +23,7 @@ from kitchen_suite.tasks.highlighting import GoalHighlighting
 from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
+from kitchen_suite.tasks.measured import Metrics
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     PARTS,

@@ -15,9 +15,10 @@ from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetS
 from kitchen_suite.entities.props.cabinet import DRAWERS
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks.base import SUCCESS_RGBA, Metrics, SuiteTask
+from kitchen_suite.tasks.base import SUCCESS_RGBA, SuiteTask
 from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.measured import Metrics
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features
 from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward

@@ -18,11 +18,12 @@ from sweeps import brief
 
 import kitchen_suite
 from kitchen_suite import checks
-from kitchen_suite.cli import benchmark, play, process, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, evaluate, play, process, record, replay, rollout, train
 from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
 
-COMMANDS = {command.COMMAND.name: command.COMMAND for command in (benchmark, play, record, replay, rollout, train)}
+MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 
 class UsageError(Exception):
@@ -381,7 +382,9 @@ def test_help_lists_every_flag_in_the_order_and_words_of_the_options(name, flag,
     assert list(lines) == [option for option in OPTIONS if option in flags_of(tested)]
     for option, text in lines.items():
         # The same in every command, but for the default.
-        endings = ("", r" Default: [^ ]+\.", re.escape(f" Default: {OPTIONS[option].unset}."), r" Required\.")
+        unset = {field.name: field.metadata.get("unset") for field in dataclasses.fields(tested.settings)}.get(option)
+        unset = re.escape(f" Default: {unset or OPTIONS[option].unset}.")
+        endings = ("", r" Default: [^ ]+\.", unset, r" Required\.")
         assert any(re.fullmatch(re.escape(OPTIONS[option].help) + ending, text) for ending in endings), text
 
 

@@ -15,10 +15,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import benchmark, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, evaluate, play, record, replay, rollout, train
 from kitchen_suite.cli.options import OPTIONS, RENAMED
 
-COMMANDS = {command.COMMAND.name: command.COMMAND for command in (benchmark, play, record, replay, rollout, train)}
+MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 # First in the command line, so that an odd value takes their place: one episode of one control step.
 TINY = {
@@ -26,6 +27,7 @@ TINY = {
     "kitchen-rollout": ("--num_episodes=1", "--max_episode_steps=1"),
     "kitchen-play": ("--num_episodes=1", "--max_episode_steps=1", "--novideo"),
     "kitchen-replay": ("recording",),
+    "kitchen-evaluate": ("--num_episodes=1", "--max_episode_steps=1"),
     "kitchen-train": ("--output=new",),
     "kitchen-benchmark": (),
 }

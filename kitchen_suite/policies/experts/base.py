@@ -77,9 +77,17 @@ class Expert(abc.ABC):
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
         expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
-        varied = task.wanted_variations.items()
-        expert.check_observes([name for name, each in varied if each.group == "layout"])
+        expert.check_observes(_varied_layout(task))
         return expert
+
+    @classmethod
+    def missing_in(cls, task: Any) -> list[str]:
+        """Returns the names of the extra observables that the expert needs in a task and that the task does not have.
+
+        Args:
+          task: of the expert's domain.
+        """
+        return cls(**cls._task_settings(task)).missing_observables(_varied_layout(task))
 
     @classmethod
     @abc.abstractmethod
@@ -95,9 +103,12 @@ class Expert(abc.ABC):
         Raises:
           ValueError: extra observables are missing.
         """
-        missing = [name for name in self._needed_observables(varied) if name not in self._observed_extras]
-        if missing:
+        if missing := self.missing_observables(varied):
             raise ValueError(f"the expert needs extra_observables {missing} where the task varies {sorted(varied)}")
+
+    def missing_observables(self, varied: Collection[str]) -> list[str]:
+        """Returns the names of the extra observables that the expert lacks where parameters vary."""
+        return [name for name in self._needed_observables(varied) if name not in self._observed_extras]
 
     @property
     def _observed_extras(self) -> Collection[str]:
@@ -187,3 +198,8 @@ class Expert(abc.ABC):
 
         The first call of an episode must return one.
         """
+
+
+def _varied_layout(task: Any) -> list[str]:
+    """Returns the names of the parameters of the layout that a task varies."""
+    return [name for name, each in task.wanted_variations.items() if each.group == "layout"]

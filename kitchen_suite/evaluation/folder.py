@@ -1,0 +1,113 @@
+"""The folder of an evaluation: its description, and a line of JSON for each finished episode."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from kitchen_suite import files
+from kitchen_suite.evaluation.episode_results import EpisodeResult
+
+DESCRIPTION_FILE = "evaluation.json"
+EPISODES_FILE = "episodes.jsonl"
+
+# Bound of the lines together [bytes]: more than a million episodes take less.
+_MAX_BYTES = 2**30
+
+# Name of the condition, and number of the episode in it.
+Key = tuple[str, int]
+
+
+class EvaluationFolder:
+    """Keeps the results of episodes, so that an interrupted evaluation can be continued.
+
+    Attributes:
+      results: of the finished episodes.
+    """
+
+    results: dict[Key, EpisodeResult]
+
+    def __init__(self, folder: Path) -> None:
+        """Names the folder; see `create` and `resume`."""
+        self._folder = folder
+        self.results = {}
+
+    @classmethod
+    def create(cls, folder: Path, description: Mapping[str, Any]) -> "EvaluationFolder":
+        """Starts a new evaluation.
+
+        Of several processes that start evaluations in one folder at the same time, one succeeds.
+
+        Raises:
+          OSError: the folder cannot be made or written to, or holds an evaluation.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        files.check_writable(folder)
+        try:
+            with files.atomic_create(folder / DESCRIPTION_FILE) as partial:
+                if (folder / EPISODES_FILE).exists():
+                    raise FileExistsError
+                partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+        except FileExistsError:
+            raise FileExistsError(
+                f"{folder} holds an evaluation already: continue it with --resume, or name another folder"
+            ) from None
+        return cls(folder)
+
+    @classmethod
+    def resume(cls, folder: Path, description: Mapping[str, Any], seeds: Mapping[Key, int]) -> "EvaluationFolder":
+        """Continues an evaluation; a last line that a killed process left unfinished is removed.
+
+        Args:
+          folder: of the evaluation.
+          description: of the evaluation.
+          seeds: of all its episodes.
+
+        Raises:
+          OSError: the folder cannot be written to, holds no evaluation, or a file in it is damaged.
+          ValueError: it holds another evaluation.
+        """
+        path = folder / DESCRIPTION_FILE
+        if not path.exists():
+            raise FileNotFoundError(f"{folder} holds no evaluation to resume")
+        files.check_writable(folder)
+        _check_same(folder, files.load_json(path, "the description of an evaluation"), description)
+        files.remove_stale_partials(folder)
+        opened = cls(folder)
+        opened._read(seeds)
+        return opened
+
+    def add(self, result: EpisodeResult) -> None:
+        """Adds the result of an episode, a line at the end of the file."""
+        with self._path.open("ab") as file:
+            file.write(f"{result.line}\n".encode())
+        self.results[result.condition, result.episode] = result
+
+    @property
+    def _path(self) -> Path:
+        return self._folder / EPISODES_FILE
+
+    def _read(self, seeds: Mapping[Key, int]) -> None:
+        """Reads the lines of the finished episodes; raises an OSError for a line that holds something else."""
+        if not self._path.exists():
+            return
+        with files.reading(self._path, "the episodes of an evaluation"):
+            files.check_size(self._path.stat().st_size, _MAX_BYTES)
+            *lines, torn = self._path.read_bytes().split(b"\n")
+            results = [EpisodeResult.from_line(line) for line in lines]
+            for result in results:
+                if seeds.get((result.condition, result.episode)) != result.seed:
+                    raise ValueError(f"episode {result.episode} of {result.condition!r} is not of this evaluation")
+        self.results = {(result.condition, result.episode): result for result in results}
+        if torn:
+            os.truncate(self._path, self._path.stat().st_size - len(torn))
+
+
+def _check_same(folder: Path, present: object, wanted: Mapping[str, Any]) -> None:
+    """Raises a ValueError that names the first difference."""
+    found = present if isinstance(present, Mapping) else {}
+    for name in {**found, **wanted}:
+        if found.get(name) != wanted.get(name):
+            there, here = (json.dumps(each.get(name)) for each in (found, wanted))
+            raise ValueError(f"{folder} holds an evaluation with {name} {there}, not {here}: name another folder")

@@ -1,0 +1,147 @@
+"""The plan of an evaluation: its protocol with all replaced values, and the episodes of each condition."""
+
+import contextlib
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from kitchen_suite import checks, files, policies, suite
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score
+from kitchen_suite.evaluation.settings import EvaluateSettings
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.spec import RecordingSpec
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluationPlan:
+    """An evaluation that can be played; episode `i` of every condition has the seed `seed + i`.
+
+    Attributes:
+      protocol: its name.
+      specs: specifications of the episodes by the names of the conditions.
+      num_episodes: of each condition.
+      score: a published score; None if the protocol has none, or if it is for other tasks.
+    """
+
+    protocol: str
+    specs: Mapping[str, RecordingSpec]
+    num_episodes: int
+    score: Score | None
+
+    @property
+    def first(self) -> RecordingSpec:
+        """Specification of the first condition."""
+        return next(iter(self.specs.values()))
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The evaluation without its results, as JSON represents it, without paths and times."""
+        first = self.first
+        return {
+            "protocol": self.protocol,
+            "domain_name": first.domain_name,
+            "policy": policies.without_file(first.policy),
+            "seed": first.seed,
+            "num_episodes": self.num_episodes,
+            "max_episode_steps": first.max_episode_steps,
+            "versions": dict(first.versions),
+            "conditions": {name: _described(spec) for name, spec in self.specs.items()},
+        }
+
+
+def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
+    """Plans the evaluation that a command asks for, and builds the policy once in each condition.
+
+    Raises:
+      ImportError: the policy needs an extra that is not installed.
+      OSError: the policy names a file that cannot be read.
+      TypeError: an argument of the task has the wrong type, or there is no such argument.
+      ValueError: an unknown name, a protocol of another domain, or a value that is refused.
+    """
+    protocol = find_protocol(settings.protocol, settings.domain_name)
+    specs = {name: _prepared(spec) for name, spec in _specs(protocol, settings).items()}
+    own_tasks = {condition.task_name for condition in protocol.conditions}
+    return EvaluationPlan(
+        protocol=protocol.name,
+        specs=specs,
+        num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
+        score=protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None,
+    )
+
+
+def find_protocol(name: str, domain_name: str) -> Protocol:
+    """Returns a protocol of a domain.
+
+    Raises:
+      TypeError: a name is no string.
+      ValueError: there is no such domain, no such protocol, or the protocol is for other domains.
+    """
+    domain = suite.find_domain(domain_name)
+    protocol = PROTOCOLS[checks.choice(name, PROTOCOLS.keys(), "protocol")]
+    offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in domain.protocols]
+    if name not in offered:
+        raise ValueError(f"protocol {name!r} is not for domain {domain_name!r}; choose from {offered}")
+    return protocol
+
+
+def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, RecordingSpec]:
+    """Returns the specifications by condition, with the values that settings replace; equal ones only once.
+
+    Raises:
+      ValueError: settings replace arguments in which the conditions differ.
+    """
+    given = settings.environment_kwargs
+    if clash := sorted(_differing(protocol) & given.keys()):
+        raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
+    specs: dict[str, RecordingSpec] = {}
+    for condition in protocol.conditions:
+        spec = _spec(protocol, condition, settings, given)
+        if spec not in specs.values():
+            replaced = condition.task_name not in (None, spec.task_name)
+            specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
+    return specs
+
+
+def _differing(protocol: Protocol) -> set[str]:
+    """Returns the names of the arguments in which the conditions of a protocol differ."""
+    first, *others = (condition.task_kwargs for condition in protocol.conditions)
+    return {name for other in others for name in first.keys() | other.keys() if first.get(name) != other.get(name)}
+
+
+def _spec(
+    protocol: Protocol, condition: Condition, settings: EvaluateSettings, given: Mapping[str, Any]
+) -> RecordingSpec:
+    """Returns the specification of the episodes of a condition, in which settings replace the protocol's values."""
+    domain = suite.find_domain(settings.domain_name)
+    return RecordingSpec.make(
+        domain_name=settings.domain_name,
+        task_name=settings.task_name or condition.task_name or domain.evaluation_task or None,
+        task_kwargs={**condition.task_kwargs, **given},
+        policy=settings.policy,
+        seed=protocol.seed if settings.seed is None else settings.seed,
+        seeding="gymnasium",
+        max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
+    )
+
+
+def _prepared(spec: RecordingSpec) -> RecordingSpec:
+    """Returns a specification whose policy can act, with the digest of the policy's file.
+
+    The expert gets the extra observables that it needs where layouts vary.
+    """
+    with contextlib.closing(spec.make_environment()) as environment:
+        task = suite_env(environment).environment.task
+        missing = policies.missing_observables(spec.policy, task)
+        if not missing:
+            spec.check_policy(environment)
+            file = policies.file_of(spec.policy, task)
+            return dataclasses.replace(spec, policy_sha256=files.file_digest(file) if file else None)
+        extras = [*task.extra_observables, *missing]
+    return _prepared(dataclasses.replace(spec, task_kwargs={**spec.task_kwargs, "extra_observables": extras}))
+
+
+def _described(spec: RecordingSpec) -> dict[str, Any]:
+    """Returns the task of a condition, and the policy's file, as JSON represents them."""
+    described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
+    return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

@@ -1,0 +1,304 @@
+"""`kitchen-evaluate` from the command line: its scores, JSON and folder; interrupted evaluations continue."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import tqdm
+from sweeps import brief
+
+from kitchen_suite.cli import evaluate
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
+from kitchen_suite.rollouts import report
+from kitchen_suite.vector_env import base as vector_base
+
+SMALL = ["--num_episodes=5", "--max_episode_steps=4", "--num_envs=2"]
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs the command in an empty folder; returns its status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        status = evaluate.main([*SMALL, *arguments])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def read(path):
+    return json.loads(path.read_text("utf-8"))
+
+
+def test_the_scores_are_printed_and_written(run, tmp_path):
+    status, out, err = run("--json=a.json")
+    assert (status, err) == (0, "")
+    assert out.startswith("kitchen, policy random, protocol default: 5 episodes, seeds from 400000000\n\nrandom_4 ")
+    for label in ("p1", "p4", "mean tasks", "success", "control steps", "order entropy [bit]", "where asked"):
+        assert label in out
+    assert "p5" not in out
+    result = read(tmp_path / "a.json")
+    assert list(result) == [
+        *("protocol", "domain_name", "policy", "seed", "num_episodes", "max_episode_steps", "versions"),
+        *("task_name", "task_kwargs", "policy_sha256", "p1", "p2", "p3", "p4", "mean_tasks", "success"),
+        *("control_steps", "intervals", "task_rates", "order_entropy", "diverged_seeds", "conditions"),
+    ]
+    assert (result["protocol"], result["policy"]) == ("default", "random")
+    assert result["task_kwargs"] == {"variations": ["start"]}
+    assert sum(row["asked"] for row in result["task_rates"].values()) == 4 * 5
+    (condition,) = result["conditions"].values()
+    assert condition.items() <= result.items()
+    assert not list(tmp_path.glob("*/"))
+
+
+def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
+    for number, flags in enumerate(["--num_envs=1 --num_threads=1", "--num_envs=3", "--num_envs=64 --num_threads=2"]):
+        assert run(f"--json={number}.json", "--task_name=kettle", *flags.split())[0] == 0
+    contents = {path.read_bytes() for path in tmp_path.glob("*.json")}
+    assert len(contents) == 1
+
+
+@pytest.mark.thorough
+def test_the_scores_are_those_of_single_episodes(run, tmp_path):
+    from kitchen_suite.rollouts.single_rollout import SingleRollout
+    from kitchen_suite.rollouts.spec import RecordingSpec
+
+    kwargs = {"variations": "start", "tasks_to_complete": ["microwave", "kettle", "light switch"]}
+    flags = ["--task_name=all", "--policy=expert", "--seed=5", "--max_episode_steps=100"]
+    assert run(*flags, f"--task_kwargs={json.dumps(kwargs)}", "--json=a.json", "--num_episodes=3")[0] == 0
+    result = read(tmp_path / "a.json")
+    spec = RecordingSpec.make(
+        domain_name="kitchen",
+        task_name="all",
+        task_kwargs=kwargs,
+        policy="expert",
+        seed=5,
+        seeding="gymnasium",
+        max_episode_steps=100,
+    )
+    rollout = SingleRollout(spec)
+    infos = [rollout.play(index, 5 + index).last_info for index in range(3)]
+    assert result["mean_tasks"] == pytest.approx(np.mean([(info["completion_steps"] > 0).sum() for info in infos]))
+    assert result["control_steps"] == pytest.approx(np.mean([info["episode_step"] for info in infos]))
+    assert result["mean_tasks"] > 2
+
+
+def test_a_domain_without_tasks_to_count_has_success_and_progress(run, tmp_path):
+    status, out, _ = run("--domain_name=open_cabinet", "--json=a.json", "--num_episodes=2", "--max_episode_steps=2")
+    assert status == 0
+    assert out.startswith("open_cabinet, policy random, protocol default: 2 episodes, seeds from")
+    result = read(tmp_path / "a.json")
+    assert result["intervals"].keys() == {"mean_progress", "success", "control_steps"}
+    assert "order entropy" not in out
+
+
+def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
+    status, out, _ = run("--protocol=d4rl", "--json=a.json", "--num_episodes=1", "--max_episode_steps=1")
+    assert status == 0
+    assert "1 episode of each condition" in out
+    result = read(tmp_path / "a.json")
+    assert list(result["conditions"]) == ["complete", "partial", "mixed"]
+    assert result["task_name"] == "complete"
+    assert result["d4rl_score"] == 0.0
+    assert out.splitlines()[-5].split()[:3] == ["condition", "p1", "p2"]
+    assert [line.split()[0] for line in out.splitlines()[-3:]] == ["complete", "partial", "mixed"]
+
+
+def test_diverged_episodes_count_as_failures_and_are_named(run, tmp_path, monkeypatch):
+    step, count = vector_base.SuiteVectorEnv.step, 0
+
+    def diverge(self, actions):
+        nonlocal count
+        count += 1
+        observations, rewards, terminations, truncations, infos = step(self, actions)
+        diverged = np.array([False, count == 2, False])
+        return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
+
+    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step", diverge)
+    status, out, err = run("--num_episodes=3", "--num_envs=3", "--seed=7", "--output=runs", "--json=a.json")
+    assert (status, err) == (0, "")
+    assert "the physics diverged in 1 episode, counted as failures that completed nothing: seeds [8]\n" in out
+    result = read(tmp_path / "a.json")
+    assert (result["diverged_seeds"], result["control_steps"]) == ([8], 4.0)
+    # It is scored with the tasks that it asked for.
+    assert sum(row["asked"] for row in result["task_rates"].values()) == 4 * 3
+    assert [line["diverged"] for line in lines(tmp_path / "runs")].count(True) == 1
+
+
+def lines(folder):
+    return [json.loads(line) for line in folder.joinpath(EPISODES_FILE).read_text("utf-8").splitlines()]
+
+
+KETTLE = ("--task_name=kettle", "--json=a.json", "--output=runs")
+
+
+def test_an_evaluation_goes_on_where_it_was_cut_off(run, tmp_path):
+    assert run(*KETTLE)[0] == 0
+    folder, whole = tmp_path / "runs", (tmp_path / "a.json").read_bytes()
+    assert [line["seed"] for line in lines(folder)] == [*range(400_000_000, 400_000_005)]
+    episodes = folder / EPISODES_FILE
+    everything = episodes.read_bytes()
+    second, size = everything.index(b"\n", 200) + 1, len(everything)
+    # At the start, after the second line, within the third, before the end of the last one, and after it.
+    for end in (0, second, second + 60, size - 1, size):
+        episodes.write_bytes(everything[:end])
+        (tmp_path / "a.json").unlink()
+        kept = everything[:end].rpartition(b"\n")[0]
+        assert run(*KETTLE, "--resume")[0] == 0
+        assert (tmp_path / "a.json").read_bytes() == whole
+        assert episodes.read_bytes().startswith(kept)
+        assert sorted(episodes.read_bytes().splitlines()) == sorted(everything.splitlines())
+
+
+@pytest.mark.thorough
+def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, monkeypatch):
+    assert run(*KETTLE)[0] == 0
+    whole = (tmp_path / "a.json").read_bytes()
+    count = report.EpisodeBar.count
+
+    def interrupt(self, success):
+        count(self, success)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(report.EpisodeBar, "count", interrupt)
+        status, _, err = run("--task_name=kettle", "--output=again")
+    assert (status, err) == (
+        130,
+        "kitchen-evaluate: interrupted after 1 of 5 episodes; the same command with --resume continues\n",
+    )
+    assert run("--task_name=kettle", "--output=again", "--resume", "--json=b.json")[0] == 0
+    assert (tmp_path / "b.json").read_bytes() == whole
+
+
+@pytest.mark.thorough
+def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
+    flags = ["--task_name=random_2", "--num_episodes=40", "--max_episode_steps=40", "--num_envs=4", "--num_threads=1"]
+    assert run(*flags, "--json=a.json")[0] == 0
+    command = [sys.executable, "-m", "kitchen_suite.cli.evaluate", *flags, "--output=runs"]
+    episodes = tmp_path / "runs" / EPISODES_FILE
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        while not episodes.exists() or episodes.read_bytes().count(b"\n") < 5:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    assert 5 <= len(lines(tmp_path / "runs")) < 40
+    with episodes.open("ab") as file:
+        file.write(b'{"condition": "random_2", "epis')
+    assert run(*flags, "--output=runs", "--resume", "--json=b.json")[0] == 0
+    assert (tmp_path / "b.json").read_bytes() == (tmp_path / "a.json").read_bytes()
+    assert len(lines(tmp_path / "runs")) == 40
+
+
+def test_another_evaluations_folder_is_refused(run, tmp_path):
+    assert run(*KETTLE, "--num_episodes=1", "--max_episode_steps=1")[0] == 0
+    folder = tmp_path / "runs"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert before.keys() == {DESCRIPTION_FILE, EPISODES_FILE}
+    tiny = (*KETTLE, "--num_episodes=1", "--max_episode_steps=1")
+    for arguments, message in {
+        tiny: "runs holds an evaluation already: continue it with --resume, or name another folder",
+        (*tiny, "--resume", "--seed=3"): "runs holds an evaluation with seed 400000000, not 3: name another folder",
+        (*tiny, "--resume", "--policy=zero"): 'with policy "random", not "zero"',
+        (*tiny, "--resume", "--num_episodes=2"): "with num_episodes 1, not 2",
+        (*tiny, "--resume", "--output=nothing"): "nothing holds no evaluation to resume",
+    }.items():
+        status, out, err = run(*arguments)
+        assert (status, out) == (2, "")
+        assert message in err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "line", brief(["", "{}", "[", '"x"', "\xff", "ANOTHER NAME", "ANOTHER SEED"], kept=["{}", "ANOTHER SEED"])
+)
+def test_damaged_lines_are_refused(run, tmp_path, line):
+    tiny = ("--task_name=kettle", "--output=runs", "--num_episodes=1", "--max_episode_steps=1")
+    assert run(*tiny)[0] == 0
+    path = tmp_path / "runs" / EPISODES_FILE
+    whole = path.read_text("utf-8")
+    changed = {
+        "ANOTHER NAME": whole.replace('"kettle"', '"kettles"', 1),
+        "ANOTHER SEED": whole.replace("400000000", "400000001"),
+    }
+    path.write_text(changed.get(line, f"{line}\n"), encoding="latin-1")
+    status, out, err = run(*tiny, "--resume")
+    assert (status, out) == (2, "")
+    assert err.startswith(f"kitchen-evaluate: runs/{EPISODES_FILE} does not hold the episodes of an evaluation (")
+    assert err.count("\n") == 1
+
+
+BAD = {
+    "--protocol=d4r": "flag --protocol=d4r: must be one of default, strict, diffusion-policy, d4rl, beso, shift",
+    "--protocol=d4rl --domain_name=open_cabinet": "protocol 'd4rl' is not for domain 'open_cabinet'; choose from",
+    "--protocol=shift --variation_split=seen": "of protocol 'shift' differ in ['variation_split'], which cannot",
+    "--domain_name=garage": "domain 'garage' does not exist",
+    "--task_name=ketle": "did you mean 'kettle'?",
+    "--policy=expret": "did you mean 'expert'?",
+    "--policy=trained": "no trained policy comes with the package for kitchen",
+    "--policy=trained(file='none.npz')": "no such file: 'none.npz'",
+    "--policy=expert --domain_name=microwave_table": "there is no expert for MicrowaveTableTask",
+    "--resume": "--resume needs --output, the folder of the evaluation",
+    "--json=nowhere/a.json": "flag --json=nowhere/a.json: there is no folder 'nowhere' that may be written to",
+    "--json=.": "flag --json=.: is not a file",
+    "--json": "Missing value for flag --json",
+    "--num_episodes=0": "must be at least 1",
+    "--variations=starts": "did you mean 'start'?",
+    '--task_kwargs={"thresold":1}': "did you mean 'threshold'?",
+    '--task_kwargs={"max_episode_steps":1}': "max_episode_steps cannot be among the task_kwargs",
+    '--protocol=strict --task_kwargs={"threshold":0.1}': "threshold=0.1 and success='strict' exclude each other",
+    '--variations=start --task_kwargs={"variations":"layout"}': "but 'layout' in the task_kwargs",
+}
+
+
+@pytest.mark.parametrize("arguments", BAD)
+def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, arguments):
+    status, out, err = run("--output=runs", *arguments.split()) if arguments != "--resume" else run(arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("kitchen-evaluate: ")
+    assert BAD[arguments] in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_policy_that_fails_ends_in_one_line(run, tmp_path):
+    (tmp_path / "faulty.py").write_text("def act(timestep):\n    return [0.0]\n")
+    sys.modules.pop("faulty", None)
+    status, _, err = run("--policy=faulty:act", "--task_name=kettle")
+    assert status == 2
+    assert err == (
+        "kitchen-evaluate: policy 'faulty:act' returned a bad action: action must have shape (9,), got shape (1,)\n"
+    )
+
+
+def test_a_folder_that_is_full_ends_in_one_line(run, tmp_path, monkeypatch):
+    def refuse(self, result):
+        raise OSError(28, "No space left on device", "runs/episodes.jsonl")
+
+    monkeypatch.setattr("kitchen_suite.evaluation.folder.EvaluationFolder.add", refuse)
+    status, _, err = run(*KETTLE)
+    assert (status, err) == (
+        1,
+        "kitchen-evaluate: [Errno 28] No space left on device: 'runs/episodes.jsonl'\n",
+    )
+    assert not (tmp_path / "a.json").exists()
+
+
+@pytest.mark.thorough
+def test_a_progress_bar_counts_all_episodes(run, monkeypatch):
+    made = []
+
+    class Bar(tqdm.tqdm):
+        def __init__(self, *args, **kwargs):
+            made.append(kwargs)
+            super().__init__(*args, **{**kwargs, "disable": True})
+
+    monkeypatch.setattr(report, "tqdm", Bar)
+    assert run("--protocol=d4rl", "--num_episodes=1", "--max_episode_steps=1")[0] == 0
+    assert [(bar["total"], bar["unit"]) for bar in made] == [(3, "episode")]

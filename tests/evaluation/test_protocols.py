@@ -1,0 +1,208 @@
+"""The protocols, number by number, and how flags replace their values."""
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+
+from kitchen_suite import suite
+from kitchen_suite.evaluation.plan import find_protocol, make_plan
+from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_SEED, Score
+from kitchen_suite.evaluation.settings import EvaluateSettings
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.varied import GROUPS, SPLITS
+
+VELOCITY = {"control_mode": "joint_velocity"}
+
+# Task and arguments of each condition, first seed, episodes, control steps, score; in the kitchen.
+LITERAL = {
+    "default": ([("random_4", {"variations": ["start"]})], 400_000_000, 200, 280, None),
+    "strict": ([("random_4", {"variations": ["start"], "success": "strict"})], 400_000_000, 200, 280, None),
+    # diffusion_policy/config/task/kitchen_lowdim_abs.yaml and env_runner/kitchen_lowdim_runner.py: test_start_seed,
+    # n_test, max_steps, abs_action, robot_noise_ratio (which env/kitchen scales the objects' noise by as well), / 7.
+    "diffusion-policy": (
+        [("all", {"control_mode": "joint_position", "robot_noise_ratio": 0.1, "object_noise_ratio": 0.1})],
+        100_000,
+        50,
+        280,
+        ("score", 1.0, 7),
+    ),
+    "d4rl": (
+        [("complete", VELOCITY), ("partial", VELOCITY), ("mixed", VELOCITY)],
+        400_000_000,
+        100,
+        280,
+        ("d4rl_score", 100.0, 4),
+    ),
+    "beso": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
+    "shift": (
+        [
+            ("random_4", {}),
+            *(
+                ("random_4", {"variations": list(groups), "variation_split": split})
+                for groups in (*((group,) for group in GROUPS), GROUPS)
+                for split in SPLITS
+            ),
+        ],
+        400_000_000,
+        100,
+        280,
+        None,
+    ),
+}
+
+
+def plan(**settings):
+    return make_plan(EvaluateSettings(**settings))
+
+
+def test_the_table_here_has_every_protocol():
+    assert list(LITERAL) == list(PROTOCOLS)
+    assert SHIFT_GROUPS == GROUPS
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "shift" else name for name in PROTOCOLS]
+)
+def test_a_protocol_has_its_numbers(name):
+    made = plan(protocol=name)
+    conditions, seed, episodes, steps, score = LITERAL[name]
+    assert [(spec.task_name, dict(spec.task_kwargs)) for spec in made.specs.values()] == conditions
+    assert {(spec.seed, spec.max_episode_steps, spec.seeding) for spec in made.specs.values()} == {
+        (seed, steps, "gymnasium")
+    }
+    assert made.num_episodes == episodes
+    assert made.score == (score and Score(name=score[0], best=score[1], tasks=score[2]))
+
+
+def test_diffusion_policys_episodes_are_those_of_its_code():
+    (spec,) = plan(protocol="diffusion-policy").specs.values()
+    environment = spec.make_environment()
+    task = suite_env(environment).environment.task
+    assert len(task.mdp.goals.tasks) == 7
+    assert task.threshold == 0.3
+    # Tasks count once, and only the last one of all ends the episode.
+    assert task.mdp.remove_task_when_completed
+    assert task.mdp.terminate_on_tasks_completed
+    assert task.mdp.action_mode.name == "joint_position"
+    np.testing.assert_array_equal(task.mdp.noise_scale, 0.1 * noise.AMPLITUDES)
+    assert suite_env(environment).environment.control_timestep() == pytest.approx(1 / 12.5)
+
+
+def test_the_conditions_of_shift_have_names():
+    names = [condition.name for condition in PROTOCOLS["shift"].conditions]
+    assert names == ["none", *(f"{group} {split}" for group in (*GROUPS, "all") for split in SPLITS)]
+
+
+@pytest.mark.clients
+def test_training_never_uses_the_seeds():
+    from kitchen_suite.training.seed_run import EVALUATION_SEEDS
+
+    assert max(UNSEEN_SEED + protocol.num_episodes for protocol in PROTOCOLS.values()) <= EVALUATION_SEEDS
+
+
+@pytest.mark.parametrize("domain", suite.DOMAINS.values(), ids=lambda domain: domain.name)
+def test_domains_name_protocols_that_exist_for_them(domain):
+    assert set(domain.protocols) <= {name for name, protocol in PROTOCOLS.items() if not protocol.is_general}
+    offered = {name for name, protocol in PROTOCOLS.items() if protocol.is_general} | set(domain.protocols)
+    for name in offered:
+        assert find_protocol(name, domain.name) is PROTOCOLS[name]
+        tasks = {
+            condition.task_name or domain.evaluation_task or domain.default_task
+            for condition in PROTOCOLS[name].conditions
+        }
+        assert tasks <= domain.tasks.keys()
+
+
+def test_every_protocol_says_whom_it_follows():
+    assert all(80 < len(protocol.follows) < 130 for protocol in PROTOCOLS.values())
+
+
+@pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "beso"])
+def test_a_protocol_of_the_kitchen_is_refused_elsewhere(name):
+    expected = rf"protocol '{name}' is not for domain 'open_cabinet'; choose from \['default', 'shift'\]"
+    with pytest.raises(ValueError, match=expected):
+        find_protocol(name, "open_cabinet")
+
+
+def test_default_is_the_default_task_of_another_domain():
+    made = plan(domain_name="open_cabinet")
+    assert list(made.specs) == ["top_drawer"]
+    assert dict(made.first.task_kwargs) == {"variations": ["start"]}
+    assert (made.first.max_episode_steps, made.score) == (700, None)
+
+
+def test_flags_replace_the_protocols_values():
+    made = plan(
+        protocol="strict",
+        task_name="kettle",
+        seed=7,
+        num_episodes=3,
+        max_episode_steps=40,
+        control_mode="joint_position",
+        variations="start,dynamics",
+        variation_split="held_out",
+        task_kwargs={"success": "original"},
+    )
+    assert list(made.specs) == ["kettle"]
+    assert dict(made.first.task_kwargs) == {
+        "variations": ["start", "dynamics"],
+        "success": "original",
+        "control_mode": "joint_position",
+        "variation_split": "held_out",
+    }
+    assert (made.first.seed, made.num_episodes, made.first.max_episode_steps) == (7, 3, 40)
+
+
+@pytest.mark.parametrize(("task", "score"), [("partial", 100.0), ("kettle", None)])
+def test_one_task_replaces_all_conditions_and_keeps_the_score_of_its_own_sets(task, score):
+    made = plan(protocol="d4rl", task_name=task)
+    assert list(made.specs) == [task]
+    assert (made.score and made.score.best) == score
+
+
+def test_arguments_in_which_conditions_differ_are_not_replaced():
+    with pytest.raises(ValueError, match=r"conditions of protocol 'shift' differ in \['variations'\], which cannot"):
+        plan(protocol="shift", variations="start")
+
+
+def test_the_expert_gets_the_poses_that_it_needs_where_layouts_vary():
+    made = plan(policy="expert", task_name="kettle", variations="layout")
+    assert made.first.task_kwargs["extra_observables"] == ["franka/base_pose"]
+    given = plan(
+        policy="expert",
+        task_name="microwave",
+        variations="layout",
+        task_kwargs={"extra_observables": ["microwave/pose"]},
+    )
+    assert given.first.task_kwargs["extra_observables"] == ["microwave/pose", "franka/base_pose"]
+
+
+def test_a_description_has_no_path(tmp_path):
+    file = tmp_path / "own.npz"
+    shutil.copyfile(shipped_as("kettle"), file)
+    options = {"task_name": "kettle", "task_kwargs": {"reward": "sparse", "variations": None}}
+    own = plan(policy=f"trained(file={str(file)!r})", **options)
+    described = own.description
+    assert str(tmp_path) not in str(described)
+    assert described["policy"] == "trained"
+    # The one of the package is the same file.
+    assert described == plan(policy="trained", **options).description
+    assert len(described["conditions"]["kettle"]["policy_sha256"]) == 64
+
+
+def test_settings_are_the_protocols_by_default():
+    replaced = {field.name for field in dataclasses.fields(EvaluateSettings) if field.metadata.get("unset")}
+    assert replaced == {
+        "task_name",
+        "control_mode",
+        "variations",
+        "variation_split",
+        "seed",
+        "num_episodes",
+        "max_episode_steps",
+    }
+    assert all(getattr(EvaluateSettings(), name) is None for name in replaced)
