@@ -1,0 +1,165 @@
+"""Trains and evaluates the baselines of the page on imitation.
+
+python docs/imitation_results.py FOLDER                 all that have no result yet
+python docs/imitation_results.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
+python docs/imitation_results.py FOLDER digests         records the sets, and writes their digests
+
+A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
+evaluation of its policy by `kitchen-evaluate`, whose JSON is written to docs/benchmarks/imitation/. Cells that have this
+file are skipped. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. It
+needs the extras `experts` and `train`. `docs/build.py tables` makes tables of the results.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+RESULTS = Path(__file__).parent / "benchmarks" / "imitation"
+DIGESTS = Path(__file__).parent / "benchmarks" / "demonstrations.json"
+
+# Sets, with the episodes that are recorded, of which more than the greatest count succeed, and the task whose episodes
+# are evaluated: the tasks of the set; all seven; four of the seven, which are shown.
+SETS = {"fixed_order": (600, "complete"), "random_order": (820, "all"), "goal_conditioned": (660, "random_4")}
+VARIATIONS = "start"
+
+ALGORITHMS = ("bc", "flow", "vqbet")
+COUNTS = (19, 100, 566)
+
+# Of every training: small networks, which train within ten minutes on one core.
+HYPERPARAMETERS = {"width": 256, "batch_size": 256}
+STEPS = 12_000
+
+EPISODES = 100
+
+# Seeds that neither recordings nor training use.
+FIRST_SEED = 400_000_000
+
+
+class Cell(NamedTuple):
+    """A training and its evaluation.
+
+    Attributes:
+      algorithm: value of `--algorithm`.
+      preset: set of demonstrations.
+      count: number of demonstrations.
+      seed: of the training.
+    """
+
+    algorithm: str
+    preset: str
+    count: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return "_".join(map(str, self))
+
+    @property
+    def result(self) -> Path:
+        """Path of its JSON."""
+        return RESULTS / f"{self.name}.json"
+
+
+CELLS = (
+    *(Cell(algorithm, preset, count, 1) for preset in SETS for count in COUNTS for algorithm in ALGORITHMS),
+    *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
+)
+
+
+def call(command: str, *flags: str) -> str:
+    """Runs a command of the suite; returns its output."""
+    arguments = [sys.executable, "-m", f"kitchen_suite.cli.{command}", *flags]
+    return subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def record(folder: Path, preset: str, variations: str = VARIATIONS) -> tuple[Path, str]:
+    """Records a set, or completes it; returns its folder and its digest."""
+    output = folder / f"{preset}_{variations or 'original'}"
+    varied = [f"--variations={variations}"] if variations else []
+    count, _ = SETS[preset]
+    printed = call("record", f"--output={output}", f"--preset={preset}", f"--num_episodes={count}", *varied)
+    return output, printed.split()[-1]
+
+
+def write_digests(folder: Path) -> None:
+    """Writes the digests of all sets, with the start varied and as it is in the original."""
+    rows = []
+    for preset, (count, _) in SETS.items():
+        for variations in (VARIATIONS, ""):
+            _, digest = record(folder, preset, variations)
+            rows.append({"preset": preset, "variations": variations, "episodes": count, "digest": digest})
+    DIGESTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+def train(folder: Path, cell: Cell) -> tuple[Path, float]:
+    """Trains a cell, or continues; returns the file of the policy, and the minutes."""
+    from kitchen_suite.training import checkpoints
+
+    recording, output = folder / f"{cell.preset}_{VARIATIONS}", folder / cell.name
+    if not (recording / "complete").exists():
+        record(folder, cell.preset)
+        (recording / "complete").touch()
+    _, task = SETS[cell.preset]
+    flags = [
+        f"--output={output}",
+        *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
+        *(f"--algorithm={cell.algorithm}", f"--demonstrations={recording}", f"--num_demonstrations={cell.count}"),
+        *(f"--hyperparameters={json.dumps(HYPERPARAMETERS)}", f"--num_steps={STEPS}", f"--eval_interval={STEPS}"),
+        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1", "--eval_episodes=10"),
+    ]
+    call("train", *flags, *(["--resume"] if (output / "training.json").exists() else []))
+    last = checkpoints.load_last(output / f"seed_{cell.seed}")
+    assert last
+    return output / "policy.npz", last.processor_seconds / 60
+
+
+def measure(folder: Path, cell: Cell) -> None:
+    """Trains and evaluates a cell, and writes its JSON."""
+    policy, minutes = train(folder, cell)
+    _, task = SETS[cell.preset]
+    output, written = folder / f"{cell.name}_episodes", folder / f"{cell.name}.json"
+    flags = [
+        *(f"--policy=trained(file={str(policy)!r})", "--protocol=default", f"--task_name={task}"),
+        *(f"--variations={VARIATIONS}", f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}"),
+        *("--num_threads=1", f"--output={output}", f"--json={written}"),
+    ]
+    call("evaluate", *flags, *(["--resume"] if output.exists() else []))
+    result: dict[str, Any] = {**cell._asdict(), "minutes": minutes, **json.loads(written.read_text(encoding="utf-8"))}
+    RESULTS.mkdir(exist_ok=True)
+    cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def cells_of(names: Sequence[str]) -> list[Cell]:
+    """Returns the cells that arguments name; all without arguments.
+
+    Raises:
+      ValueError: an argument names none.
+    """
+    cells = {":".join(map(str, cell)): cell for cell in CELLS}
+    if unknown := [name for name in names if name not in cells]:
+        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cells)}")
+    return [cells[name] for name in names or cells]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the command; returns the exit status."""
+    try:
+        folder, names = Path(arguments[0]), arguments[1:]
+        cells = [] if [*names] == ["digests"] else cells_of(names)
+    except (IndexError, ValueError) as error:
+        print(error if arguments else __doc__, file=sys.stderr)
+        return 2
+    if not cells:
+        write_digests(folder)
+    for cell in cells:
+        if not cell.result.exists():
+            measure(folder, cell)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
