@@ -5,7 +5,7 @@ python docs/imitation_results.py FOLDER bc:fixed_order:19:1   some of them: algo
 python docs/imitation_results.py FOLDER digests         records the sets, and writes their digests
 
 A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
-evaluation of its policy by `kitchen-evaluate`, whose JSON is written to docs/benchmarks/imitation/. Cells that have this
+evaluation of its policy by `kitchen-evaluate`, whose JSON is written to docs/benchmarks/imitation/. Cells with such a
 file are skipped. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. It
 needs the extras `experts` and `train`. `docs/build.py tables` makes tables of the results.
 """

@@ -2,9 +2,7 @@
 
 import dataclasses
 import functools
-import inspect
 import json
-import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -12,8 +10,10 @@ import numpy as np
 from control_tables import CONTROL_TABLES
 from dm_control import mjcf
 from dm_env import specs
+from docstrings import attributes, first_line
 from entity_tables import ENTITY_TABLES, markdown
 from evaluation_tables import EVALUATION_TABLES
+from imitation_tables import IMITATION_TABLES
 from observation_tables import OBSERVATION_TABLES
 from reward_tables import REWARD_TABLES
 from training_tables import TRAINING_TABLES
@@ -216,18 +216,6 @@ def format_value(value: object) -> str:
     return ", ".join(f"{part:g}" for part in value)
 
 
-def first_line(documented: object) -> str:
-    """Returns the first line of a docstring, with the bars escaped for a cell of a table."""
-    return (inspect.getdoc(documented) or "").splitlines()[0].replace("|", "\\|")
-
-
-def attributes(documented: type) -> dict[str, str]:
-    """Returns the names and texts of the section `Attributes` of a docstring."""
-    section = (inspect.getdoc(documented) or "").split("Attributes:\n", 1)[1]
-    entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
-    return {name: re.sub(r"\s+", " ", text) for name, text in entries}
-
-
 def my_task() -> str:
     """Returns the example of a task of one's own."""
     return f"```python\n{(DOCS / 'my_task.py').read_text(encoding='utf-8')}```\n"
@@ -246,6 +234,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "distributions": distribution_table,
     "hyperparameters": hyperparameter_table,
     "my_task": my_task,
+    **IMITATION_TABLES,
     **ENTITY_TABLES,
     **CONTROL_TABLES,
     **EVALUATION_TABLES,

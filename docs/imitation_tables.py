@@ -1,0 +1,53 @@
+"""The tables of the page on imitation."""
+
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import Any, get_type_hints
+
+from docstrings import attributes
+from entity_tables import markdown
+
+from kitchen_suite import suite
+from kitchen_suite.training.imitation.hyperparameters import (
+    FlowHyperparameters,
+    ImitationHyperparameters,
+    TokenHyperparameters,
+)
+
+# Classes of hyperparameters by algorithm; the first has those that all have.
+_CLASSES: dict[str, type[ImitationHyperparameters]] = {
+    "bc": ImitationHyperparameters,
+    "flow": FlowHyperparameters,
+    "vqbet": TokenHyperparameters,
+}
+
+
+def preset_table() -> str:
+    """Returns the table of the sets of demonstrations of all domains."""
+    rows = [
+        (f"`{name}`", domain.name, f"`{preset['task_name']}`", _arguments(preset), f"`{preset['policy']}`")
+        for domain in suite.DOMAINS.values()
+        for name, preset in domain.recording_presets.items()
+    ]
+    return markdown(("`--preset`", "domain", "task", "arguments", "policy"), rows)
+
+
+def _arguments(preset: Any) -> str:
+    return ", ".join(f"`{name}`: {value}" for name, value in preset.get("task_kwargs", {}).items())
+
+
+def hyperparameter_table() -> str:
+    """Returns the table of the hyperparameters with their defaults."""
+    defaults = {name: each() for name, each in _CLASSES.items()}
+    meanings = {name: text for each in _CLASSES.values() for name, text in attributes(each).items()}
+    names = dict.fromkeys(name for each in _CLASSES.values() for name in get_type_hints(each))
+    rows = [
+        (f"`{name}`", meanings[name], *(f"{getattr(config, name, '')}" for config in defaults.values()))
+        for name in names
+    ]
+    return markdown(("name", "meaning", *(f"`{name}`" for name in defaults)), rows)
+
+
+IMITATION_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
+    {"presets": preset_table, "imitation_hyperparameters": hyperparameter_table}
+)
