@@ -112,13 +112,10 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "domain's."
         ),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
-        "algorithm": Option(
-            "Algorithm: ppo, which explores; or one that learns from --demonstrations alone: bc (behaviour cloning of "
-            "chunks of actions), flow (flow matching), vqbet (VQ-BeT)."
-        ),
+        "algorithm": Option("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations."),
         "num_demonstrations": Option("Episodes to learn from, the first ones.", minimum=1, maximum=10**9, unset="all"),
         "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
-        "initial_policy": Option("File of a trained policy to start from, of the same networks.", unset="from scratch"),
+        "initial_policy": Option("File of a trained policy to start from.", unset="from scratch"),
         "eval_interval": Option(
             "Control steps between evaluations, each followed by a checkpoint.",
             minimum=1,

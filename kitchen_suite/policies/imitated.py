@@ -145,12 +145,7 @@ class ImitatedPolicy(StoredPolicy):
         return Chunks(self, task, generator)
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check_action(task)
-        if task.state_size != self.metadata["state_size"]:
-            raise ValueError(
-                f"the policy observes a state of {self.metadata['state_size']} numbers, but this task has "
-                f"{task.state_size}: {self._trained_for}"
-            )
+        self._check(task, observed=self.metadata["state_size"], expected=task.state_size)
         if self.tasks and (others := sorted(set(task.task_names) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 

@@ -96,11 +96,23 @@ class StoredPolicy(abc.ABC):
     def _trained_for(self) -> str:
         return f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
 
-    def _check_action(self, task: "SuiteTask") -> None:
-        """Raises a ValueError unless the policy's actions have the size and the control mode of a task's."""
+    def _check(self, task: "SuiteTask", *, observed: int, expected: int) -> None:
+        """Checks that the sizes and the control mode are those of a task.
+
+        Args:
+          task: that the policy is to act in.
+          observed: number of elements of its observations that the policy takes.
+          expected: number of those that the task has.
+
+        Raises:
+          ValueError: they differ.
+        """
         (size,) = task.mdp.action_mode.spec(task.robot).shape
-        if self.action_size != size:
-            raise ValueError(f"the policy's actions have {self.action_size} numbers, not {size}: {self._trained_for}")
+        if (observed, self.action_size) != (expected, size):
+            raise ValueError(
+                f"the policy maps {observed} observed numbers to {self.action_size} numbers of an action, but this "
+                f"task has {expected} and {size}: {self._trained_for}"
+            )
         arguments = self.metadata.get("task_kwargs") or {}
         expected, found = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
         if expected != found:

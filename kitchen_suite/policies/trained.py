@@ -142,12 +142,7 @@ class TrainedPolicy(StoredPolicy):
         )
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check_action(task)
-        if self.observation_size != task.observation_size:
-            raise ValueError(
-                f"the policy observes {self.observation_size} numbers, but this task has {task.observation_size}: "
-                f"{self._trained_for}"
-            )
+        self._check(task, observed=self.observation_size, expected=task.observation_size)
 
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
