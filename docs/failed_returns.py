@@ -44,8 +44,7 @@ def spec_of(task: str, arguments: dict[str, Any], steps: int) -> RecordingSpec:
 
 def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
     """Trains a task with a reward; returns its row."""
-    from kitchen_suite.training.agent import export_policy
-    from kitchen_suite.training.evaluation import evaluate
+    from kitchen_suite.training.evaluation import evaluate, network_controller
     from kitchen_suite.training.hyperparameters import Hyperparameters
     from kitchen_suite.training.learner import Learner
 
@@ -66,7 +65,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
             learner.learn()
             if learner.steps // INTERVAL > before // INTERVAL:
                 seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-                metrics = evaluate(export_policy(learner.agent, {}), evaluation, seeds)
+                metrics = evaluate(network_controller(learner.export({})), evaluation, seeds)
                 failed += metrics["episode/return"][metrics["episode/success"] == 0].tolist()
     return {"task": task, "reward": reward, "episodes": len(failed), "greatest_return": max(failed, default=None)}
 

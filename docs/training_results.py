@@ -91,7 +91,7 @@ def measure(run: Run, folder: Path) -> dict[str, Any]:
 
 def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     """Returns the number of episodes in which a policy succeeds, for each task that is asked of it."""
-    from kitchen_suite.training.evaluation import evaluate
+    from kitchen_suite.training.evaluation import evaluate, network_controller
 
     policy = TrainedPolicy.load(policy_file)
     spec = RecordingSpec.make(
@@ -108,7 +108,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
             if name:
                 tasks = environments.template_env.environment.task
                 tasks.task_weights = {other: float(other == name) for other in DEFAULT_TASKS}
-            metrics = evaluate(policy, environments, range(UNSEEN, UNSEEN + EPISODES))
+            metrics = evaluate(network_controller(policy), environments, range(UNSEEN, UNSEEN + EPISODES))
             counts.append(int(metrics["episode/success"].sum()))
     return counts
 

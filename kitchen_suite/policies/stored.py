@@ -114,9 +114,9 @@ class StoredPolicy(abc.ABC):
                 f"task has {expected} and {size}: {self._trained_for}"
             )
         arguments = self.metadata.get("task_kwargs") or {}
-        expected, found = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
-        if expected != found:
-            raise ValueError(f"the policy acts in control mode {expected!r}, not {found!r}: {self._trained_for}")
+        mode, present = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
+        if mode != present:
+            raise ValueError(f"the policy acts in control mode {mode!r}, not {present!r}: {self._trained_for}")
 
 
 def read(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:

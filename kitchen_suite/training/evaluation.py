@@ -6,10 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.rollouts.controllers import Controller
+from kitchen_suite.policies.trained import TrainedPolicy, flat
+from kitchen_suite.rollouts.controllers import Controller, NetworkController
 from kitchen_suite.rollouts.vector_rollout import VectorRollout
 from kitchen_suite.training.metrics import EPISODE_METRICS, episode_metrics
 from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+
+def network_controller(policy: TrainedPolicy) -> Controller:
+    """Returns a controller that acts by a policy of PPO in all environments at once."""
+    return NetworkController(lambda observations: policy(flat(observations)))
 
 
 def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:

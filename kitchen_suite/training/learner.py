@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy, flat
-from kitchen_suite.rollouts.controllers import Controller, NetworkController
+from kitchen_suite.rollouts.controllers import Controller
 from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.agent import build_agent, export_policy, load_policy
 from kitchen_suite.training.batch import Batch
 from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.training.evaluation import network_controller
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.metrics import episode_metrics, step_metrics
 from kitchen_suite.training.state_dicts import check_modules
@@ -119,7 +120,7 @@ class Learner:
         """Returns a controller that acts by a policy of PPO, in all environments at once."""
         del environments
         assert isinstance(policy, TrainedPolicy)
-        return NetworkController(lambda observations: policy(flat(observations)))
+        return network_controller(policy)
 
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""

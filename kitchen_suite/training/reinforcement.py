@@ -21,7 +21,11 @@ from kitchen_suite.training.specs import make_spec
 
 
 class PPOTraining:
-    """The environments, hyperparameters and demonstrations of a run by PPO; see `learning.Training`."""
+    """The environments, hyperparameters and demonstrations of a run by PPO; see `learning.Training`.
+
+    Attributes:
+      environments: that are trained in.
+    """
 
     title = "PPO"
 
@@ -47,13 +51,13 @@ class PPOTraining:
         training = self._make_training_spec()
         self.max_episode_steps = training.max_episode_steps
         options = suite.DOMAINS[settings.domain_name].flat_options
-        self._environments = training.make_vector_env(
+        self.environments = training.make_vector_env(
             self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
         )
         self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
 
     def make_learner(self, seed: int) -> Learner:
-        learner = Learner(self._environments, self.config, seed)
+        learner = Learner(self.environments, self.config, seed)
         if self._initial_policy:
             learner.adopt(self._initial_policy)
         return learner
@@ -64,7 +68,7 @@ class PPOTraining:
                 learner.imitate(*self._demonstrations, report)
 
     def close(self) -> None:
-        self._environments.close()
+        self.environments.close()
 
     def _make_training_kwargs(self) -> dict[str, Any]:
         """Returns the arguments of the environments that are trained in, which replace those of the task.
@@ -117,7 +121,7 @@ class PPOTraining:
         if folder is None:
             return None
         observations, actions = load_demonstrations(folder, self._spec)
-        space, shape = self._environments.single_observation_space, self._environments.single_action_space.shape
+        space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:
             raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")

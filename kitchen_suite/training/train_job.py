@@ -35,7 +35,11 @@ _VIDEO_FPS = PlaySettings.video_fps
 
 
 class TrainJob:
-    """Trains with one seed, and with further seeds as long as there is no progress."""
+    """Trains with one seed, and with further seeds as long as there is no progress.
+
+    Attributes:
+      training: what the algorithm learns from, and its settings.
+    """
 
     failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)
     usage_errors = ()
@@ -54,21 +58,21 @@ class TrainJob:
         self._spec = make_spec(settings, settings.environment_kwargs)
         if settings.video:
             video.check_ffmpeg()
-        self._training = make_training(settings, self._spec)
+        self.training = make_training(settings, self._spec)
         self._metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
             "task_kwargs": settings.environment_kwargs,
-            "training_kwargs": self._training.training_kwargs,
-            "hyperparameters": dataclasses.asdict(self._training.config),
+            "training_kwargs": self.training.training_kwargs,
+            "hyperparameters": dataclasses.asdict(self.training.config),
         }
-        evaluation = dataclasses.replace(self._spec, max_episode_steps=self._training.max_episode_steps)
+        evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
         options = suite.DOMAINS[settings.domain_name].flat_options
         self._evaluation_environments = evaluation.make_vector_env(
             settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
         )
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
-        self._training.make_learner(settings.seed)
+        self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else _NO_RESULT
         prepare = run_folder.open_run if settings.resume else run_folder.create_run
@@ -97,9 +101,9 @@ class TrainJob:
         # The matrices are small: with a second thread, training is slower.
         torch.set_num_threads(1)
         settings = self._settings
-        print_line(f"{settings.domain_name} {self._spec.task_name}, {self._training.title}, in {settings.output}")
+        print_line(f"{settings.domain_name} {self._spec.task_name}, {self.training.title}, in {settings.output}")
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
-        with contextlib.closing(self._training), contextlib.closing(self._evaluation_environments):
+        with contextlib.closing(self.training), contextlib.closing(self._evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
                 if self._train_seed(seed) is not StopReason.NO_PROGRESS:
                     break
@@ -111,11 +115,11 @@ class TrainJob:
     def _train_seed(self, seed: int) -> StopReason:
         """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
-        learner = self._training.make_learner(seed)
+        learner = self.training.make_learner(seed)
         run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
         self._seed_run = run
         if not run.resumed:
-            self._training.prepare(learner)
+            self.training.prepare(learner)
         reason = run.run(functools.partial(self._report, run))
         self._keep_if_best(run)
         success, mean_return = run.best

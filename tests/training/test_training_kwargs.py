@@ -42,7 +42,7 @@ def length_of(environments):
 
 def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(job_of):
     job = job_of(*KETTLE)
-    trained, evaluated = job._environments, job._evaluation_environments
+    trained, evaluated = job.training.environments, job._evaluation_environments
     assert set(task_of(trained).mdp.reward_terms.terms) == {"approach", "progress", "completion"}
     assert set(task_of(evaluated).mdp.reward_terms.terms) == {"completion"}
     assert task_of(trained).root_entity.mjcf_model.option.flag.sleep == "enable"
@@ -56,7 +56,7 @@ def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(j
 
 def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
     job = job_of(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "sleep": false}')
-    _, varied = job._environments.reset(seed=0)
+    _, varied = job.training.environments.reset(seed=0)
     _, info = job._evaluation_environments.reset(seed=0)
     np.testing.assert_array_equal(varied["variation_values"]["microwave/door"], [-0.2, -0.2])
     assert "variation_values" not in info
@@ -68,7 +68,7 @@ def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
 def test_arguments_of_the_task_are_those_of_training_too(job_of):
     job = job_of(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
     assert job._metadata["training_kwargs"].keys() == {"max_episode_steps", "sleep"}
-    for environments in (job._environments, job._evaluation_environments):
+    for environments in (job.training.environments, job._evaluation_environments):
         assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
         assert task_of(environments).mdp.terminate_on_tasks_completed is False
 
@@ -76,7 +76,7 @@ def test_arguments_of_the_task_are_those_of_training_too(job_of):
 def test_other_domains_train_in_the_environments_of_their_evaluations(job_of):
     job = job_of()
     assert job._metadata["training_kwargs"] == {}
-    assert length_of(job._environments) == suite.DOMAINS["open_cabinet"].episode_steps
+    assert length_of(job.training.environments) == suite.DOMAINS["open_cabinet"].episode_steps
 
 
 BAD = {
@@ -107,6 +107,6 @@ def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
     from kitchen_suite.training.learner import Learner
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
-    environments = job._environments
-    Learner(environments, job._config, 0).start(0)
+    environments = job.training.environments
+    Learner(environments, job.training.config, 0).start(0)
     assert sorted(environments._get_info()["episode_step"]) == [2, 5]
