@@ -73,7 +73,8 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
     recording = RecordingFolder.open(folder)
     recorded = recording.spec
     if recorded.domain_name != wanted.domain_name:
-        raise ValueError(f"{folder} holds episodes of {recorded.domain_name}, not of {wanted.domain_name}")
+        found, expected = (f"{each.domain_name} {each.task_name}" for each in (recorded, wanted))
+        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     for name in (*OBSERVATION_OPTIONS, *options):
         one, other = (_argument(spec, name) for spec in (recorded, wanted))
         if one != other:
