@@ -2,6 +2,8 @@
 
 python docs/curves.py OUT.png LABEL=RUN_FOLDER ...
 
+Runs with the same label, such as the seeds of a task, have lines of the same style.
+
 A run's folder is the output folder of kitchen-train, or the folder of one of its seeds. Where a seed was given up, the
 curve continues with the next one. The panels show success rate and mean progress of the evaluations, above over million
 control steps, below over minutes of training.
@@ -78,20 +80,23 @@ def _read_seed(folder: Path) -> NDArray[np.float64]:
     return np.stack([np.array(steps) / 1e6, minutes, 100 * success, progress], axis=1)
 
 
-def draw(curves: dict[str, Curve], out: Path) -> None:
-    """Draws curves, by their labels, and saves the figure."""
+def draw(curves: Sequence[tuple[str, Curve]], out: Path) -> None:
+    """Draws curves with their labels, and saves the figure."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
+    labels = [*dict.fromkeys(label for label, _ in curves)]
     figure, axes = pyplot.subplots(len(TIMES), len(METRICS), figsize=(10, 7), sharey="col", layout="constrained")
     for row, (time, time_title) in zip(axes, TIMES.items(), strict=True):
         for axis, (metric, title) in zip(row, METRICS.items(), strict=True):
-            for index, (label, curve) in enumerate(curves.items()):
-                axis.plot(getattr(curve, time), getattr(curve, metric), label=label, **_style(index))
+            for label, curve in curves:
+                axis.plot(getattr(curve, time), getattr(curve, metric), label=label, **_style(labels.index(label)))
             _format_axis(axis, time_title, title)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=min(len(curves), 5))
+    lines, texts = axes[0, 0].get_legend_handles_labels()
+    first = [lines[texts.index(label)] for label in labels]
+    figure.legend(first, labels, loc="outside upper center", ncols=min(len(labels), 5))
     figure.savefig(out, dpi=150)
     pyplot.close(figure)
 
@@ -116,7 +121,7 @@ def main(arguments: Sequence[str]) -> int:
         print(__doc__, file=sys.stderr)
         return 2
     try:
-        draw({label: read(Path(folder)) for label, folder in pairs}, Path(out))
+        draw([(label, read(Path(folder))) for label, folder in pairs], Path(out))
     except OSError as error:
         print(f"curves.py: {error}", file=sys.stderr)
         return 1

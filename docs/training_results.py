@@ -127,11 +127,16 @@ def add(row: dict[str, Any]) -> None:
 
 
 def ship(folder: Path) -> None:
-    """Copies policies of the kitchen to the package: of each task, that of the first seed with the most successes."""
-    for task in KITCHEN:
+    """Copies policies of the kitchen to the package: of each task, that of the first seed with the most successes.
+
+    Of one network for several tasks, these are the successes in the task in which it has fewest.
+    """
+    for task in (*KITCHEN, ONE):
         if rows := [row for row in read() if row["task"] == task]:
-            best = max(rows, key=lambda row: (row["success"], -row["seed"]))
-            shutil.copyfile(folder / f"{task}_{best['seed']}" / "policy.npz", SHIPPED / f"{task}.npz")
+            best = max(rows, key=lambda row: (min(row["success"]), sum(row["success"]), -row["seed"]))
+            with suite.load("kitchen", task, {"visuals": False}) as environment:
+                name = environment.task.policy_key
+            shutil.copyfile(folder / f"{task}_{best['seed']}" / "policy.npz", SHIPPED / f"{name}.npz")
 
 
 def runs_of(names: Sequence[str]) -> list[Run]:

@@ -189,11 +189,9 @@ class KitchenTask(KitchenProgress):
 
     @property
     def policy_key(self) -> str:
-        reward = "" if self._reward_name == "sparse" else f"_{self._reward_name}"
-        # Whatever their number: the observation has those asked.
-        random = "_random" if self._mdp.task_draw else ""
-        random += "_in_turn" if self._mdp.tasks_in_turn else ""
-        return "_".join(self._mdp.goals.tasks).replace(" ", "_") + random + reward
+        goals, reward = self._mdp.goals.tasks, self._reward_name
+        names = "seven" if goals == DEFAULT_TASKS else "_".join(goals).replace(" ", "_")
+        return f"{names}{self._mdp.request_key}{'' if reward == 'sparse' else f'_{reward}'}"
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics

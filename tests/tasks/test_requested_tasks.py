@@ -259,6 +259,18 @@ def test_without_draws_nothing_is_added_and_requests_are_refused():
         env.reset(options={"requested_tasks": ["kettle"]})
     with pytest.raises(ValueError, match="build the environment with tasks_per_episode"):
         env.environment.task.task_weights = np.ones(7)
-    names = {count: FrankaKitchenEnv(["kettle", "microwave"], tasks_per_episode=count) for count in (None, 1, (1, 2))}
-    keys = [each.environment.task.policy_key for each in names.values()]
-    assert keys == ["kettle_microwave", "kettle_microwave_random", "kettle_microwave_random"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"tasks_to_complete": ["kettle", "microwave"]}, "kettle_microwave"),
+        ({}, "seven"),
+        ({"tasks_per_episode": 1}, "seven_in_turn"),
+        ({"tasks_per_episode": 4, "tasks_in_turn": True}, "seven_in_turn"),
+        ({"tasks_per_episode": (1, 2)}, "seven_random"),
+        ({"tasks_per_episode": 2, "reward": "dense"}, "seven_random_dense"),
+    ],
+)
+def test_policies_are_named_by_tasks_and_by_how_they_are_asked(arguments, key):
+    assert FrankaKitchenEnv(**arguments).environment.task.policy_key == key

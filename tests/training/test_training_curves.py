@@ -81,6 +81,23 @@ def test_the_picture_has_a_line_in_each_panel_for_each_run(curves, tmp_path, mon
     assert [text.get_text() for text in legend.get_texts()] == list(runs)
 
 
+def test_runs_with_the_same_label_have_the_same_style(curves, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *rest, **options: drawn.append(self))
+    for index in range(3):
+        write(tmp_path / str(index), [(0, 1, 0, 0), (10, 3, index / 3, 0.0)])
+    labels = ("kettle", "microwave", "kettle")
+    runs = [f"{label}={tmp_path / str(index)}" for index, label in enumerate(labels)]
+    assert curves.main([str(tmp_path / "curves.png"), *runs]) == 0
+    (figure,) = drawn
+    for axis in figure.axes:
+        first, second, third = (line.get_color() for line in axis.lines)
+        assert first == third != second
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kettle", "microwave"]
+
+
 @pytest.mark.parametrize("arguments", [[], ["out.png"], ["out.pdf", "a=b"], ["out.png", "folder"], ["out.png", "=b"]])
 def test_bad_arguments_print_the_usage(curves, capsys, arguments):
     assert curves.main(arguments) == 2

@@ -102,6 +102,11 @@ def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, mon
         results.add({"task": "kettle", "seed": seed, "success": [success]})
         (tmp_path / f"kettle_{seed}").mkdir()
         (tmp_path / f"kettle_{seed}" / "policy.npz").write_text(f"{seed}")
+    for seed, success in ((1, [99, 100, 90]), (2, [97, 97, 97])):
+        results.add({"task": "random_1", "seed": seed, "success": success})
+        (tmp_path / f"random_1_{seed}").mkdir()
+        (tmp_path / f"random_1_{seed}" / "policy.npz").write_text(f"seven {seed}")
     results.add({"task": "top_drawer", "seed": 1, "success": [100]})
     assert results.main([str(tmp_path), "ship"]) == 0
-    assert [(path.name, path.read_text()) for path in results.SHIPPED.iterdir()] == [("kettle.npz", "2")]
+    shipped = {path.name: path.read_text() for path in results.SHIPPED.iterdir()}
+    assert shipped == {"kettle.npz": "2", "seven_in_turn.npz": "seven 2"}
