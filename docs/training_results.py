@@ -1,6 +1,7 @@
 """Trains the tasks of the page on training, one seed after the other, and measures the policies.
 
 python docs/training_results.py FOLDER drawer             the drawer, five seeds
+python docs/training_results.py FOLDER earlier            the drawer with earlier hyperparameters, one seed
 python docs/training_results.py FOLDER kitchen            the kitchen's seven tasks, three seeds each
 python docs/training_results.py FOLDER one                one network for the seven tasks, three seeds
 python docs/training_results.py FOLDER kettle:1 kettle:2  some tasks with some seeds
@@ -35,13 +36,19 @@ KITCHEN = tuple(task.replace(" ", "_") for task in DEFAULT_TASKS)
 # Each episode asks for one of the seven.
 ONE = "random_1"
 
+# The drawer with earlier hyperparameters, for comparison.
+EARLIER = "top_drawer_earlier"
+
 # Groups of runs, and the seeds of each task.
-GROUPS = {"drawer": (DRAWER,), "kitchen": KITCHEN, "one": (ONE,)}
-SEEDS = {DRAWER: range(1, 6), **{task: range(1, 4) for task in (*KITCHEN, ONE)}}
+GROUPS = {"drawer": (DRAWER,), "earlier": (EARLIER,), "kitchen": KITCHEN, "one": (ONE,)}
+SEEDS = {DRAWER: range(1, 6), EARLIER: range(1, 2), **{task: range(1, 4) for task in (*KITCHEN, ONE)}}
 
 # Flags of kitchen-train beside task, seed and folder, for the tasks that need any.
 _LARGER = {"num_envs": 128, "hidden": [256, 128]}
+_EARLIER = {"num_envs": 1024, "learning_epochs": 5, "mini_batches": 8, "hidden": [256, 128, 64], "averaging": 0.0}
+_EARLIER |= {"learning_rate": 3e-4, "standardisation_epsilon": 0.05}
 FLAGS: dict[str, tuple[str, ...]] = {
+    EARLIER: (f"--hyperparameters={json.dumps(_EARLIER)}",),
     ONE: (
         "--target_success=0.98",
         "--eval_interval=150000",
@@ -61,12 +68,12 @@ Run = tuple[str, int]
 
 def command(run: Run, folder: Path) -> list[str]:
     """Returns the command of a run: a new one, or an interrupted one that goes on."""
-    task, seed = run
-    output = folder / f"{task}_{seed}"
-    domain = next(domain for domain, name in suite.ALL_TASKS if name == task)
+    name, seed = run
+    output, task = folder / f"{name}_{seed}", DRAWER if name == EARLIER else name
+    domain = next(domain for domain, each in suite.ALL_TASKS if each == task)
     arguments = [f"--domain_name={domain}", f"--task_name={task}", f"--output={output}", f"--seed={seed}"]
     resume = ["--resume"] if (output / "training.json").exists() else []
-    return [sys.executable, "-m", "kitchen_suite.cli.train", *arguments, "--restarts=0", *FLAGS.get(task, ()), *resume]
+    return [sys.executable, "-m", "kitchen_suite.cli.train", *arguments, "--restarts=0", *FLAGS.get(name, ()), *resume]
 
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
