@@ -382,3 +382,18 @@ def test_a_learner_finds_the_action_that_is_rewarded():
     with torch.no_grad():
         errors = agent.policy.network(agent.observation_scaler(observations)) - observations
     assert errors.abs().mean() < 0.15
+
+
+@pytest.mark.parametrize("averaging", [0.0, 0.75])
+def test_the_exported_policy_has_averaged_weights(averaging):
+    envs = environments(SMALL["num_envs"])
+    taught, expected = learner(envs, averaging=averaging), None
+    taught.start(0)
+    for _ in range(3):
+        taught.learn()
+        present = taught.agent.policy.network[0].weight.detach().numpy().copy()
+        # The average begins with the first update.
+        expected = present if expected is None else averaging * expected + (1 - averaging) * present
+    envs.close()
+    np.testing.assert_allclose(taught.export(METADATA).weights[0], expected, rtol=1e-5, atol=1e-7)
+    assert (np.abs(expected - present).max() > 1e-6) == (averaging > 0)
