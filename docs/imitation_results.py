@@ -22,7 +22,7 @@ DIGESTS = Path(__file__).parent / "benchmarks" / "demonstrations.json"
 
 # Sets, with the episodes that are recorded, of which more than the greatest count succeed, and the task whose episodes
 # are evaluated: the tasks of the set; all seven; four of the seven, which are shown.
-SETS = {"fixed_order": (600, "complete"), "random_order": (820, "all"), "goal_conditioned": (660, "random_4")}
+SETS = {"fixed_order": (600, "complete"), "random_order": (820, "all"), "goal_conditioned": (1650, "random_4")}
 VARIATIONS = "start"
 
 ALGORITHMS = ("bc", "flow", "vqbet")
