@@ -3,6 +3,7 @@
 python docs/imitation_results.py FOLDER                 all that have no result yet
 python docs/imitation_results.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
 python docs/imitation_results.py FOLDER digests         records the sets, and writes their digests
+python docs/imitation_results.py FOLDER kitchen         trains the shipped policy of the whole kitchen
 
 A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
 evaluation of its policy by `kitchen-evaluate`, whose JSON is written to docs/benchmarks/imitation/. Cells with such a
@@ -11,11 +12,14 @@ needs the extras `experts` and `train`. `docs/build.py tables` makes tables of t
 """
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from kitchen_suite.policies.trained import SHIPPED
 
 RESULTS = Path(__file__).parent / "benchmarks" / "imitation"
 DIGESTS = Path(__file__).parent / "benchmarks" / "demonstrations.json"
@@ -28,9 +32,11 @@ VARIATIONS = "start"
 ALGORITHMS = ("bc", "flow", "vqbet")
 COUNTS = (19, 100, 566)
 
-# Of every training: small networks, which train within ten minutes on one core.
-HYPERPARAMETERS = {"width": 256, "batch_size": 256}
-STEPS = 12_000
+# Flags of every training: small networks, which train within ten minutes on one core, and one evaluation at the end.
+TRAINING = (
+    '--hyperparameters={"width": 256, "batch_size": 256}',
+    *("--num_steps=12000", "--eval_interval=12000", "--eval_episodes=10"),
+)
 
 EPISODES = 100
 
@@ -69,6 +75,10 @@ CELLS = (
     *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
 )
 
+# The policy of the whole kitchen has the default networks, and more demonstrations than a cell.
+KITCHEN = Cell("bc", "goal_conditioned", 1500, 1)
+KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episodes=50")
+
 
 def call(command: str, *flags: str) -> str:
     """Runs a command of the suite; returns its output."""
@@ -95,7 +105,7 @@ def write_digests(folder: Path) -> None:
     DIGESTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
-def train(folder: Path, cell: Cell) -> tuple[Path, float]:
+def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
     """Trains a cell, or continues; returns the file of the policy, and the minutes."""
     from kitchen_suite.training import checkpoints
 
@@ -104,14 +114,13 @@ def train(folder: Path, cell: Cell) -> tuple[Path, float]:
         record(folder, cell.preset)
         (recording / "complete").touch()
     _, task = SETS[cell.preset]
-    flags = [
+    run = [
         f"--output={output}",
         *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={recording}", f"--num_demonstrations={cell.count}"),
-        *(f"--hyperparameters={json.dumps(HYPERPARAMETERS)}", f"--num_steps={STEPS}", f"--eval_interval={STEPS}"),
-        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1", "--eval_episodes=10"),
+        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
     ]
-    call("train", *flags, *(["--resume"] if (output / "training.json").exists() else []))
+    call("train", *run, *flags, *(["--resume"] if (output / "training.json").exists() else []))
     last = checkpoints.load_last(output / f"seed_{cell.seed}")
     assert last
     return output / "policy.npz", last.processor_seconds / 60
@@ -133,6 +142,12 @@ def measure(folder: Path, cell: Cell) -> None:
     cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
+def ship(folder: Path) -> None:
+    """Trains the policy of the whole kitchen, and copies it to the package."""
+    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING)
+    shutil.copyfile(policy, SHIPPED / "kitchen.npz")
+
+
 def cells_of(names: Sequence[str]) -> list[Cell]:
     """Returns the cells that arguments name; all without arguments.
 
@@ -145,16 +160,21 @@ def cells_of(names: Sequence[str]) -> list[Cell]:
     return [cells[name] for name in names or cells]
 
 
+# What the command does instead of training and evaluating cells.
+OTHERS = {"digests": write_digests, "kitchen": ship}
+
+
 def main(arguments: Sequence[str]) -> int:
     """Runs the command; returns the exit status."""
     try:
         folder, names = Path(arguments[0]), arguments[1:]
-        cells = [] if [*names] == ["digests"] else cells_of(names)
+        work = OTHERS.get(" ".join(names))
+        cells = [] if work else cells_of(names)
     except (IndexError, ValueError) as error:
         print(error if arguments else __doc__, file=sys.stderr)
         return 2
-    if not cells:
-        write_digests(folder)
+    if work:
+        work(folder)
     for cell in cells:
         if not cell.result.exists():
             measure(folder, cell)
