@@ -79,10 +79,14 @@ def condition_table() -> str:
 
 
 def results() -> Iterator[Mapping[str, Any]]:
-    """Yields the committed results, in the order of the protocols and of the files' names."""
+    """Yields the committed results, in the order of the protocols and of the files' names, POLICY_PROTOCOL.json.
+
+    Each has the policy's name in the file's.
+    """
     for name in PROTOCOLS:
         for path in sorted(RESULTS.glob(f"*_{name}.json")):
-            yield json.loads(path.read_text(encoding="utf-8"))
+            result = json.loads(path.read_text(encoding="utf-8"))
+            yield {**result, "policy": path.stem.removesuffix(f"_{name}")}
 
 
 def result_table() -> str:
@@ -94,8 +98,8 @@ def result_table() -> str:
             result["policy"],
             result["num_episodes"],
             *(_rate(condition, f"p{number}") for number in range(1, _MOST + 1)),
-            _with_interval(condition, "mean_tasks"),
-            _with_interval(condition, "success"),
+            with_interval(condition, "mean_tasks"),
+            with_interval(condition, "success"),
             _score(result, condition),
             f"{condition['order_entropy']:.2f}",
             f"{condition['control_steps']:.0f}",
@@ -114,7 +118,7 @@ def shift_table() -> str:
     """Returns the table of the results of `shift`: p4, with its interval, of each policy in each condition."""
     found = {result["policy"]: result["conditions"] for result in results() if result["protocol"] == _SHIFT}
     rows = [
-        (f"`{condition.name}`", *(_with_interval(each[condition.name], "p4") for each in found.values()))
+        (f"`{condition.name}`", *(with_interval(each[condition.name], "p4") for each in found.values()))
         for condition in PROTOCOLS[_SHIFT].conditions
     ]
     return markdown(("condition", *(f"{policy}: p4" for policy in found)), rows)
@@ -135,7 +139,8 @@ def _rate(condition: Mapping[str, Any], name: str) -> str:
     return f"{condition[name]:.3g}" if name in condition else ""
 
 
-def _with_interval(condition: Mapping[str, Any], name: str) -> str:
+def with_interval(condition: Mapping[str, Any], name: str) -> str:
+    """Returns a mean of a result with its interval."""
     low, high = condition["intervals"][name]
     return f"{condition[name]:.3g} ({low:.2f} to {high:.2f})"
 

@@ -4,6 +4,8 @@ python docs/imitation_results.py FOLDER                 all that have no result 
 python docs/imitation_results.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
 python docs/imitation_results.py FOLDER digests         records the sets, and writes their digests
 python docs/imitation_results.py FOLDER kitchen         trains the shipped policy of the whole kitchen
+python docs/imitation_results.py FOLDER shift           evaluates under the protocol `shift` what was learned from most
+                                                        goal_conditioned demonstrations
 
 A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
 evaluation of its policy by `kitchen-evaluate`, whose JSON is written to docs/benchmarks/imitation/. Cells with such a
@@ -19,6 +21,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import evaluation_tables
+
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.policies.trained import SHIPPED
 
 RESULTS = Path(__file__).parent / "benchmarks" / "imitation"
@@ -130,16 +135,30 @@ def measure(folder: Path, cell: Cell) -> None:
     """Trains and evaluates a cell, and writes its JSON."""
     policy, minutes = train(folder, cell)
     _, task = SETS[cell.preset]
-    output, written = folder / f"{cell.name}_episodes", folder / f"{cell.name}.json"
-    flags = [
-        *(f"--policy=trained(file={str(policy)!r})", "--protocol=default", f"--task_name={task}"),
-        *(f"--variations={VARIATIONS}", f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}"),
-        *("--num_threads=1", f"--output={output}", f"--json={written}"),
-    ]
-    call("evaluate", *flags, *(["--resume"] if output.exists() else []))
+    written = folder / f"{cell.name}.json"
+    episodes = (f"--variations={VARIATIONS}", f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}")
+    evaluate(folder, cell.name, policy, written, "--protocol=default", f"--task_name={task}", *episodes)
     result: dict[str, Any] = {**cell._asdict(), "minutes": minutes, **json.loads(written.read_text(encoding="utf-8"))}
     RESULTS.mkdir(exist_ok=True)
     cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def evaluate(folder: Path, name: str, policy: Path, written: Path, *flags: str) -> None:
+    """Evaluates a policy, or continues, with some flags of `kitchen-evaluate`; writes its JSON."""
+    output = folder / f"{name}_episodes"
+    resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
+    own = (f"--policy=trained(file={str(policy)!r})", "--num_threads=1", f"--output={output}", f"--json={written}")
+    call("evaluate", *flags, *own, *resume)
+
+
+def evaluate_shift(folder: Path) -> None:
+    """Evaluates the policies that learned from most goal_conditioned demonstrations under the protocol `shift`."""
+    for algorithm in ALGORITHMS:
+        cell = Cell(algorithm, "goal_conditioned", COUNTS[-1], 1)
+        written = evaluation_tables.RESULTS / f"{algorithm}_shift.json"
+        if not written.exists():
+            policy, _ = train(folder, cell)
+            evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
 
 
 def ship(folder: Path) -> None:
@@ -161,7 +180,7 @@ def cells_of(names: Sequence[str]) -> list[Cell]:
 
 
 # What the command does instead of training and evaluating cells.
-OTHERS = {"digests": write_digests, "kitchen": ship}
+OTHERS = {"digests": write_digests, "kitchen": ship, "shift": evaluate_shift}
 
 
 def main(arguments: Sequence[str]) -> int:

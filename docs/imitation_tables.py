@@ -1,11 +1,14 @@
-"""The tables of the page on imitation."""
+"""The tables of the page on imitation: presets, hyperparameters, and the results in docs/benchmarks/imitation/."""
 
+import json
 from collections.abc import Callable
 from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from docstrings import attributes
 from entity_tables import markdown
+from evaluation_tables import with_interval
+from imitation_results import CELLS, DIGESTS
 
 from kitchen_suite import suite
 from kitchen_suite.training.imitation.hyperparameters import (
@@ -48,6 +51,42 @@ def hyperparameter_table() -> str:
     return markdown(("name", "meaning", *(f"`{name}`" for name in defaults)), rows)
 
 
+def result_table() -> str:
+    """Returns the table of the trained and evaluated cells."""
+    rows = [
+        (
+            f"`{cell.preset}`",
+            cell.count,
+            f"`{cell.algorithm}`",
+            cell.seed,
+            *(f"{result[f'p{number}']:.2f}" for number in range(1, 5)),
+            with_interval(result, "mean_tasks"),
+            f"{result['order_entropy']:.2f}",
+            f"{result['minutes']:.1f}",
+        )
+        for cell in CELLS
+        if cell.result.exists()
+        for result in [json.loads(cell.result.read_text(encoding="utf-8"))]
+    ]
+    rates = (f"p{number}" for number in range(1, 5))
+    header = ("set", "demonstrations", "`--algorithm`", "seed", *rates, "mean tasks", "order entropy", "minutes")
+    return markdown(header, rows)
+
+
+def digest_table() -> str:
+    """Returns the table of the digests of the sets."""
+    rows = [
+        (f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["episodes"], row["digest"])
+        for row in json.loads(DIGESTS.read_text(encoding="utf-8"))
+    ]
+    return markdown(("`--preset`", "`--variations`", "`--num_episodes`", "SHA-256 of all arrays"), rows)
+
+
 IMITATION_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
-    {"presets": preset_table, "imitation_hyperparameters": hyperparameter_table}
+    {
+        "presets": preset_table,
+        "imitation_hyperparameters": hyperparameter_table,
+        "imitation_results": result_table,
+        "digests": digest_table,
+    }
 )

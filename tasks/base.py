@@ -118,6 +118,11 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, VariedTask, Observed
         return type(self).__name__
 
     @property
+    def general_policy_keys(self) -> tuple[str, ...]:
+        """Names of trained policies for more than the task, which can be asked for the task alone."""
+        return ()
+
+    @property
     def episode_metrics(self) -> Metrics:
         """Metrics of the present episode up to the last control step; see `metrics`."""
         return self.metrics(self.mdp.info(self.state))

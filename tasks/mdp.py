@@ -2,7 +2,7 @@
 
 import abc
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import mujoco
@@ -86,6 +86,19 @@ class ActionMode(abc.ABC):
         Raises:
           ValueError: one has no meaning.
         """
+
+    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], NDArray[np.float64]] | None:
+        """Returns how actions of another control mode become actions of this one.
+
+        Args:
+          mode: name of the other control mode, with its defaults.
+
+        Returns:
+          A function of the observed state `(n,)` and the other mode's action, with the same targets of the robot's
+          actuators; None if there is none.
+        """
+        del mode
+        return None
 
     def start(self, simulation: Simulation) -> Any:
         """Returns the command at the start of an episode, which is the present state."""

@@ -6,7 +6,7 @@ in every task that asks for some of them, whatever goals the observation has.
 
 import abc
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import dm_env
@@ -140,9 +140,11 @@ class ImitatedPolicy(StoredPolicy):
         values = self._predict(self.scales.inputs(inputs), generator)
         return self.scales.actions(values.reshape(self.chunk, self.action_size))
 
-    def episode(self, task: "SuiteTask", generator: np.random.Generator) -> "Chunks":
+    def episode(
+        self, task: "SuiteTask", generator: np.random.Generator
+    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
         self.check_fits(task)
-        return Chunks(self, task, generator)
+        return self._acting_in(task, Chunks(self, task, generator))
 
     def check_fits(self, task: "SuiteTask") -> None:
         self._check(task, observed=self.metadata["state_size"], expected=task.state_size)

@@ -58,7 +58,7 @@ class StoredPolicy(abc.ABC):
 
     @abc.abstractmethod
     def check_fits(self, task: "SuiteTask") -> None:
-        """Checks that the policy's sizes and its control mode are those of a task.
+        """Checks that the policy's sizes are those of a task, and that it can act in the task's control mode.
 
         Raises:
           ValueError: they differ.
@@ -113,10 +113,26 @@ class StoredPolicy(abc.ABC):
                 f"the policy maps {observed} observed numbers to {self.action_size} numbers of an action, but this "
                 f"task has {expected} and {size}: {self._trained_for}"
             )
+        mode, present = self._control_mode(task), task.mdp.action_mode
+        if mode != present.name and not present.conversion(mode):
+            raise ValueError(f"the policy acts in control mode {mode!r}, not {present.name!r}: {self._trained_for}")
+
+    def _control_mode(self, task: "SuiteTask") -> str:
+        """Returns the name of the control mode that the policy was trained in."""
         arguments = self.metadata.get("task_kwargs") or {}
-        mode, present = arguments.get("control_mode") or task.default_control_mode, task.mdp.action_mode.name
-        if mode != present:
-            raise ValueError(f"the policy acts in control mode {mode!r}, not {present!r}: {self._trained_for}")
+        return arguments.get("control_mode") or task.default_control_mode
+
+    def _acting_in(self, task: "SuiteTask", act: Callable[[dm_env.TimeStep], NDArray]) -> Callable[..., NDArray]:
+        """Returns the policy of an episode of a task, which may have another control mode.
+
+        Args:
+          task: that it acts in.
+          act: returns the actions in the control mode that the policy was trained in.
+        """
+        convert = task.mdp.action_mode.conversion(self._control_mode(task))
+        if not convert:
+            return act
+        return lambda timestep: convert(task.policy_inputs(timestep.observation, ()), act(timestep))
 
 
 def read(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:

@@ -149,7 +149,7 @@ class TrainedPolicy(StoredPolicy):
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
         del generator
         self.check_fits(task)
-        return lambda timestep: self(flat_timestep(timestep))
+        return self._acting_in(task, lambda timestep: self(flat_timestep(timestep)))
 
 
 def _scalar(array: NDArray) -> NDArray:
@@ -181,17 +181,17 @@ def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
 
 
 def shipped(task: "SuiteTask") -> Path:
-    """Returns the path of the policy that comes with the package for a task and its reward.
+    """Returns the path of the policy that comes with the package for a task and its reward, or for a set with the task.
 
     Raises:
       ValueError: there is none.
     """
-    path = SHIPPED / f"{task.policy_key}.npz"
-    if not path.exists():
-        title = f"{task.domain_name or 'task'} {task.policy_key}"
-        present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
-        raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
-    return path
+    for key in (task.policy_key, *task.general_policy_keys):
+        if (path := SHIPPED / f"{key}.npz").exists():
+            return path
+    title = f"{task.domain_name or 'task'} {task.policy_key}"
+    present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
+    raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 
 
 def shipped_as(name: str) -> Path:
@@ -199,7 +199,7 @@ def shipped_as(name: str) -> Path:
 
     Args:
       name: of the file without suffix: the task, such as `top_drawer`, and the reward unless it is the original one,
-        such as `top_drawer_grasp`.
+        such as `top_drawer_grasp`; or `kitchen`, for any set of the kitchen's seven tasks.
 
     Raises:
       ValueError: there is none of this name.

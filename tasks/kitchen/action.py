@@ -88,6 +88,9 @@ class JointPosition(ActionMode):
             POSITION_LOW.shape, np.float64, minimum=POSITION_LOW, maximum=POSITION_HIGH, name=names
         )
 
+    def conversion(self, mode: str) -> Callable[[NDArray, NDArray], NDArray[np.float64]] | None:
+        return _observed_target if mode == JointVelocity.name else None
+
     def control(
         self,
         simulation: Simulation,
@@ -115,6 +118,12 @@ def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64
     if feedback == "true":
         return state.positions
     return state.positions + state.noise[..., noise.SLICES[0]]
+
+
+def _observed_target(state: NDArray, action: NDArray) -> NDArray[np.float64]:
+    """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
+    scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
+    return position_target(state[noise.SLICES[0]], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
 
 
 def position_target(

@@ -193,6 +193,10 @@ class KitchenTask(KitchenProgress):
         names = "seven" if goals == DEFAULT_TASKS else "_".join(goals).replace(" ", "_")
         return f"{names}{self._mdp.request_key}{'' if reward == 'sparse' else f'_{reward}'}"
 
+    @property
+    def general_policy_keys(self) -> tuple[str, ...]:
+        return ("kitchen",) if set(self._mdp.goals.tasks) <= set(DEFAULT_TASKS) else ()
+
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics
         present = self._mdp.sensors.observed(self._simulation)
