@@ -2,9 +2,10 @@
 
 python docs/evaluation_results.py FOLDER                                    all that have no result yet
 python docs/evaluation_results.py FOLDER expert:default random:d4rl         some of them
+python docs/evaluation_results.py FOLDER trained:all:default                all seven tasks instead of the protocol's
 
-Each evaluation is one `kitchen-evaluate`, whose JSON is written to docs/benchmarks/evaluation/POLICY_PROTOCOL.json.
-Those that have this file are skipped. FOLDER keeps the finished episodes: the same command continues after an
+Each evaluation is one `kitchen-evaluate`, whose JSON is written to docs/benchmarks/evaluation/POLICY_PROTOCOL.json, or
+POLICY_TASK_PROTOCOL.json. Those that have this file are skipped. FOLDER keeps the finished episodes: the same command continues after an
 interrupt. It needs the extra `experts`. `docs/build.py tables` makes tables of the results.
 """
 
@@ -18,12 +19,15 @@ from evaluation_tables import RESULTS
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
-# Values of --policy, by the first part of the names of the files.
-POLICIES = {"random": "random", "expert": "expert"}
+# Values of --policy.
+POLICIES = ("random", "expert", "trained")
 
-Case = tuple[str, str]
+# Policy, sometimes a task instead of the protocol's, and protocol.
+Case = tuple[str, ...]
 
-CASES: tuple[Case, ...] = tuple((policy, protocol) for policy in POLICIES for protocol in PROTOCOLS)
+CASES: tuple[Case, ...] = tuple(
+    case for policy in POLICIES for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
+)
 
 
 def result_file(case: Case) -> Path:
@@ -33,12 +37,13 @@ def result_file(case: Case) -> Path:
 
 def command(case: Case, folder: Path) -> list[str]:
     """Returns the command of an evaluation: a new one, or an interrupted one that is continued."""
-    policy, protocol = case
+    policy, *task, protocol = case
     output = folder / "_".join(case)
     resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
     flags = [
-        f"--policy={POLICIES[policy]}",
+        f"--policy={policy}",
         f"--protocol={protocol}",
+        *(f"--task_name={each}" for each in task),
         f"--output={output}",
         f"--json={result_file(case)}",
     ]

@@ -79,14 +79,14 @@ def condition_table() -> str:
 
 
 def results() -> Iterator[Mapping[str, Any]]:
-    """Yields the committed results, in the order of the protocols and of the files' names, POLICY_PROTOCOL.json.
+    """Yields the committed results, in the order of the protocols and of the files' names.
 
-    Each has the policy's name in the file's.
+    These are POLICY_PROTOCOL.json or POLICY_TASK_PROTOCOL.json; each result has the policy's name in its file's.
     """
     for name in PROTOCOLS:
         for path in sorted(RESULTS.glob(f"*_{name}.json")):
             result = json.loads(path.read_text(encoding="utf-8"))
-            yield {**result, "policy": path.stem.removesuffix(f"_{name}")}
+            yield {**result, "policy": path.stem.partition("_")[0]}
 
 
 def result_table() -> str:

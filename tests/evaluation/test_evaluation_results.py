@@ -23,14 +23,16 @@ def script(tmp_path, monkeypatch):
 
 
 def test_committed_results_are_of_whole_protocols():
-    cases = importlib.import_module("evaluation_results").CASES
+    learned = importlib.import_module("imitation_results").ALGORITHMS
+    cases = {*importlib.import_module("evaluation_results").CASES, *((name, "shift") for name in learned)}
     for path in COMMITTED:
         result = json.loads(path.read_text("utf-8"))
         protocol = PROTOCOLS[result["protocol"]]
         assert tuple(path.stem.split("_")) in cases, path
         assert path.stem.endswith(f"_{protocol.name}"), path
         assert (result["seed"], result["num_episodes"]) == (protocol.seed, protocol.num_episodes), path
-        names = [condition.name or condition.task_name or "random_4" for condition in protocol.conditions]
+        task = "all" if "all" in path.stem.split("_") else "random_4"
+        names = [condition.name or condition.task_name or task for condition in protocol.conditions]
         assert list(result["conditions"]) == names, path
 
 
