@@ -5,8 +5,8 @@ python docs/evaluation_results.py FOLDER expert:default random:d4rl         some
 python docs/evaluation_results.py FOLDER trained:all:default                all seven tasks instead of the protocol's
 
 Each evaluation is one `kitchen-evaluate`, whose JSON is written to docs/benchmarks/evaluation/POLICY_PROTOCOL.json, or
-POLICY_TASK_PROTOCOL.json. Those that have this file are skipped. FOLDER keeps the finished episodes: the same command continues after an
-interrupt. It needs the extra `experts`. `docs/build.py tables` makes tables of the results.
+POLICY_TASK_PROTOCOL.json. Those that have this file are skipped. FOLDER keeps the finished episodes: the same command
+continues after an interrupt. It needs the extra `experts`. `docs/build.py tables` makes tables of the results.
 """
 
 import subprocess
