@@ -26,6 +26,10 @@ class Linear(NamedTuple):
         """Returns `(..., n)` for values `(..., m)`."""
         return values @ self.weight.T + self.bias
 
+    def rows(self, start: int, stop: int) -> Self:
+        """Returns the map to the outputs from `start` to before `stop` alone."""
+        return self._replace(weight=self.weight[start:stop], bias=self.bias[start:stop])
+
 
 class Block(NamedTuple):
     """A residual block: normalisation of the layer, and two affine maps with SiLU units between them.
@@ -116,10 +120,14 @@ class ResidualNetwork(NamedTuple):
 
     def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns `(..., n)` for values `(..., m)`."""
+        return self.output(self.features(values))
+
+    def features(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the values `(..., w)` of which the outputs are an affine map, for values `(..., m)`."""
         values = self.input(values)
         for block in self.blocks:
             values = block(values)
-        return self.output(values)
+        return values
 
 
 def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:
