@@ -241,7 +241,7 @@ BAD = {
     "--domain_name=garage": "domain 'garage' does not exist",
     "--task_name=ketle": "did you mean 'kettle'?",
     "--policy=expret": "did you mean 'expert'?",
-    "--policy=trained": "no trained policy comes with the package for kitchen",
+    "--policy=trained --task_name=close_microwave": "no trained policy comes with the package for kitchen",
     "--policy=trained(file='none.npz')": "no such file: 'none.npz'",
     "--policy=expert --domain_name=microwave_table": "there is no expert for MicrowaveTableTask",
     "--resume": "--resume needs --output, the folder of the evaluation",

@@ -161,8 +161,10 @@ def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
         make_nine_actions(free).check_fits(suite.load("open_cabinet", "top_drawer").task)
     with pytest.raises(ValueError, match=r"59 observed numbers to 9 .*, but this task has 25 and 8"):
         free.check_fits(suite.load("open_cabinet", "top_drawer").task)
-    with pytest.raises(ValueError, match="control mode"):
-        free.check_fits(kitchen("all", control_mode="joint_position").task)
+    free.check_fits(kitchen("all", control_mode="joint_position").task)
+    positions = free.with_metadata({**free.metadata, "task_kwargs": {"control_mode": "joint_position"}})
+    with pytest.raises(ValueError, match="acts in control mode 'joint_position', not 'joint_velocity'"):
+        positions.check_fits(kitchen("all").task)
 
 
 def make_nine_actions(policy):
