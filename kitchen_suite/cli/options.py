@@ -78,6 +78,9 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "variation_split": Option(
             "Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen"
         ),
+        "variation_values": Option(
+            "Values of parameters that vary, in place of drawn ones, as a JSON object such as '{\"kettle/mass\": 1}'."
+        ),
         "policy": Option(
             "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
             "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\"."
