@@ -78,13 +78,14 @@ class ExportJob:
     def run(self) -> bool:
         """Writes all files; prints the folder, and the difference of the XML."""
         with contextlib.closing(self._gymnasium_env), _complete_folder(self._folder) as folder:
-            difference = write_scene(folder, self._environment)
-            record = {**self._metadata(), "xml_greatest_difference": difference._asdict()}
+            differences = write_scene(folder, self._environment)
+            record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
             (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
             (folder / PAGE).write_text(export_page.page(record), encoding="utf-8")
         print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._spec.seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")
-        print(f"{XML_FILE}: greatest difference of a field of the model: {difference}")
+        for name, difference in differences.items():
+            print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
         return True
 
     @property
@@ -116,7 +117,7 @@ class ExportJob:
         }
 
 
-def write_scene(folder: Path, environment: Environment) -> Difference:
+def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]:
     """Writes the present scene of an environment: XML with its assets, binary model, state, licences.
 
     The environment cannot be used further: values that differ from the built scene are written to its MJCF.
@@ -126,7 +127,8 @@ def write_scene(folder: Path, environment: Environment) -> Difference:
       environment: after a reset.
 
     Returns:
-      The greatest difference of the model that the XML compiles to from the environment's.
+      The greatest differences of the model that the XML compiles to from the environment's, by name: of all fields,
+      and of those that the physics depends on.
     """
     physics, root = environment.physics, environment.task.root_entity.mjcf_model
     model, data = physics.model.ptr, physics.data.ptr
@@ -139,7 +141,11 @@ def write_scene(folder: Path, environment: Environment) -> Difference:
     _write_xml(folder, root)
     for name, text in _licence_texts().items():
         (folder / name).write_text(text, encoding="utf-8")
-    return greatest_difference(mujoco.MjModel.from_xml_path(str(folder / XML_FILE)), model)
+    compiled = mujoco.MjModel.from_xml_path(str(folder / XML_FILE))
+    return {
+        "xml_greatest_difference": greatest_difference(compiled, model),
+        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
+    }
 
 
 def _write_xml(folder: Path, root: Any) -> None:

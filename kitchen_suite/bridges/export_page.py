@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from kitchen_suite.bridges.model_difference import Difference
+
 # Works in the folder, and those that its numbers come from.
 LICENCES = (
     {
@@ -35,7 +37,8 @@ A scene exported by `kitchen-export`, which `mujoco` alone loads.
 | file | contents |
 | --- | --- |
 | `scene.mjb` | the environment's model, to the bit; for MuJoCo {mujoco} alone |
-| `scene.xml`, `assets/` | MJCF with meshes and textures; compiled, its greatest difference from that model is {difference} |
+| `scene.xml`, `assets/` | MJCF with meshes and textures; greatest difference from that model, once compiled: {difference}; \
+in fields that the physics depends on: {in_physics} |
 | `state.npz` | state of the physics after the reset of seed {seed}, with `mjSTATE_INTEGRATION` |
 | `scene.json` | timesteps, actuators, action, joints, cameras, values of variations, licences |
 
@@ -83,14 +86,15 @@ Control mode `{control_mode}`: {meaning}
 
 def page(record: Mapping[str, Any]) -> str:
     """Returns the page of a scene with given metadata, those of its JSON file."""
-    difference, action = record["xml_greatest_difference"], record["action"]
+    action = record["action"]
     positions = {joint["name"]: joint["qposadr"] for joint in record["joints"]}
     return _PAGE.format(
         **{name: record[name] for name in ("domain_name", "task_name", "seed", "keyframe")},
         **{name: record[name] for name in ("control_timestep", "physics_timestep", "substeps")},
         **{name: action[name] for name in ("control_mode", "meaning", "formula")},
         mujoco=record["versions"]["mujoco"],
-        difference=f"{difference['value']:.3g} ({difference['field']})" if difference["field"] else "0",
+        difference=Difference(**record["xml_greatest_difference"]),
+        in_physics=Difference(**record["xml_greatest_difference_in_physics"]),
         robot_qpos=", ".join(str(positions[actuator["name"]]) for actuator in record["actuators"]),
         cameras=", ".join(f"`{camera}`" for camera in record["cameras"]),
         licences="\n".join(f"- {each['of']}: {each['source']}; {each['licence']}" for each in record["licences"]),

@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 # Texts and their addresses, which say where files lay, and keyframes: no physics and no image depends on them.
 _LEFT_OUT = re.compile(r"names|names_map|paths|text_.*|.*_pathadr|name_\w+adr|key_.*")
 
+# Fields that only images depend on, and statistics, which viewers use.
+_VISUAL = re.compile(r"(cam|light|mat|mesh_tex|skin|tex)_.*|\w+_(matid|rgba)|bvh_aabb|(vis|stat)\..*")
+
+# Frames of the inertia of bodies, without effect where there is no mass.
+_INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
+
 # Structures of numbers within a model.
 _PARTS = ("opt", "stat", "vis")
 
@@ -30,12 +36,25 @@ class Difference(NamedTuple):
         return f"{self.value:.3g} ({self.field})" if self.field else "0"
 
 
-def greatest_difference(one: mujoco.MjModel, other: mujoco.MjModel) -> Difference:
-    """Returns the greatest difference over all numbers of two models but those of texts and keyframes."""
-    others = dict(_numbers(other))
-    differences = (Difference(_difference(array, others[name]), name) for name, array in _numbers(one))
+def greatest_difference(one: mujoco.MjModel, other: mujoco.MjModel, *, physical: bool = False) -> Difference:
+    """Returns the greatest difference over the numbers of two models but those of texts and keyframes.
+
+    Args:
+      one: a model.
+      other: a model of the same scene.
+      physical: whether only those count that the physics depends on.
+    """
+    numbers = _physical_numbers if physical else _numbers
+    others = dict(numbers(other))
+    differences = (Difference(_difference(array, others[name]), name) for name, array in numbers(one))
     found = max(differences, key=lambda difference: difference.value)
     return found if found.value else Difference(0.0, "")
+
+
+def _physical_numbers(model: mujoco.MjModel) -> Iterator[tuple[str, NDArray]]:
+    for name, array in _numbers(model):
+        if not _VISUAL.fullmatch(name):
+            yield name, array[model.body_mass > 0] if name in _INERTIAL else array
 
 
 def _difference(one: NDArray, other: NDArray) -> float:

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import benchmark, evaluate, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, evaluate, export, play, record, replay, rollout, train
 from kitchen_suite.cli.options import OPTIONS, RENAMED
 
-MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+MODULES = (benchmark, evaluate, export, play, record, replay, rollout, train)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 # First in the command line, so that an odd value takes their place: one episode of one control step.
