@@ -47,7 +47,10 @@ class Option:
 
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
-        "source": Option("Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay."),
+        "source": Option(
+            "Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay; for kitchen-convert, HDF5 file "
+            "of D4RL, or Minari dataset."
+        ),
         "list": Option(
             "List all domains with their tasks and cameras, and exit; for kitchen-play, the trained policies that come "
             "with the package."

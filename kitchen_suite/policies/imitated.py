@@ -76,7 +76,9 @@ class ImitatedPolicy(StoredPolicy):
       networks: by name.
       tables: further arrays by name.
       metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
-        are predicted, `executed`, how many of them are applied before the next prediction, `state_size` and `tasks`.
+        are predicted, `executed`, how many of them are applied before the next prediction, `state_size`, the number of
+        elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
+        `state_elements`.
     """
 
     algorithm: ClassVar[str]
@@ -101,6 +103,8 @@ class ImitatedPolicy(StoredPolicy):
         size = checks.integer(self.metadata.get("state_size"), "state_size", minimum=1) + len(self.tasks)
         if self.scales.input_mean.size != size:
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state and tasks have {size}")
+        if self.state_elements is not None:
+            _check_elements(self.state_elements, self.metadata["state_size"])
         self._check_sizes()
 
     @abc.abstractmethod
@@ -127,6 +131,18 @@ class ImitatedPolicy(StoredPolicy):
         return tuple(self.metadata["tasks"])
 
     @property
+    def state_elements(self) -> list[int] | None:
+        """Indices of the elements of the state among the inputs, increasing; None for all."""
+        return self.metadata.get("state_elements")
+
+    def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are asked."""
+        if self.state_elements is None:
+            return inputs
+        state, asked = np.split(inputs, [inputs.size - len(self.tasks)])
+        return np.concatenate([state[self.state_elements], asked])
+
+    @property
     def action_size(self) -> int:
         return self.scales.action_mean.size
 
@@ -145,7 +161,9 @@ class ImitatedPolicy(StoredPolicy):
         return Chunks(self, task, generator)
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check(task, observed=self.metadata["state_size"], expected=task.state_size)
+        elements = self.state_elements
+        observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, task.state_size)
+        self._check(task, observed=observed, expected=task.state_size)
         if self.tasks and (others := sorted(set(task.task_names) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
@@ -199,7 +217,7 @@ class Chunks:
         """Returns the action `(k,)`."""
         if timestep.first() or not self._waiting:
             inputs = self._task.policy_inputs(timestep.observation, self._policy.tasks)
-            chunk = self._policy.predict(inputs, self._generator)
+            chunk = self._policy.predict(self._policy.select(inputs), self._generator)
             self._waiting = [*chunk[: self._policy.metadata["executed"]]]
         return self._waiting.pop(0)
 
@@ -284,6 +302,13 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
+
+
+def _check_elements(elements: object, size: int) -> None:
+    """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
+    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
+    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
+        raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:
