@@ -5,7 +5,7 @@ import importlib.metadata
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -165,14 +165,15 @@ def _licence_texts() -> dict[str, str]:
     """Returns the texts of the licences of meshes and textures by file name."""
     found = importlib.metadata.distribution("gymnasium-robotics").files or ()
     texts = [path.read_text(encoding="utf-8") for path in found if path.name == "LICENSE"]
-    return {"LICENSE-gymnasium-robotics.txt": text for text in texts}
+    return dict(zip([export_page.LICENCE_FILE], texts, strict=False))
 
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:
     """Returns what the elements of an action are, and how controls follow from them."""
     names = spec.name.split("\t")
-    bounds = (np.broadcast_to(getattr(spec, name, None), spec.shape) for name in ("minimum", "maximum"))
-    elements = zip(names, *(bound.tolist() for bound in bounds), strict=True)
+    unbounded = np.full(spec.shape, None)
+    bounds = [getattr(spec, name, unbounded) for name in ("minimum", "maximum")]
+    elements = zip(names, *(np.broadcast_to(bound, spec.shape).tolist() for bound in bounds), strict=True)
     return {
         "control_mode": mode.name,
         "meaning": " ".join((type(mode).spec.__doc__ or "").split()),

@@ -5,12 +5,15 @@ from typing import Any
 
 from kitchen_suite.bridges.model_difference import Difference
 
+# File with the licence of the installed meshes and textures.
+LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"
+
 # Works in the folder, and those that its numbers come from.
 LICENCES = (
     {
         "of": "meshes and textures, and the parameters of the kitchen's furniture",
         "source": "FrankaKitchen-v1 of Gymnasium-Robotics, https://github.com/Farama-Foundation/Gymnasium-Robotics",
-        "licence": "MIT, Copyright 2022 Farama Foundation: LICENSE-gymnasium-robotics.txt",
+        "licence": f"MIT, Copyright 2022 Farama Foundation: {LICENCE_FILE}",
     },
     {
         "of": "the kitchen's meshes and textures within it",
@@ -37,13 +40,12 @@ A scene exported by `kitchen-export`, which `mujoco` alone loads.
 | file | contents |
 | --- | --- |
 | `scene.mjb` | the environment's model, to the bit; for MuJoCo {mujoco} alone |
-| `scene.xml`, `assets/` | MJCF with meshes and textures; greatest difference from that model, once compiled: {difference}; \
-in fields that the physics depends on: {in_physics} |
+| `scene.xml`, `assets/` | MJCF with meshes and textures, whose model differs by at most {difference} |
 | `state.npz` | state of the physics after the reset of seed {seed}, with `mjSTATE_INTEGRATION` |
 | `scene.json` | timesteps, actuators, action, joints, cameras, values of variations, licences |
 
-The keyframe `{keyframe}` of `scene.xml` is for viewers: MuJoCo normalises quaternions in keyframes, so it may differ in the
-last digits from the state in `state.npz`.
+In fields that the physics depends on, `scene.xml` differs by at most {in_physics}. Its keyframe `{keyframe}` is for
+viewers: MuJoCo normalises quaternions in keyframes, so it may differ from the state in `state.npz`.
 
 ## Stepping
 
@@ -63,8 +65,8 @@ for controls in np.tile(data.qpos[[{robot_qpos}]], (10, 1)):
 print(data.qpos)
 ```
 
-Given the environment's controls, `data.qpos` and `data.qvel` are those of the environment, to the bit, on the same MuJoCo and kind
-of processor.
+Given the environment's controls, `data.qpos` and `data.qvel` are those of the environment, to the bit, on the same
+MuJoCo and kind of processor.
 
 ## Action
 
@@ -72,7 +74,8 @@ Control mode `{control_mode}`: {meaning}
 
     {formula}
 
-`action` in `scene.json` has its elements and settings. `ctrl` has one target for each actuator, in the order of `actuators`.
+`action` in `scene.json` has its elements and settings. `ctrl` has one target for each actuator, in the order of
+`actuators`.
 
 ## Cameras
 

@@ -306,9 +306,10 @@ def time_features(time: Any) -> NDArray[np.float32]:
 
 def _check_elements(elements: object, size: int) -> None:
     """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
-    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
-    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
-        raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
+    if isinstance(elements, list) and all(type(element) is int for element in elements):
+        if len(elements) == size and (np.diff([-1, *elements]) > 0).all():
+            return
+    raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:

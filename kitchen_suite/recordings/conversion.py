@@ -81,4 +81,5 @@ def _observation(task: KitchenTask, state: KitchenState, observed: NDArray[np.fl
 
 
 def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
-    return {**task.mdp.info(state), "episode_step": np.array(step)}
+    info = task.mdp.info(state)
+    return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}

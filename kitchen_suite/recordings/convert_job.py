@@ -7,7 +7,7 @@ from typing import Any
 import tabulate
 from tqdm import tqdm
 
-from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.recordings import human_data
 from kitchen_suite.recordings.conversion import convert
 from kitchen_suite.recordings.minari_dataset import minari_root
@@ -15,10 +15,11 @@ from kitchen_suite.recordings.settings import ConvertSettings
 from kitchen_suite.rollouts.episode import EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.tasks import KitchenTask
 
 # Any number of the seven tasks is asked; episodes go on after their last completion.
 _TASK = "all"
-_TASK_KWARGS = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
+_TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
 
 # Stands for the policy in the recording.
 _POLICY = "human"
@@ -48,8 +49,8 @@ class ConvertJob:
             seeding="gymnasium",
             max_episode_steps=None,
         )
-        with base.make_environment() as environment:
-            self._task: Any = suite_env(environment).environment.task
+        # The MDP needs no physics.
+        self._task = KitchenTask(build_kitchen_scene(visuals=False), **_TASK_KWARGS)
         with minari_root(settings.data_path):
             self._data = human_data.open_data(settings.source, self._task.scene)
         if not len(self._data):

@@ -99,7 +99,9 @@ class D4RLData(HumanData):
             if name not in arrays:
                 raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
         count = len(arrays["observations"])
-        _check_shape(arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals")
+        _check_shape(
+            arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
+        )
         _check_actions(arrays["actions"], count, f"actions of {path}")
         ends = np.zeros(count, bool)
         for name in ("terminals", "timeouts"):
@@ -126,7 +128,9 @@ class D4RLData(HumanData):
 
     def _tasks_of(self, goals: NDArray[np.float64]) -> tuple[str, ...]:
         """Returns the tasks whose goals are among recorded ones of the objects, `(21,)`."""
-        wanted = {task: (self._scene.elements(GOALS[task].prop, GOALS[task].joints), GOALS[task]) for task in DEFAULT_TASKS}
+        wanted = {
+            task: (self._scene.elements(GOALS[task].prop, GOALS[task].joints), GOALS[task]) for task in DEFAULT_TASKS
+        }
         return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=_ROUNDING))
 
 
@@ -144,7 +148,9 @@ class MinariData(HumanData):
         """
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
-            raise ValueError(f"{name} is not of FrankaKitchen-v1, but of this suite: kitchen-record makes recordings of it")
+            raise ValueError(
+                f"{name} is not of FrankaKitchen-v1, but of this suite: kitchen-record makes recordings of it"
+            )
 
     def __len__(self) -> int:
         return len(self._source.indices)
@@ -158,9 +164,7 @@ class MinariData(HumanData):
             _check_shape(arrays[key], (steps + 1, STATE_SIZE), f"observations {what}", "positions and velocities")
             _check_actions(arrays["action"], steps, f"actions {what}")
             achieved = {
-                task: arrays[name]
-                for task in DEFAULT_TASKS
-                if (name := f"observation/achieved_goal/{task}") in arrays
+                task: arrays[name] for task in DEFAULT_TASKS if (name := f"observation/achieved_goal/{task}") in arrays
             }
             for task, goal in achieved.items():
                 _check_shape(goal, (steps + 1, len(GOALS[task].value)), f"goals of {task!r} {what}", "its joints")
@@ -195,7 +199,9 @@ def _read_hdf5(path: Path) -> dict[str, NDArray]:
     except ImportError as error:
         raise ImportError("files of D4RL need h5py: pip install 'kitchen-suite[record]'") from error
     with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
-        found = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf"}
+        found = {
+            name: item for name, item in file.items() if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf"
+        }
         files.check_size(sum(item.nbytes for item in found.values()), files.MAX_ARRAY_BYTES)
         return {name: item[()] for name, item in found.items()}
 

@@ -33,8 +33,8 @@ class JointVelocity(ActionMode):
     name = "joint_velocity"
     formula = (
         "ctrl = clip(q + clip(clip(action, -1, 1) * velocity_scale, -10, 10) * control_timestep, low, high), with the "
-        "nine joint positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the last "
-        f"ctrl ('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
+        "nine joint positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the "
+        f"last ctrl ('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
     )
 
     def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
@@ -74,9 +74,9 @@ class JointPosition(ActionMode):
 
     name = "joint_position"
     formula = (
-        "ctrl = clip(clip(action, q - 10 * control_timestep, q + 10 * control_timestep), low, high), with the nine joint "
-        "positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the last ctrl "
-        f"('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
+        "ctrl = clip(clip(action, q - 10 * control_timestep, q + 10 * control_timestep), low, high), with the nine "
+        "joint positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the last "
+        f"ctrl ('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
     )
 
     def __init__(self, *, feedback: str = "observed") -> None:

@@ -424,7 +424,12 @@ def test_an_argument_too_many_gets_one_line_and_status_2(name, capsys):
     assert capsys.readouterr() == ("", f"{name}: unexpected argument '{extra}': all others are flags, see --help\n")
 
 
-REQUIRED_SETTINGS = {"kitchen-record": "--output", "kitchen-replay": "source", "kitchen-train": "--output", "kitchen-export": "--output"}
+REQUIRED_SETTINGS = {
+    "kitchen-record": "--output",
+    "kitchen-replay": "source",
+    "kitchen-train": "--output",
+    "kitchen-export": "--output",
+}
 
 
 @pytest.mark.parametrize("name", REQUIRED_SETTINGS)

@@ -4,121 +4,15 @@ import json
 import re
 from pathlib import Path
 
-import h5py
-import minari
 import numpy as np
 import pytest
-from gymnasium import spaces
+from human_files import ELEMENTS, EPISODES, LENGTH, actions, positions, write_d4rl, write_minari
 
 from kitchen_suite.cli import convert, record, replay
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
 
-# As D4RL has them: indices of the positions of a task's joints among the first 30 numbers of an observation.
-ELEMENTS = {
-    "bottom burner": [11, 12],
-    "top burner": [15, 16],
-    "light switch": [17, 18],
-    "slide cabinet": [19],
-    "hinge cabinet": [20, 21],
-    "microwave": [22],
-    "kettle": [23, 24, 25, 26, 27, 28, 29],
-}
-WANTED = ("microwave", "kettle", "light switch", "slide cabinet")
-
-# Tasks that the made-up episodes complete, and the step after which each is complete.
-EPISODES = (
-    {"kettle": 3, "microwave": 1, "light switch": 5, "slide cabinet": 9},
-    {"hinge cabinet": 2, "bottom burner": 4},
-    {},
-    {"top burner": 8},
-)
-LENGTH = 10
-
-
-def positions(completions, length=LENGTH):
-    """Returns the 30 positions `(length + 1, 30)` of an episode that completes tasks after given steps."""
-    made = np.tile(INITIAL_QPOS, (length + 1, 1))
-    made[:, :9] += 0.01 * np.arange(length + 1)[:, np.newaxis]
-    for task, step in completions.items():
-        made[step:, ELEMENTS[task]] = GOALS[task].value
-    return made
-
-
-def actions(length=LENGTH):
-    return np.random.default_rng(length).uniform(-0.999, 0.999, (length, 9)).astype(np.float32)
-
-
-def write_d4rl(path, episodes=EPISODES, timeouts=False, **changes):
-    """Writes a file in the layout of D4RL's kitchen: no observation follows the last action of an episode."""
-    goal = np.zeros(30)
-    for task in WANTED:
-        goal[ELEMENTS[task]] = GOALS[task].value
-    rows = [np.column_stack([made, np.tile(goal, (len(made), 1))]) for made in map(positions, episodes)]
-    ends = np.concatenate([np.arange(len(each)) == len(each) - 1 for each in rows]).astype(np.float32)
-    arrays = {
-        "observations": np.concatenate(rows).astype(np.float32),
-        "actions": np.concatenate([actions(len(each)) for each in rows]),
-        "rewards": np.zeros(ends.size, np.float32),
-        "terminals": np.zeros_like(ends) if timeouts else ends,
-        "infos": np.zeros(ends.size, np.int64),
-        **({"timeouts": ends} if timeouts else {}),
-    }
-    with h5py.File(path, "w") as file:
-        for name, array in {**arrays, **changes}.items():
-            if array is not None:
-                file[name] = array
-
-
-class Original:
-    """Stands for gymnasium-robotics' environment, which fails on this MuJoCo."""
-
-
-def write_minari(root, name="D4RL/kitchen/complete-v2", env_id="FrankaKitchen-v1", size=59):
-    """Writes a Minari dataset in the layout of D4RL/kitchen/complete-v2."""
-    from gymnasium.envs.registration import EnvSpec
-
-    goal = {task: spaces.Box(-np.inf, np.inf, (len(GOALS[task].value),), np.float64) for task in WANTED}
-    observed = {"observation": spaces.Box(-np.inf, np.inf, (size,), np.float64)}
-    buffers = []
-    for completions in EPISODES:
-        made = positions(completions)
-        state = np.zeros((LENGTH + 1, 59))
-        state[:, :9], state[:, 18:39] = made[:, :9], made[:, 9:]
-        achieved = {task: made[:, ELEMENTS[task]] for task in WANTED}
-        desired = {task: np.tile(GOALS[task].value, (LENGTH + 1, 1)) for task in WANTED}
-        flags = np.zeros(LENGTH, bool)
-        buffers.append(
-            minari.data_collector.EpisodeBuffer(
-                observations={"achieved_goal": achieved, "desired_goal": desired, "observation": state[:, :size]},
-                actions=actions().astype(np.float64),
-                rewards=np.zeros(LENGTH),
-                terminations=flags,
-                truncations=np.arange(LENGTH) == LENGTH - 1,
-                infos={"ctrl": np.zeros((LENGTH + 1, 9))},
-            )
-        )
-    arguments = {
-        "remove_task_when_completed": False,
-        "terminate_on_tasks_completed": False,
-        "tasks_to_complete": [*WANTED],
-    }
-    specification = EnvSpec(
-        id=env_id,
-        entry_point="gymnasium_robotics.envs:KitchenEnv",
-        max_episode_steps=280,
-        kwargs=arguments,
-    )
-    minari.create_dataset_from_buffers(
-        name,
-        buffers,
-        env=specification,
-        observation_space=spaces.Dict(
-            {"achieved_goal": spaces.Dict(goal), "desired_goal": spaces.Dict(goal), **observed}
-        ),
-        action_space=spaces.Box(-1.0, 1.0, (9,), np.float64),
-    )
+pytestmark = pytest.mark.filterwarnings("ignore:env_spec is None", "ignore:`\\w+` is set to None")
 
 
 @pytest.fixture
@@ -180,7 +74,7 @@ def test_a_file_of_d4rl_becomes_a_recording(timeouts, folder, capsys):
 
 @pytest.mark.parametrize("name", ["D4RL/kitchen/complete-v2", "datasets/D4RL/kitchen/complete-v2"])
 def test_a_minari_dataset_becomes_a_recording(name, folder, capsys):
-    write_minari(folder)
+    write_minari()
     assert convert.main([name, "--output=human"]) == 0
     printed = capsys.readouterr().out
     assert f"4 episodes of {name} (Minari), 40 control steps" in printed
@@ -209,7 +103,7 @@ def test_the_same_command_continues_and_other_recordings_are_kept(folder, capsys
     check_recording(*recorded(), velocities=False)
     capsys.readouterr()
     assert convert.main(["b.hdf5", "--output=human"]) == 2
-    assert "human holds another recording" in capsys.readouterr().err
+    assert "human holds a recording with origin" in capsys.readouterr().err
     assert replay.main(["human"]) == 2
     assert "was made by kitchen-convert" in capsys.readouterr().err
 
@@ -244,8 +138,8 @@ def test_files_of_another_layout_are_refused_in_one_line(case, folder, capsys):
 
 def test_other_sources_are_refused_in_one_line(folder, capsys):
     (folder / "damaged.hdf5").write_text("no HDF5")
-    write_minari(folder, "kitchen/short-v0", size=30)
-    write_minari(folder, "kitchen/own-v0", env_id="KitchenSuite/FrankaKitchen-v1")
+    write_minari("kitchen/short-v0", size=30)
+    write_minari("kitchen/own-v0", env_id="KitchenSuite/FrankaKitchen-v1")
     assert record.main(["--output=own", "--num_episodes=1", "--max_episode_steps=2"]) == 0
     messages = {
         "nothing.hdf5": "no such file: 'nothing.hdf5'",
