@@ -165,7 +165,7 @@ def _licence_texts() -> dict[str, str]:
     """Returns the texts of the licences of meshes and textures by file name."""
     found = importlib.metadata.distribution("gymnasium-robotics").files or ()
     texts = [path.read_text(encoding="utf-8") for path in found if path.name == "LICENSE"]
-    return dict(zip([export_page.LICENCE_FILE], texts, strict=False))
+    return {export_page.LICENCE_FILE: texts[0]} if texts else {}
 
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:

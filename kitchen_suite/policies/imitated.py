@@ -304,12 +304,11 @@ def time_features(time: Any) -> NDArray[np.float32]:
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
 
 
-def _check_elements(elements: object, size: int) -> None:
+def _check_elements(elements: Any, size: int) -> None:
     """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
-    if isinstance(elements, list) and all(type(element) is int for element in elements):
-        if len(elements) == size and (np.diff([-1, *elements]) > 0).all():
-            return
-    raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
+    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
+    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
+        raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:
