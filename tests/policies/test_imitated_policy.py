@@ -173,9 +173,9 @@ def test_a_policy_may_take_some_elements_of_the_state():
     np.testing.assert_array_equal(policy.select(inputs), [*elements, 62, 63, 64])
     np.testing.assert_array_equal(make("bc").select(inputs), inputs)
     # The handle comes after the 59 numbers.
-    policy.check_fits(kitchen(extra_observables=["microwave/handle_positions"]).task)
+    policy.check_fits(kitchen("kettle", extra_observables=["microwave/handle_positions"]).task)
     with pytest.raises(ValueError, match="the policy maps 61 observed numbers"):
-        policy.check_fits(kitchen().task)
+        policy.check_fits(kitchen("kettle").task)
 
 
 def make_nine_actions(policy):
