@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from kitchen_suite.policies.imitated import CLIP, ImitatedPolicy, Scales
+from kitchen_suite.policies.imitated import ImitatedPolicy
+from kitchen_suite.policies.scales import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.controllers import Controller, PolicyController
 from kitchen_suite.training.checkpoints import Checkpoint
