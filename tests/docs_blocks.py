@@ -22,7 +22,10 @@ PYTEST_MARKS = ("slow", "clients", "ray", "rendering")
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (
-    *(f"kitchen-{name}" for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate")),
+    *(
+        f"kitchen-{name}"
+        for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate", "export", "convert")
+    ),
     *("pytest", "python"),
 )
 

@@ -41,7 +41,7 @@ HOMES = {
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
 }
-COMMANDS = ("benchmark", "evaluate", "play", "record", "replay", "rollout", "train")
+COMMANDS = ("benchmark", "convert", "evaluate", "export", "play", "record", "replay", "rollout", "train")
 
 
 def modules():

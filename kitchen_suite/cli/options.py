@@ -47,7 +47,10 @@ class Option:
 
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
-        "source": Option("Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay."),
+        "source": Option(
+            "Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay; for kitchen-convert, HDF5 file "
+            "of D4RL, or Minari dataset."
+        ),
         "list": Option(
             "List all domains with their tasks and cameras, and exit; for kitchen-play, the trained policies that come "
             "with the package."
@@ -77,6 +80,9 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         ),
         "variation_split": Option(
             "Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen"
+        ),
+        "variation_values": Option(
+            "Values of parameters that vary, in place of drawn ones, as a JSON object such as '{\"kettle/mass\": 1}'."
         ),
         "policy": Option(
             "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "

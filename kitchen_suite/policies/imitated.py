@@ -15,56 +15,11 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.policies.residual_network import ResidualNetwork, checked
+from kitchen_suite.policies.scales import Scales
 from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.base import SuiteTask
-
-# Bound of standardised inputs.
-CLIP = 10.0
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Scales:
-    """Standardisation of inputs and actions.
-
-    Attributes:
-      input_mean: `(m,)`.
-      input_deviation: `(m,)`, positive.
-      action_mean: `(k,)`.
-      action_deviation: `(k,)`, positive.
-    """
-
-    input_mean: NDArray[np.float32]
-    input_deviation: NDArray[np.float32]
-    action_mean: NDArray[np.float32]
-    action_deviation: NDArray[np.float32]
-
-    @classmethod
-    def take(cls, arrays: dict[str, NDArray]) -> Self:
-        """Removes the arrays of the scales from others, and returns the scales; raises a ValueError for bad ones."""
-        scales = cls(**{name: checked(arrays.pop(name), name) for name in cls.names() if name in arrays})
-        for mean, deviation in (
-            (scales.input_mean, scales.input_deviation),
-            (scales.action_mean, scales.action_deviation),
-        ):
-            if mean.ndim != 1 or mean.shape != deviation.shape or not (deviation > 0).all():
-                raise ValueError("means and positive deviations must be vectors of the same length")
-        return scales
-
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Returns the names of the arrays."""
-        return tuple(field.name for field in dataclasses.fields(cls))
-
-    def inputs(self, inputs: NDArray) -> NDArray[np.float32]:
-        """Returns inputs `(..., m)` standardised, and clipped."""
-        values = ((inputs - self.input_mean) / self.input_deviation).astype(np.float32)
-        return np.clip(values, -CLIP, CLIP)
-
-    def actions(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns the actions `(..., k)` whose standardised values are given."""
-        return values * self.action_deviation + self.action_mean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -76,7 +31,9 @@ class ImitatedPolicy(StoredPolicy):
       networks: by name.
       tables: further arrays by name.
       metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
-        are predicted, `executed`, how many of them are applied before the next prediction, `state_size` and `tasks`.
+        are predicted, `executed`, how many of them are applied before the next prediction, `state_size`, the number of
+        elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
+        `state_elements`.
     """
 
     algorithm: ClassVar[str]
@@ -101,6 +58,8 @@ class ImitatedPolicy(StoredPolicy):
         size = checks.integer(self.metadata.get("state_size"), "state_size", minimum=1) + len(self.tasks)
         if self.scales.input_mean.size != size:
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state and tasks have {size}")
+        if self.state_elements is not None:
+            _check_elements(self.state_elements, self.metadata["state_size"])
         self._check_sizes()
 
     @abc.abstractmethod
@@ -127,6 +86,18 @@ class ImitatedPolicy(StoredPolicy):
         return tuple(self.metadata["tasks"])
 
     @property
+    def state_elements(self) -> list[int] | None:
+        """Indices of the elements of the state among the inputs, increasing; None for all."""
+        return self.metadata.get("state_elements")
+
+    def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are asked."""
+        if self.state_elements is None:
+            return inputs
+        state, asked = np.split(inputs, [inputs.size - len(self.tasks)])
+        return np.concatenate([state[self.state_elements], asked])
+
+    @property
     def action_size(self) -> int:
         return self.scales.action_mean.size
 
@@ -147,7 +118,9 @@ class ImitatedPolicy(StoredPolicy):
         return self._acting_in(task, Chunks(self, task, generator))
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check(task, observed=self.metadata["state_size"], expected=task.state_size)
+        elements = self.state_elements
+        observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, task.state_size)
+        self._check(task, observed=observed, expected=task.state_size)
         if self.tasks and (others := sorted(set(task.task_names) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
@@ -201,7 +174,7 @@ class Chunks:
         """Returns the action `(k,)`."""
         if timestep.first() or not self._waiting:
             inputs = self._task.policy_inputs(timestep.observation, self._policy.tasks)
-            chunk = self._policy.predict(inputs, self._generator)
+            chunk = self._policy.predict(self._policy.select(inputs), self._generator)
             self._waiting = [*chunk[: self._policy.metadata["executed"]]]
         return self._waiting.pop(0)
 
@@ -289,6 +262,13 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
+
+
+def _check_elements(elements: Any, size: int) -> None:
+    """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
+    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
+    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
+        raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:

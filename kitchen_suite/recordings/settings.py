@@ -1,4 +1,4 @@
-"""Settings of `kitchen-record` and `kitchen-replay`."""
+"""Settings of `kitchen-record`, `kitchen-replay` and `kitchen-convert`."""
 
 import dataclasses
 from pathlib import Path
@@ -46,4 +46,13 @@ class ReplaySettings(FilmSettings):
     source: str
     episodes: str | None = None
     num_episodes: int = 10
+    data_path: Path | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ConvertSettings:
+    """Settings of `kitchen-convert`; `source` is its argument, each other one is the flag of its name."""
+
+    source: str
+    output: Path
     data_path: Path | None = None

@@ -57,8 +57,14 @@ class FolderSource(Source):
     """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens the folder; raises what `RecordingFolder.open` does."""
+        """Opens the folder; raises what `RecordingFolder.open` does.
+
+        Raises:
+          ValueError: other programs recorded the episodes.
+        """
         self._folder = RecordingFolder.open(folder)
+        if self.spec.origin is not None:
+            raise ValueError(f"{folder} was made by kitchen-convert, and holds no states from which to replay")
 
     @property
     def spec(self) -> RecordingSpec:
@@ -102,9 +108,14 @@ class MinariSource(Source):
     def indices(self) -> Sequence[int]:
         return range(self._dataset.total_episodes)
 
+    @property
+    def is_original(self) -> bool:
+        """Whether the dataset is of Gymnasium-Robotics' kitchen."""
+        return self._env_spec.id == _ORIGINAL_ID
+
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
         env_spec = self._env_spec
-        env_id = gymnasium_env.KITCHEN_ID if env_spec.id == _ORIGINAL_ID else env_spec.id
+        env_id = gymnasium_env.KITCHEN_ID if self.is_original else env_spec.id
         arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
         # -1: no limit.
         limit = env_spec.max_episode_steps or -1

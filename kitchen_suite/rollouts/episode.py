@@ -81,14 +81,14 @@ class EpisodeStats:
     """Statistics of an episode.
 
     Attributes:
-      seed: of the episode.
+      seed: of the episode; None if unknown.
       steps: number of control steps.
       total_reward: undiscounted return.
       metrics: of the task, by name.
       seconds: time that playing took [s].
     """
 
-    seed: int
+    seed: int | None
     steps: int
     total_reward: float
     metrics: Metrics
@@ -96,8 +96,7 @@ class EpisodeStats:
 
     @classmethod
     def of(cls, episode: EpisodeArrays, metrics: Metrics) -> "EpisodeStats":
-        """Returns the statistics of an episode with a seed, given the task's metrics of it."""
-        assert episode.seed is not None
+        """Returns the statistics of an episode, given the task's metrics of it."""
         total_reward = float(episode.arrays["reward"].sum())
         return cls(
             seed=episode.seed,

@@ -22,7 +22,7 @@ class _Metadata:
     """Metadata of an episode's file; `results` are the task's metrics."""
 
     episode: int
-    seed: int
+    seed: int | None
     steps: int
     total_reward: float
     seconds: float
@@ -169,7 +169,7 @@ class RecordingFolder:
             metadata = files.parse(record, _Metadata, f"{path} does not hold an episode")
         except ValueError as error:
             raise OSError(str(error)) from error
-        expected = (index, self._spec.seed + index, self._spec.as_json())
+        expected = (index, self._spec.seed_of(index), self._spec.as_json())
         if (metadata.episode, metadata.seed, metadata.recording) != expected:
             raise OSError(f"{path} holds an episode of another number, seed or recording than its folder's")
         return metadata

@@ -36,6 +36,11 @@ class TaskSettings:
                 raise ValueError(f"{name} is {value!r}, but {other!r} in the task_kwargs")
         return {**self.task_kwargs, **given}
 
+    @property
+    def observes_pictures(self) -> bool:
+        """Whether observations hold pictures, so that playing needs a GL library."""
+        return str(self.task_kwargs.get("obs_type")).startswith(PICTURES_PREFIX)
+
 
 def parsed_variations(text: str) -> Any:
     """Returns what varies: a list of the names that commas separate, or the contents of a JSON object.
@@ -61,11 +66,6 @@ class EpisodeSettings(TaskSettings):
     max_episode_steps: int | None = None
     workers: int | None = None
     ray_address: str | None = None
-
-    @property
-    def observes_pictures(self) -> bool:
-        """Whether observations hold pictures, so that playing needs a GL library."""
-        return str(self.task_kwargs.get("obs_type")).startswith(PICTURES_PREFIX)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -45,6 +45,7 @@ class RecordingSpec:
       max_episode_steps: control steps after which an episode is truncated.
       versions: by package.
       policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
+      origin: where the episodes come from, if other programs recorded them; these have no seeds.
     """
 
     domain_name: str
@@ -56,6 +57,7 @@ class RecordingSpec:
     max_episode_steps: int
     versions: Mapping[str, str]
     policy_sha256: str | None = None
+    origin: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "RecordingSpec":
@@ -136,6 +138,10 @@ class RecordingSpec:
         """Returns the specification as JSON represents it, without what is None."""
         record = json.loads(json.dumps(dataclasses.asdict(self)))
         return {name: value for name, value in record.items() if value is not None}
+
+    def seed_of(self, index: int) -> int | None:
+        """Returns the seed of an episode; None where another program recorded it."""
+        return self.seed + index if self.origin is None else None
 
     @property
     def env_class(self) -> type[SuiteEnv]:

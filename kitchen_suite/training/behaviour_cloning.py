@@ -50,6 +50,8 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     if not recording.indices:
         raise ValueError(f"{folder} holds no episodes yet")
+    if recording.spec.origin is not None:
+        raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     episodes = [recording.load(index).arrays for index in recording.indices]
     observations = np.concatenate([flat_observations(arrays)[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])

@@ -47,6 +47,10 @@ class PoseCommand(NamedTuple):
 class EndEffectorMode(ActionMode):
     """A mode that commands the pose of the site between the fingers; the last element of the action is the gripper."""
 
+    formula = (
+        "ctrl[:7]: differential inverse kinematics of the commanded pose, which kitchen_suite.tasks.control_modes "
+        "computes; both fingers: from open at action[-1] = -1 to closed at 1, linear between"
+    )
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:

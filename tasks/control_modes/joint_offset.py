@@ -35,6 +35,11 @@ class JointOffset(ActionMode):
     """
 
     name = "joint_offset"
+    formula = (
+        f"ctrl[:7] = clip(q + action[:7], low, high), with the joint positions q, low = {_ARM_LOW.tolist()} and high = "
+        f"{_ARM_HIGH.tolist()}; both fingers: {GRIPPER_CLOSED:g} (closed) if u < 1 / (1 + exp(-action[7])), else "
+        f"{GRIPPER_OPEN:g}, with u drawn from U(0, 1) (gripper 'sampled') or 0.5 ('deterministic')"
+    )
 
     def __init__(self, *, gripper: str = "sampled") -> None:
         """Takes one of `GRIPPER_MODES`.

@@ -22,6 +22,9 @@ class JointPosition(ActionMode):
     """`joint_position`: targets of the arm's joints [rad] and of both fingers [m], within the joint limits."""
 
     name = "joint_position"
+    formula = (
+        "ctrl[:7] = clip(action[:7], minimum[:7], maximum[:7]); both fingers: clip(action[7], minimum[7], maximum[7])"
+    )
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint targets [rad] and the fingers' target [m]; values beyond the joint limits are clipped."""
@@ -65,6 +68,12 @@ class JointDelta(ActionMode):
     """
 
     name = "joint_delta"
+    formula = (
+        "p = clip(p + joint_speed * control_timestep * clip(action[:7], -1, 1), low, high), at first the joint "
+        f"positions q; low and high are the joint limits, brought to at most {TARGET_DISTANCE:g} from q; ctrl[:7] = "
+        "clip(p + qfrc_bias / kp, ctrlrange), with qfrc_bias of the present state; both fingers: from open at "
+        "action[7] = -1 to closed at 1, linear between"
+    )
 
     stage = mujoco.mjtStage.mjSTAGE_VEL
 

@@ -31,6 +31,11 @@ class JointVelocity(ActionMode):
     """`joint_velocity`: nine joint velocities, integrated over the control step from present positions."""
 
     name = "joint_velocity"
+    formula = (
+        "ctrl = clip(q + clip(clip(action, -1, 1) * velocity_scale, -10, 10) * control_timestep, low, high), with the "
+        "nine joint positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the "
+        f"last ctrl ('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
+    )
 
     def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
         """Sets scale and feedback.
@@ -68,6 +73,11 @@ class JointPosition(ActionMode):
     """`joint_position`: nine joint positions; as Diffusion Policy's kitchen, but in an order that rounds nothing."""
 
     name = "joint_position"
+    formula = (
+        "ctrl = clip(clip(action, q - 10 * control_timestep, q + 10 * control_timestep), low, high), with the nine "
+        "joint positions q last observed, noise included (feedback 'observed'), the true ones ('true') or the last "
+        f"ctrl ('target'), low = {POSITION_LOW.tolist()} and high = {POSITION_HIGH.tolist()}"
+    )
 
     def __init__(self, *, feedback: str = "observed") -> None:
         """Sets the feedback.

@@ -18,11 +18,11 @@ from sweeps import brief
 
 import kitchen_suite
 from kitchen_suite import checks
-from kitchen_suite.cli import benchmark, evaluate, play, process, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, convert, evaluate, export, play, process, record, replay, rollout, train
 from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
 
-MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 
@@ -424,7 +424,12 @@ def test_an_argument_too_many_gets_one_line_and_status_2(name, capsys):
     assert capsys.readouterr() == ("", f"{name}: unexpected argument '{extra}': all others are flags, see --help\n")
 
 
-REQUIRED_SETTINGS = {"kitchen-record": "--output", "kitchen-replay": "source", "kitchen-train": "--output"}
+REQUIRED_SETTINGS = {
+    "kitchen-record": "--output",
+    "kitchen-replay": "source",
+    "kitchen-train": "--output",
+    "kitchen-export": "--output",
+}
 
 
 @pytest.mark.parametrize("name", REQUIRED_SETTINGS)

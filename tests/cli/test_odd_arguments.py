@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import benchmark, evaluate, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, convert, evaluate, export, play, record, replay, rollout, train
 from kitchen_suite.cli.options import OPTIONS, RENAMED
 
-MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 # First in the command line, so that an odd value takes their place: one episode of one control step.
@@ -29,11 +29,17 @@ TINY = {
     "kitchen-replay": ("recording",),
     "kitchen-evaluate": ("--num_episodes=1", "--max_episode_steps=1"),
     "kitchen-train": ("--output=new",),
+    "kitchen-export": ("--output=new",),
+    "kitchen-convert": ("file", "--output=new"),
     "kitchen-benchmark": (),
 }
 
 # Last in the command line of commands whose work takes long: refused, after all flags have been parsed.
-REFUSED = {"kitchen-train": "--task_name=nothing", "kitchen-benchmark": "--domain_name=nothing"}
+REFUSED = {
+    "kitchen-train": "--task_name=nothing",
+    "kitchen-benchmark": "--domain_name=nothing",
+    "kitchen-export": "--task_name=nothing",
+}
 
 # Work that takes long, or needs a GL library.
 LEFT_OUT = {"list", "measure", "novideo", "video", "workers"}

@@ -9,8 +9,9 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.cli import rollout
 from kitchen_suite.policies import policy_files
-from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, Scales, TokenPolicy, time_features
+from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.residual_network import Block, Linear, ResidualNetwork, silu
+from kitchen_suite.policies.scales import Scales
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
 TASKS = ["kettle", "microwave", "light switch"]
@@ -167,6 +168,19 @@ def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
         positions.check_fits(kitchen("all").task)
 
 
+def test_a_policy_may_take_some_elements_of_the_state():
+    elements = [*range(58), 60]
+    policy = make("bc", state_elements=elements)
+    # The state, here of 62 elements, and which tasks are asked.
+    inputs = np.arange(62.0 + len(TASKS))
+    np.testing.assert_array_equal(policy.select(inputs), [*elements, 62, 63, 64])
+    np.testing.assert_array_equal(make("bc").select(inputs), inputs)
+    # The handle comes after the 59 numbers.
+    policy.check_fits(kitchen("kettle", extra_observables=["microwave/handle_positions"]).task)
+    with pytest.raises(ValueError, match="the policy maps 61 observed numbers"):
+        policy.check_fits(kitchen("kettle").task)
+
+
 def make_nine_actions(policy):
     """Returns a policy with the eight actions of the cabinet."""
     size = ACTION - 1
@@ -189,6 +203,9 @@ BAD = {
     "executed is 4, but a chunk has 3 actions": {"executed": 4},
     "chunk must be at least 1": {"chunk": 0},
     "state_size must be": {"state_size": "59"},
+    "state_elements must be 59 increasing indices, got [0]": {"state_elements": [0]},
+    "state_elements must be 59 increasing indices, got [58": {"state_elements": [*range(58, -1, -1)]},
+    "state_elements must be 59 increasing indices, got 'all'": {"state_elements": "all"},
     "there are 62 inputs, but state and tasks have 61": {"tasks": TASKS[:2]},
     "tasks must be a list of names": {"tasks": [3, 4, 5]},
     "algorithm": {"algorithm": "td3"},

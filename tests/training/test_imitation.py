@@ -5,8 +5,9 @@ import re
 
 import numpy as np
 import pytest
+from human_files import write_d4rl
 
-from kitchen_suite.cli import record, train
+from kitchen_suite.cli import convert, evaluate, record, train
 from kitchen_suite.policies import policy_files
 
 pytestmark = pytest.mark.clients
@@ -210,3 +211,39 @@ def test_episodes_that_failed_are_left_out(recording):
     shown = load(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
+
+
+def test_policies_are_trained_on_positions_alone_where_velocities_were_not_recorded(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_d4rl("a.hdf5")
+    assert convert.main(["a.hdf5", "--output=human"]) == 0
+    hyperparameters = f"--hyperparameters={json.dumps(SMALL)}"
+    arguments = ["--demonstrations=human", "--task_name=random_4", "--domain_name=kitchen", "--output=run"]
+    quick = ["--num_steps=100", "--eval_interval=100", "--eval_episodes=1"]
+    assert train.main([*arguments, "--algorithm=bc", hyperparameters, *quick]) == 0
+    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    # Nine joints of the robot, 21 positions of objects, seven tasks.
+    assert policy.metadata["state_elements"] == [*range(9), *range(18, 39)]
+    assert policy.layers[0] == 30 + 7
+    inputs = np.arange(59.0 + 7)
+    np.testing.assert_array_equal(policy.select(inputs), [*range(9), *range(18, 39), *range(59, 66)])
+    capsys.readouterr()
+    evaluated = ["--policy=trained(file='run/policy.npz')", "--num_episodes=2", "--max_episode_steps=3"]
+    for task in ("random_4", "complete"):
+        assert evaluate.main([*evaluated, f"--task_name={task}"]) == 0
+    # Velocities are no input: others change nothing.
+    one, other = (np.where(np.isin(np.arange(66), [*range(9, 18), *range(39, 59)]), value, 0.1) for value in (0.0, 9.0))
+    generator = np.random.default_rng(0)
+    first, second = (policy.predict(policy.select(each), generator) for each in (one, other))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_reinforcement_learning_refuses_converted_demonstrations(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_d4rl("a.hdf5")
+    assert convert.main(["a.hdf5", "--output=human"]) == 0
+    kwargs = '{"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": false}'
+    capsys.readouterr()
+    arguments = ["--domain_name=kitchen", "--task_name=all", f"--task_kwargs={kwargs}", "--demonstrations=human"]
+    assert train.main([*arguments, "--output=run"]) == 2
+    assert "human was made by kitchen-convert" in capsys.readouterr().err

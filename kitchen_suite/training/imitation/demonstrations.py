@@ -21,14 +21,16 @@ class Demonstrations(NamedTuple):
     """Control steps of all episodes, one after the other.
 
     Attributes:
-      inputs: `(m, n)`, float32: the state, and which of the policy's tasks are asked.
+      inputs: `(m, n)`, float32: the state, or some of its elements, and which of the policy's tasks are asked.
       actions: `(m, k)`, float32, taken on them.
       last: `(m,)`, index of the last step of each step's episode.
+      state_elements: elements of the state among the inputs; None for all.
     """
 
     inputs: NDArray[np.float32]
     actions: NDArray[np.float32]
     last: NDArray[np.int64]
+    state_elements: tuple[int, ...] | None = None
 
     def chunks(self, length: int) -> NDArray[np.int64]:
         """Returns the indices `(m, length)` of the actions that follow each input; the last ones repeat at the end."""
@@ -58,11 +60,22 @@ def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | N
         task = suite_env(environment).environment.task
     episodes = [recording.load(index).arrays for index in indices]
     lengths = [len(arrays["action"]) for arrays in episodes]
+    inputs = np.concatenate([_inputs(arrays, task, tasks) for arrays in episodes])
+    elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.state_size)
+    if elements is not None:
+        inputs = inputs[:, [*elements, *range(task.state_size, inputs.shape[1])]]
     return Demonstrations(
-        inputs=np.concatenate([_inputs(arrays, task, tasks) for arrays in episodes]),
+        inputs=inputs,
         actions=np.concatenate([arrays["action"] for arrays in episodes]).astype(np.float32),
         last=np.repeat(np.cumsum(lengths) - 1, lengths),
+        state_elements=elements,
     )
+
+
+def _recorded_elements(inputs: NDArray[np.float32], size: int) -> tuple[int, ...] | None:
+    """Returns which of the `size` elements of the state another program has recorded; None for all."""
+    recorded = np.isfinite(inputs[:, :size]).all(axis=0)
+    return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
 
 
 def _inputs(arrays: Mapping[str, NDArray], task: SuiteTask, tasks: Sequence[str]) -> NDArray[np.float32]:

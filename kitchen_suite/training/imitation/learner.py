@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from kitchen_suite.policies.imitated import CLIP, ImitatedPolicy, Scales
+from kitchen_suite.policies.imitated import ImitatedPolicy
+from kitchen_suite.policies.scales import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.controllers import Controller, PolicyController
 from kitchen_suite.training.checkpoints import Checkpoint
@@ -56,6 +57,7 @@ class ImitationLearner:
         torch.manual_seed(seed)
         self.steps = 0
         self._config, self._num_steps, self._tasks = config, num_steps, tuple(tasks)
+        self._state_elements = demonstrations.state_elements
         self._scales = _scales(demonstrations, config.standardisation_epsilon)
         self._inputs = torch.as_tensor(self._scales.inputs(demonstrations.inputs))
         actions = (demonstrations.actions - self._scales.action_mean) / self._scales.action_deviation
@@ -114,6 +116,7 @@ class ImitationLearner:
             "executed": config.executed,
             "state_size": self._inputs.shape[1] - len(self._tasks),
             "tasks": [*self._tasks],
+            **({} if self._state_elements is None else {"state_elements": [*self._state_elements]}),
             **method.settings(),
         }
         return policy_class(

@@ -1,0 +1,203 @@
+"""The work of `kitchen-export`: the scene of an episode as files that `mujoco` alone loads."""
+
+import contextlib
+import importlib.metadata
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from dm_env import specs
+
+from kitchen_suite import files
+from kitchen_suite.bridges import export_page
+from kitchen_suite.bridges.export_settings import ExportSettings
+from kitchen_suite.bridges.mjcf_values import write_values
+from kitchen_suite.bridges.model_difference import Difference, greatest_difference
+from kitchen_suite.environment import Environment
+from kitchen_suite.environment.physics_state import PHYSICS_STATE
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.varied import VARIATION_VALUES
+from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+
+XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE = (
+    "scene.xml",
+    "scene.mjb",
+    "state.npz",
+    "scene.json",
+    "README.md",
+)
+
+# Folder of meshes and textures, beside the XML.
+_ASSETS = "assets"
+
+# Name of the keyframe with the start of the episode, for viewers.
+_KEYFRAME = "start"
+
+
+class ExportJob:
+    """Writes a scene, and how it is stepped, to a folder."""
+
+    failures = (OSError,)
+    usage_errors = ()
+
+    def __init__(self, settings: ExportSettings) -> None:
+        """Builds the scene, and starts the episode.
+
+        Raises:
+          OSError: the folder holds something already, or the assets are missing.
+          TypeError: an argument of the task has the wrong type, or there is no such argument.
+          ValueError: an unknown name, or a value that is refused.
+        """
+        self._folder = settings.output
+        if self._folder.exists() and any(self._folder.iterdir()):
+            raise FileExistsError(f"{self._folder} is not empty: name another folder")
+        self._spec = RecordingSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.environment_kwargs,
+            policy="zero",
+            seed=settings.seed,
+            seeding="gymnasium",
+            max_episode_steps=None,
+        )
+        if settings.variation_values and settings.variations is None and "variations" not in settings.task_kwargs:
+            raise ValueError("variation_values needs --variations, the parameters that vary")
+        self._gymnasium_env = self._spec.make_environment(visuals=True)
+        options = {VARIATION_VALUES: dict(settings.variation_values)} if settings.variation_values else None
+        reset_to_seed(self._gymnasium_env, settings.seed, "gymnasium", options)
+
+    def progress(self) -> str:
+        return "before the folder was complete; nothing was written"
+
+    def run(self) -> bool:
+        """Writes all files; prints the folder, and the difference of the XML."""
+        with contextlib.closing(self._gymnasium_env), _complete_folder(self._folder) as folder:
+            differences = write_scene(folder, self._environment)
+            record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
+            (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            (folder / PAGE).write_text(export_page.page(record), encoding="utf-8")
+        print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._spec.seed}, in {self._folder}")
+        print(f"{BINARY_FILE}: the environment's model, to the bit")
+        for name, difference in differences.items():
+            print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
+        return True
+
+    @property
+    def _environment(self) -> Environment:
+        return suite_env(self._gymnasium_env).environment
+
+    def _metadata(self) -> dict[str, Any]:
+        """Returns the contents of the JSON file that describe scene and episode."""
+        recorded = {name: value for name, value in self._spec.as_json().items() if name not in ("policy", "seeding")}
+        task, model = self._environment.task, self._environment.physics.model.ptr
+        values = {name: value.tolist() for name, value in task.variation_values.items()}
+        return {
+            **recorded,
+            "instruction": task.instruction,
+            VARIATION_VALUES: values,
+            "physics_timestep": model.opt.timestep,
+            "control_timestep": self._environment.control_timestep(),
+            "substeps": task.physics_steps_per_control_step,
+            "state": {"file": STATE_FILE, "array": "integration", "signature": "mjSTATE_INTEGRATION"},
+            "keyframe": _KEYFRAME,
+            "action": _action(task.mdp.action_mode, self._environment.action_spec()),
+            "actuators": [
+                {"name": model.actuator(i).name, "ctrlrange": model.actuator_ctrlrange[i].tolist()}
+                for i in range(model.nu)
+            ],
+            "joints": [_joint(model, i) for i in range(model.njnt)],
+            "cameras": [model.camera(i).name for i in range(model.ncam)],
+            "licences": export_page.LICENCES,
+        }
+
+
+def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]:
+    """Writes the present scene of an environment: XML with its assets, binary model, state, licences.
+
+    The environment cannot be used further: values that differ from the built scene are written to its MJCF.
+
+    Args:
+      folder: to write to.
+      environment: after a reset.
+
+    Returns:
+      The greatest differences of the model that the XML compiles to from the environment's, by name: of all fields,
+      and of those that the physics depends on.
+    """
+    physics, root = environment.physics, environment.task.root_entity.mjcf_model
+    model, data = physics.model.ptr, physics.data.ptr
+    mujoco.mj_saveModel(model, str(folder / BINARY_FILE))
+    state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
+    mujoco.mj_getState(model, data, state, PHYSICS_STATE)
+    np.savez(folder / STATE_FILE, integration=state)
+    write_values(root, mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets()), model)
+    root.keyframe.add("key", name=_KEYFRAME, qpos=data.qpos, qvel=data.qvel, ctrl=data.ctrl)
+    _write_xml(folder, root)
+    for name, text in _licence_texts().items():
+        (folder / name).write_text(text, encoding="utf-8")
+    compiled = mujoco.MjModel.from_xml_path(str(folder / XML_FILE))
+    return {
+        "xml_greatest_difference": greatest_difference(compiled, model),
+        "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),
+    }
+
+
+def _write_xml(folder: Path, root: Any) -> None:
+    """Writes an MJCF model, with all digits of its numbers, and its assets in a folder of their own."""
+    tree = ElementTree.fromstring(root.to_xml_string())
+    compiler = tree.find("compiler")
+    assert compiler is not None
+    compiler.set("assetdir", _ASSETS)
+    ElementTree.indent(tree)
+    ElementTree.ElementTree(tree).write(folder / XML_FILE, encoding="utf-8")
+    (folder / _ASSETS).mkdir()
+    for name, contents in root.get_assets().items():
+        (folder / _ASSETS / name).write_bytes(contents if isinstance(contents, bytes) else contents.encode())
+
+
+def _licence_texts() -> dict[str, str]:
+    """Returns the texts of the licences of meshes and textures by file name."""
+    found = importlib.metadata.distribution("gymnasium-robotics").files or ()
+    texts = [path.read_text(encoding="utf-8") for path in found if path.name == "LICENSE"]
+    return {export_page.LICENCE_FILE: texts[0]} if texts else {}
+
+
+def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:
+    """Returns what the elements of an action are, and how controls follow from them."""
+    names = spec.name.split("\t")
+    unbounded = np.full(spec.shape, None)
+    bounds = [getattr(spec, name, unbounded) for name in ("minimum", "maximum")]
+    elements = zip(names, *(np.broadcast_to(bound, spec.shape).tolist() for bound in bounds), strict=True)
+    return {
+        "control_mode": mode.name,
+        "meaning": " ".join((type(mode).spec.__doc__ or "").split()),
+        "settings": mode.settings,
+        "formula": mode.formula,
+        "elements": [dict(zip(("name", "minimum", "maximum"), element, strict=True)) for element in elements],
+    }
+
+
+def _joint(model: mujoco.MjModel, number: int) -> dict[str, Any]:
+    joint = model.joint(number)
+    kind = mujoco.mjtJoint(model.jnt_type[number]).name.removeprefix("mjJNT_").lower()
+    return {"name": joint.name, "type": kind, "qposadr": joint.qposadr.item(), "dofadr": joint.dofadr.item()}
+
+
+@contextlib.contextmanager
+def _complete_folder(folder: Path) -> Iterator[Path]:
+    """Yields a hidden folder beside `folder`, which takes its place unless an exception is raised."""
+    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+    files.remove_stale_partials(folder.absolute().parent)
+    partial = files.partial_path(folder.absolute())
+    partial.mkdir()
+    try:
+        yield partial
+        os.rename(partial, folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

@@ -1,0 +1,134 @@
+"""Writes what variations have changed in a compiled model back to the MJCF that it was compiled from."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+# Attributes of MJCF elements by name.
+_Attributes = Mapping[str, Any]
+# Returns the attributes of the element of a number in a model.
+_Reader = Callable[[mujoco.MjModel, int], _Attributes]
+
+# Attributes that give an orientation in place of a quaternion.
+_ORIENTATIONS = ("axisangle", "euler", "xyaxes", "zaxis")
+
+
+def _row(field: str, attribute: str) -> _Reader:
+    """Returns a reader of a row of a field."""
+    return lambda model, number: {attribute: np.array(getattr(model, field)[number])}
+
+
+def _of_joint(field: str, attribute: str) -> _Reader:
+    """Returns a reader of a field of degrees of freedom, which those of a joint share."""
+    return lambda model, joint: {attribute: getattr(model, field)[model.jnt_dofadr[joint]].item()}
+
+
+def _inertial(model: mujoco.MjModel, body: int) -> _Attributes:
+    return {
+        "mass": model.body_mass[body].item(),
+        "diaginertia": np.array(model.body_inertia[body]),
+        "pos": np.array(model.body_ipos[body]),
+        "quat": np.array(model.body_iquat[body]),
+    }
+
+
+def _material(model: mujoco.MjModel, geom: int) -> _Attributes:
+    return {"material": model.material(model.geom_matid[geom]).name}
+
+
+# Kinds of elements by namespace: MuJoCo's type, and readers by the fields that each reads.
+_KINDS: Mapping[str, tuple[mujoco.mjtObj, Mapping[str, _Reader]]] = MappingProxyType(
+    {
+        "body": (
+            mujoco.mjtObj.mjOBJ_BODY,
+            {
+                "body_pos": _row("body_pos", "pos"),
+                "body_quat": _row("body_quat", "quat"),
+                "body_mass": _inertial,
+                "body_inertia": _inertial,
+            },
+        ),
+        "joint": (
+            mujoco.mjtObj.mjOBJ_JOINT,
+            {
+                "dof_damping": _of_joint("dof_damping", "damping"),
+                "dof_frictionloss": _of_joint("dof_frictionloss", "frictionloss"),
+            },
+        ),
+        "geom": (
+            mujoco.mjtObj.mjOBJ_GEOM,
+            {
+                "geom_friction": _row("geom_friction", "friction"),
+                "geom_matid": _material,
+                "geom_rgba": _row("geom_rgba", "rgba"),
+            },
+        ),
+        "actuator": (
+            mujoco.mjtObj.mjOBJ_ACTUATOR,
+            # Position servos, whose gain is `kp`.
+            {"actuator_gainprm": lambda model, number: {"kp": model.actuator_gainprm[number, 0].item()}},
+        ),
+        "material": (mujoco.mjtObj.mjOBJ_MATERIAL, {"mat_rgba": _row("mat_rgba", "rgba")}),
+        "light": (
+            mujoco.mjtObj.mjOBJ_LIGHT,
+            {
+                **{f"light_{name}": _row(f"light_{name}", name) for name in ("ambient", "diffuse", "dir", "specular")},
+            },
+        ),
+        "camera": (
+            mujoco.mjtObj.mjOBJ_CAMERA,
+            {
+                "cam_pos": _row("cam_pos", "pos"),
+                "cam_quat": _row("cam_quat", "quat"),
+                "cam_fovy": lambda model, number: {"fovy": model.cam_fovy[number].item()},
+            },
+        ),
+    }
+)
+
+
+def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None:
+    """Sets the attributes of those elements whose values differ between a model as it was built and as it is now.
+
+    Fields that MuJoCo derives from these follow when the MJCF is compiled.
+
+    Args:
+      root: `mjcf.RootElement` of the scene, with all that is attached to it.
+      built: model compiled from it.
+      live: the same model with other values.
+    """
+    for namespace, (kind, readers) in _KINDS.items():
+        elements = {element.full_identifier: element for element in root.find_all(namespace)}
+        for field, reader in readers.items():
+            for number in _differing(namespace, field, built, live):
+                element = elements[mujoco.mj_id2name(live, kind, number)]
+                _set(element, reader(live, number), inertial=reader is _inertial)
+
+
+def _differing(namespace: str, field: str, built: mujoco.MjModel, live: mujoco.MjModel) -> list[int]:
+    """Returns the numbers of the elements of a kind that a field differs for."""
+    one, other = (np.asarray(getattr(model, field)) for model in (built, live))
+    rows: NDArray[np.int64] = np.unique(np.nonzero(one != other)[0])
+    if namespace == "joint":
+        rows = np.unique(live.dof_jntid[rows])
+    return rows.tolist()
+
+
+def _set(element: Any, attributes: _Attributes, *, inertial: bool) -> None:
+    if inertial:
+        if element.inertial is not None:
+            element.inertial.remove()
+        element.add("inertial", **attributes)
+        return
+    if "quat" in attributes:
+        for name in _ORIENTATIONS:
+            if getattr(element, name, None) is not None:
+                delattr(element, name)
+    if "material" in attributes:
+        material = element.root.root_model.find("material", attributes["material"])
+        attributes = {"material": material}
+    element.set_attributes(**attributes)

@@ -1,0 +1,224 @@
+"""Demonstrations of the kitchen that other programs recorded: files of D4RL, and Minari datasets of FrankaKitchen-v1.
+
+Both have nine joint velocities as actions, in units of 2 rad/s and 2 m/s, which are added to the positions last
+observed, with their noise: the control mode `joint_velocity`.
+"""
+
+import abc
+import importlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import files
+from kitchen_suite.entities import Scene
+from kitchen_suite.recordings import sources
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.kitchen import noise
+
+# Numbers of an observation and of an action of the kitchen.
+STATE_SIZE, ACTION_SIZE = noise.AMPLITUDES.size, 9
+
+# Positions of the robot and of the objects in an observation; D4RL's first 30 numbers are both, one after the other.
+ROBOT, OBJECTS = noise.SLICES[0], noise.SLICES[2]
+POSITIONS = np.r_[ROBOT, OBJECTS]
+
+# D4RL's observations are the positions, then goals in the same layout, 0 where there is none.
+_D4RL_SIZE = 2 * POSITIONS.size
+
+_SUFFIXES = (".hdf5", ".h5")
+
+# Rounding of float32.
+_ROUNDING = 1e-6
+
+
+class Demonstration(NamedTuple):
+    """A recorded episode.
+
+    Attributes:
+      observations: `(T + 1, 59)`, as the kitchen observes; NaN for elements that were not recorded.
+      actions: `(T, 9)`, joint velocities in units of 2 rad/s and 2 m/s.
+      achieved: `(T + 1, m)` by task, achieved goals without noise, where they were recorded.
+      goals: tasks whose goals were recorded.
+    """
+
+    observations: NDArray[np.float64]
+    actions: NDArray[np.floating]
+    achieved: Mapping[str, NDArray[np.float64]]
+    goals: Sequence[str]
+
+
+class HumanData(abc.ABC):
+    """Demonstrations in the format of another program.
+
+    Attributes:
+      format: its name.
+      has_velocities: whether observations have velocities beside positions.
+    """
+
+    format: str
+    has_velocities: bool
+
+    @abc.abstractmethod
+    def __len__(self) -> int:
+        """Number of episodes."""
+
+    @abc.abstractmethod
+    def read(self) -> Iterator[Demonstration]:
+        """Yields the episodes in order.
+
+        Raises:
+          OSError: the data cannot be read.
+          ValueError: an episode has another layout.
+        """
+
+
+class D4RLData(HumanData):
+    """A file of D4RL, such as kitchen-complete-v0, with flat arrays of all control steps."""
+
+    format = "D4RL"
+    has_velocities = False
+
+    def __init__(self, path: Path, scene: Scene) -> None:
+        """Reads a file.
+
+        Args:
+          path: of the file.
+          scene: the kitchen.
+
+        Raises:
+          ImportError: h5py is not installed.
+          OSError: the file cannot be read.
+          ValueError: an array is missing, or has another layout.
+        """
+        self._scene, arrays = scene, _read_hdf5(path)
+        for name in ("observations", "actions", "terminals"):
+            if name not in arrays:
+                raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
+        count = len(arrays["observations"])
+        _check_shape(
+            arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
+        )
+        _check_actions(arrays["actions"], count, f"actions of {path}")
+        ends = np.zeros(count, bool)
+        for name in ("terminals", "timeouts"):
+            if name in arrays:
+                _check_shape(arrays[name], (count,), f"{name} of {path}", "a flag for each control step")
+                ends |= arrays[name].astype(bool)
+        stops = [*(np.flatnonzero(ends) + 1)]
+        stops = stops if stops and stops[-1] == count else [*stops, count]
+        # The outcome of an episode's last action is not in the file.
+        self._rows = [(start, stop) for start, stop in zip([0, *stops[:-1]], stops, strict=True) if stop - start > 1]
+        self._observations = arrays["observations"].astype(np.float64)
+        self._actions = arrays["actions"]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def read(self) -> Iterator[Demonstration]:
+        for start, stop in self._rows:
+            recorded = self._observations[start:stop]
+            observations = np.full((stop - start, STATE_SIZE), np.nan)
+            observations[:, POSITIONS] = recorded[:, : POSITIONS.size]
+            goals = self._tasks_of(recorded[0, POSITIONS.size + ACTION_SIZE :])
+            yield Demonstration(observations, self._actions[start : stop - 1], {}, goals)
+
+    def _tasks_of(self, goals: NDArray[np.float64]) -> tuple[str, ...]:
+        """Returns the tasks whose goals are among recorded ones of the objects, `(21,)`."""
+        wanted = {
+            task: (self._scene.elements(GOALS[task].prop, GOALS[task].joints), GOALS[task]) for task in DEFAULT_TASKS
+        }
+        return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=_ROUNDING))
+
+
+class MinariData(HumanData):
+    """A Minari dataset of FrankaKitchen-v1, such as D4RL/kitchen/complete-v2."""
+
+    format = "Minari"
+    has_velocities = True
+
+    def __init__(self, source: sources.MinariSource, name: str) -> None:
+        """Takes a dataset; `name` is for messages.
+
+        Raises:
+          ValueError: it is of another environment.
+        """
+        self._source, self._name = source, name
+        if source.spec is not None or not source.is_original:
+            raise ValueError(
+                f"{name} is not of FrankaKitchen-v1, but of this suite: kitchen-record makes recordings of it"
+            )
+
+    def __len__(self) -> int:
+        return len(self._source.indices)
+
+    def read(self) -> Iterator[Demonstration]:
+        for index in self._source.indices:
+            arrays, what = self._source.load(index).arrays, f"of episode {index} of {self._name}"
+            steps, key = len(arrays["reward"]), "observation/observation"
+            if key not in arrays:
+                raise ValueError(f"the observations {what} have no part 'observation'")
+            _check_shape(arrays[key], (steps + 1, STATE_SIZE), f"observations {what}", "positions and velocities")
+            _check_actions(arrays["action"], steps, f"actions {what}")
+            achieved = {
+                task: arrays[name] for task in DEFAULT_TASKS if (name := f"observation/achieved_goal/{task}") in arrays
+            }
+            for task, goal in achieved.items():
+                _check_shape(goal, (steps + 1, len(GOALS[task].value)), f"goals of {task!r} {what}", "its joints")
+            yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, tuple(achieved))
+
+
+def open_data(name: str, scene: Scene) -> HumanData:
+    """Opens a file of D4RL, or a Minari dataset.
+
+    Args:
+      name: path of the file, or name or folder of the dataset.
+      scene: the kitchen.
+
+    Raises:
+      ImportError: an extra is missing.
+      OSError: there is no such file or dataset, or it cannot be read.
+      ValueError: it has another layout.
+    """
+    path = Path(name)
+    if path.suffix in _SUFFIXES or path.is_file():
+        return D4RLData(path, scene)
+    source = sources.find(name)
+    if not isinstance(source, sources.MinariSource):
+        raise ValueError(f"{name} is a recording of this suite already")
+    return MinariData(source, name)
+
+
+def _read_hdf5(path: Path) -> dict[str, NDArray]:
+    """Returns the arrays at the top of an HDF5 file by name."""
+    try:
+        h5py: Any = importlib.import_module("h5py")
+    except ImportError as error:
+        raise ImportError("files of D4RL need h5py: pip install 'kitchen-suite[record]'") from error
+    with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
+        found = {
+            name: item for name, item in file.items() if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf"
+        }
+        files.check_size(sum(item.nbytes for item in found.values()), files.MAX_ARRAY_BYTES)
+        return {name: item[()] for name, item in found.items()}
+
+
+def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str) -> None:
+    """Raises a ValueError unless an array has a shape and finite numbers."""
+    if array.shape != shape:
+        raise ValueError(f"{what} have shape {array.shape}, not {shape}: {meaning}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{what} are not all finite")
+
+
+def _check_actions(actions: NDArray, steps: int, what: str) -> None:
+    """Raises a ValueError unless an array holds velocities."""
+    _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
+    if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + _ROUNDING:
+        raise ValueError(
+            f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s; absolute "
+            "positions, as Diffusion Policy has them, are not converted"
+        )
