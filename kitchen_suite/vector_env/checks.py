@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES
+from kitchen_suite.gymnasium_env.varied import RESET_MASK, STATE, VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.variation_request import VariationRequest, flat_values
 from kitchen_suite.tasks.varied_task import VariedTask
@@ -68,12 +68,13 @@ def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str]
 
     Raises:
       TypeError: the options are no dict, or the mask is no array of bools.
-      ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
+      ValueError: an option is spelt much like one of the suite's and is none of these, or the mask has the wrong shape
+        or is False everywhere.
     """
-    options = checks.reset_options(options, ("reset_mask", VARIATION, VARIATION_VALUES, *own))
-    if "reset_mask" not in options:
+    chosen = checks.reset_options(options, (RESET_MASK, VARIATION, VARIATION_VALUES, *own), elsewhere=(STATE,))
+    if RESET_MASK not in chosen:
         return np.full(count, True)
-    mask = options["reset_mask"]
+    mask = chosen[RESET_MASK]
     if not isinstance(mask, np.ndarray) or mask.dtype != bool:
         raise TypeError(f"reset_mask must be an array of bools, got {mask!r}")
     if mask.shape != (count,):
