@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Size of films [pixels].
@@ -29,8 +30,8 @@ _BLANK = (64, 64)
 class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     """The suite's vectorised environments as LeRobot reads them.
 
-    Observations are dicts of `agent_pos`, `environment_state` and `pixels`, a dict by camera. The next episode starts in
-    the step that ends one, and `final_info` has the last infos, among them `is_success`. Every number is that of
+    Observations are dicts of `agent_pos`, `environment_state` and `pixels`, a dict by camera. The next episode starts
+    in the step that ends one, and `final_info` has the last infos, among them `is_success`. Every number is that of
     `SuiteVectorEnv`.
     """
 
@@ -43,8 +44,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           ValueError: the environments have another autoreset mode or observation type.
         """
-        if environments.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
-            raise ValueError(f"autoreset_mode must be 'SameStep', got {environments.metadata['autoreset_mode'].value!r}")
+        vector_checks.same_step(environments.metadata["autoreset_mode"])
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)
         self.spec, self.render_mode = environments.spec, environments.render_mode

@@ -1,6 +1,7 @@
-"""The suite as environments of LeRobot: `--env.discover_packages_path=kitchen_suite.lerobot`. Needs the extra `lerobot`.
+"""The suite as environments of LeRobot, for `--env.discover_packages_path=kitchen_suite.lerobot`.
 
 Importing this package registers a type of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`.
+Needs the extra `lerobot`.
 """
 
 from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig

@@ -56,7 +56,9 @@ class SuiteEnvConfig(EnvConfig):
           TypeError: an attribute has the wrong type, or an argument is unknown.
           ValueError: an unknown name, a number out of range, or an attribute that is given twice.
         """
-        features, self.fps = features_of(self._specs()[0])
+        (features, self.fps), *others = [features_of(spec) for spec in self._specs()]
+        if any(other != (features, self.fps) for other in others):
+            raise ValueError(f"tasks {self.task} have different observations: evaluate them one by one")
         kinds = {feature.key: FeatureType[feature.kind] for feature in features}
         self.features = {each.key: PolicyFeature(type=kinds[each.key], shape=each.shape) for each in features}
         self.features_map = {feature.key: feature.column for feature in features}

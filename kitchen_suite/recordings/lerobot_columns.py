@@ -219,4 +219,3 @@ def frames_per_second(environment: SuiteEnv) -> int:
     LeRobot's datasets and videos have a whole number of frames per second: 12 for the kitchen's 12.5.
     """
     return int(environment.metadata["render_fps"])
-

@@ -164,9 +164,7 @@ class LeRobotEpisodes:
         with self._reading("the specification of a recording"):
             self.spec = RecordingSpec.from_json(self._record.recording)
         with self._reading("a LeRobot dataset"):
-            self._dataset = import_lerobot().LeRobotDataset(
-                folder.name, root=folder, video_backend=_VIDEO_BACKEND
-            )
+            self._dataset = import_lerobot().LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
             self._rows = self._dataset.hf_dataset.with_format("numpy")
         if self._dataset.num_episodes != len(self._record.episodes):
             raise ValueError(f"{folder} has other episodes than its {RECORDING_FILE}: it was changed after recording")

@@ -5,6 +5,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
@@ -56,6 +57,12 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     if len(each) != count:
         raise ValueError(f"seed must hold one seed for each of {count} environments, got {len(each)}")
     return [None if one is None else checks.integer(one, "seed", minimum=0) for one in each]
+
+
+def same_step(mode: AutoresetMode) -> None:
+    """Raises a ValueError unless environments start the next episode in the step that ends one."""
+    if mode != AutoresetMode.SAME_STEP:
+        raise ValueError(f"autoreset_mode must be 'SameStep', got {mode.value!r}")
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str] = ()) -> NDArray[np.bool_]:
