@@ -102,7 +102,15 @@ class SuiteEnvConfig(EnvConfig):
 
 
 def register(domain: Domain) -> type[SuiteEnvConfig]:
-    """Registers a domain with LeRobot as `--env.type` of its name; returns the class of its config."""
+    """Registers a domain with LeRobot as `--env.type` of its name; returns the class of its config.
+
+    Raises:
+      ValueError: LeRobot has a type of that name which is no domain of the suite.
+    """
+    if known := EnvConfig.get_known_choices().get(domain.name):
+        if not issubclass(known, SuiteEnvConfig):
+            raise ValueError(f"LeRobot has environments {domain.name!r} of its own: choose another name")
+        return known
     name = f"{domain.name.title().replace('_', '')}EnvConfig"
     attributes = {"domain_name": domain.name, "__doc__": SuiteEnvConfig.__doc__, "__module__": __name__}
     config = dataclasses.dataclass(type(name, (SuiteEnvConfig,), attributes))

@@ -202,7 +202,7 @@ def find(name: str, root: Path | None = None) -> Source:
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari or LeRobot dataset")
     if not _DATASET_ID.search(name):
         raise FileNotFoundError(
-            f"there is neither a folder {name} nor a LeRobot dataset in {lerobot_dataset.home(root)}, and no Minari "
+            f"there is no folder {name}, no LeRobot dataset of that name in {lerobot_dataset.home(root)}, and no Minari "
             "dataset has such a name (they end in -v0)"
         )
     minari = import_minari()

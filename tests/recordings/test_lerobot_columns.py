@@ -111,7 +111,7 @@ def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, capsys
     assert home() == tmp_path / "own"
     assert home(tmp_path) == tmp_path
     assert replay.main(["me/nothing"]) == 2
-    assert f"neither a folder me/nothing nor a LeRobot dataset in {tmp_path}/own" in capsys.readouterr().err
+    assert f"there is no folder me/nothing, no LeRobot dataset of that name in {tmp_path}/own" in capsys.readouterr().err
 
 
 def test_a_dataset_of_another_program_has_no_seeds(tmp_path, capsys):
