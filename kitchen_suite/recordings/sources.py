@@ -189,21 +189,21 @@ def find(name: str, root: Path | None = None) -> Source:
       OSError: there is none, or it cannot be read.
       ValueError: the folder holds something else.
     """
-    folder = Path(name)
+    folder, home = Path(name), lerobot_dataset.home(root)
     if (folder / SPEC_FILE).is_file():
         return FolderSource(folder)
     for data in (folder, folder / "data"):
         if (data / "metadata.json").is_file():
             return MinariSource(_load_dataset(import_minari().MinariDataset, data))
-    for dataset in (folder, lerobot_dataset.home(root) / name):
+    for dataset in (folder, home / name):
         if (dataset / lerobot_dataset.INFO_FILE).is_file():
             return LeRobotSource(dataset)
     if folder.exists():
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari or LeRobot dataset")
     if not _DATASET_ID.search(name):
         raise FileNotFoundError(
-            f"there is no folder {name}, no LeRobot dataset of that name in {lerobot_dataset.home(root)}, and no Minari "
-            "dataset has such a name (they end in -v0)"
+            f"there is no folder {name}, no LeRobot dataset of that name in {home}, and no Minari dataset has such a "
+            "name (they end in -v0)"
         )
     minari = import_minari()
     check_id(name)

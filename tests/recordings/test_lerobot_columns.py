@@ -111,11 +111,13 @@ def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, capsys
     assert home() == tmp_path / "own"
     assert home(tmp_path) == tmp_path
     assert replay.main(["me/nothing"]) == 2
-    assert f"there is no folder me/nothing, no LeRobot dataset of that name in {tmp_path}/own" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"there is no folder me/nothing, no LeRobot dataset of that name in {tmp_path}/own" in error
 
 
 def test_a_dataset_of_another_program_has_no_seeds(tmp_path, capsys):
     (tmp_path / "meta").mkdir()
     (tmp_path / "meta/info.json").write_text("{}")
     assert replay.main([str(tmp_path)]) == 2
-    assert "is no dataset of kitchen-record, which writes the seeds to meta/kitchen_suite.json" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "is no dataset of kitchen-record, which writes the seeds to meta/kitchen_suite.json" in error
