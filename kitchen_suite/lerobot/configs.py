@@ -3,12 +3,12 @@
 import dataclasses
 from typing import Any, ClassVar
 
-import gymnasium
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.recordings.settings import OBS_TYPES
 from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -113,14 +113,15 @@ def register(domain: Domain) -> type[SuiteEnvConfig]:
         return known
     name = f"{domain.name.title().replace('_', '')}EnvConfig"
     attributes = {"domain_name": domain.name, "__doc__": SuiteEnvConfig.__doc__, "__module__": __name__}
-    config = dataclasses.dataclass(type(name, (SuiteEnvConfig,), attributes))
+    config: type[SuiteEnvConfig] = dataclasses.dataclass(type(name, (SuiteEnvConfig,), attributes))
     globals()[name] = config  # Pickle finds classes by name.
-    return EnvConfig.register_subclass(domain.name)(config)
+    EnvConfig.register_subclass(domain.name)(config)
+    return config
 
 
 def make_env(
     n_envs: int = 1, use_async_envs: bool = False, cfg: EnvConfig | None = None
-) -> dict[str, dict[int, gymnasium.vector.VectorEnv]]:
+) -> dict[str, dict[int, LeRobotVectorEnv]]:
     """Makes environments as the function of that name in the `env.py` of a repository for LeRobot's EnvHub.
 
     Args:
@@ -131,6 +132,6 @@ def make_env(
     Returns:
       Vectors of environments by domain and number of the task.
     """
-    if not isinstance(cfg, SuiteEnvConfig):
-        cfg = EnvConfig.get_choice_class("kitchen")(task=cfg.task if cfg else None)
-    return cfg.create_envs(n_envs, use_async_envs)
+    task = cfg.task if cfg else None
+    config: SuiteEnvConfig = cfg if isinstance(cfg, SuiteEnvConfig) else register(KITCHEN)(task=task)
+    return config.create_envs(n_envs, use_async_envs)

@@ -78,16 +78,16 @@ class LeRobotObservations:
         self._further = [key for key in given.spaces if key not in (AGENT_POS, ENVIRONMENT_STATE, PIXELS)]
         pictures = environment.environment.task.pictures.pictures
         self._cameras = [picture_key(picture.camera) for picture in pictures]
-        parts = {key: given[key] for key in given.spaces if key in (AGENT_POS, PIXELS)}
-        vectors = [given[key] for key in self._environment_keys(given.spaces)]
-        if vectors:
+        parts: dict[str, spaces.Space] = {AGENT_POS: given[AGENT_POS]}
+        if vectors := [given[key] for key in self._environment_keys(given.spaces)]:
             low, high = (np.concatenate([getattr(box, side) for box in vectors]) for side in ("low", "high"))
-            parts[ENVIRONMENT_STATE] = spaces.Box(low, high, dtype=vectors[0].dtype.type)
-        if PIXELS in parts:
-            parts[PIXELS] = spaces.Dict([*self._by_camera(given[PIXELS]).items()])
+            parts[ENVIRONMENT_STATE] = spaces.Box(low, high, dtype=low.dtype.type)
+        self._picture_spaces: dict[str, spaces.Space] = self._by_camera(given[PIXELS]) if PIXELS in found else {}
+        if self._picture_spaces:
+            parts[PIXELS] = spaces.Dict([*self._picture_spaces.items()])
         self.space = spaces.Dict([*parts.items()])
-        self._size = given[ENVIRONMENT_STATE].shape[0] if ENVIRONMENT_STATE in found else 0
-        self._sizes = {key: given[key].shape[0] for key in self._further}
+        self._size = _shape(given[ENVIRONMENT_STATE])[0] if ENVIRONMENT_STATE in found else 0
+        self._sizes = {key: _shape(given[key])[0] for key in self._further}
         self.features = [*self._vectors(environment), *self._pictures(), _action(environment.action_space)]
 
     def __call__(self, observation: Mapping[str, Any]) -> dict[str, Any]:
@@ -172,7 +172,7 @@ class LeRobotObservations:
         ]
 
     def _pictures(self) -> list[Feature]:
-        columns = {f"{_IMAGES}{camera}": _shape(self.space[PIXELS][camera]) for camera in self._cameras}
+        columns = {f"{_IMAGES}{camera}": _shape(space) for camera, space in self._picture_spaces.items()}
         names = ("height", "width", "channels")
         return [Feature(column, column, "VISUAL", shape, names) for column, shape in columns.items()]
 
