@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 
+from kitchen_suite import suite
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.recordings.settings import OBS_TYPES
 from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -127,11 +127,14 @@ def make_env(
     Args:
       n_envs: number of environments.
       use_async_envs: ignored; threads step the environments.
-      cfg: config of a domain of the suite; of another config only `task` is read, a task of the kitchen.
+      cfg: config of a domain of the suite; of another config only `task` is read, a task of the commands' default
+        domain, the kitchen.
 
     Returns:
       Vectors of environments by domain and number of the task.
     """
     task = cfg.task if cfg else None
-    config: SuiteEnvConfig = cfg if isinstance(cfg, SuiteEnvConfig) else register(KITCHEN)(task=task)
+    config: SuiteEnvConfig = (
+        cfg if isinstance(cfg, SuiteEnvConfig) else register(suite.find_domain(EpisodeSettings.domain_name))(task=task)
+    )
     return config.create_envs(n_envs, use_async_envs)
