@@ -133,8 +133,7 @@ def make_env(
     Returns:
       Vectors of environments by domain and number of the task.
     """
-    task = cfg.task if cfg else None
-    config: SuiteEnvConfig = (
-        cfg if isinstance(cfg, SuiteEnvConfig) else register(suite.find_domain(EpisodeSettings.domain_name))(task=task)
-    )
-    return config.create_envs(n_envs, use_async_envs)
+    if isinstance(cfg, SuiteEnvConfig):
+        return cfg.create_envs(n_envs, use_async_envs)
+    config = register(suite.find_domain(EpisodeSettings.domain_name))
+    return config(task=cfg.task if cfg else None).create_envs(n_envs, use_async_envs)
