@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import importlib
 import json
+import logging
 import os
 import re
 import shutil
@@ -92,7 +93,7 @@ class LeRobotPlan(DatasetPlan):
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         inner = suite_env(environment)
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)
-        with self._write_elsewhere() as elsewhere, _without_progress_bars():
+        with self._write_elsewhere() as elsewhere, _quietly():
             dataset = self._library.LeRobotDataset.create(
                 self.dataset_id,
                 fps,
@@ -163,8 +164,9 @@ class LeRobotEpisodes:
         self._record, self._folder = load_record(folder), folder
         with self._reading("the specification of a recording"):
             self.spec = RecordingSpec.from_json(self._record.recording)
-        with self._reading("a LeRobot dataset"):
-            self._dataset = import_lerobot().LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
+        library = import_lerobot()
+        with self._reading("a LeRobot dataset"), _quietly():
+            self._dataset = library.LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
             self._rows = self._dataset.hf_dataset.with_format("numpy")
         if self._dataset.num_episodes != len(self._record.episodes):
             raise ValueError(f"{folder} has other episodes than its {RECORDING_FILE}: it was changed after recording")
@@ -226,13 +228,15 @@ def import_lerobot() -> Any:
 
 
 @contextlib.contextmanager
-def _without_progress_bars() -> Iterator[None]:
-    """Switches off the progress bars of Hugging Face's datasets, one for each episode."""
-    datasets = importlib.import_module("datasets")
-    was_enabled = datasets.is_progress_bar_enabled()
+def _quietly() -> Iterator[None]:
+    """Silences Hugging Face's datasets: progress bars for each episode, and log messages about what also raises."""
+    datasets, logger = importlib.import_module("datasets"), logging.getLogger("datasets")
+    had_bars, level = datasets.is_progress_bar_enabled(), logger.level
     datasets.disable_progress_bars()
+    logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        if was_enabled:
+        logger.setLevel(level)
+        if had_bars:
             datasets.enable_progress_bars()
