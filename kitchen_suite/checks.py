@@ -112,18 +112,27 @@ def boolean(value: object, name: str) -> bool:
     return bool(value)
 
 
-def reset_options(value: object, names: Collection[str]) -> Mapping[str, Any]:
-    """Returns the options of a reset, an empty dict for None, if they are among `names`.
+def reset_options(value: object, names: Collection[str], *, elsewhere: Collection[str] = ()) -> dict[str, Any]:
+    """Returns those options of a reset that are among `names`; an empty dict for None.
+
+    Other options are left out without an error, since libraries pass options of their own, unless they are spelt much
+    like one of the suite's.
+
+    Args:
+      value: the options.
+      names: of the options that the environment has.
+      elsewhere: names of options that other environments of the suite have.
 
     Raises:
-      TypeError: they are no dict.
-      ValueError: one is unknown.
+      TypeError: they are no dict, or a name is no string.
+      ValueError: an option is spelt much like one of `names` or `elsewhere`, or is one of `elsewhere`.
     """
     if value is not None and not isinstance(value, Mapping):
         raise TypeError(f"options must be a dict, got {value!r}")
-    for name in value or {}:
-        choice(name, names, "option")
-    return value or {}
+    for name in (value or {}).keys() - {*names}:
+        if not isinstance(name, str) or nearest(name, {*names, *elsewhere}):
+            choice(name, names, "option")
+    return {name: option for name, option in (value or {}).items() if name in names}
 
 
 def unique_names(values: object, name: str) -> tuple[object, ...]:

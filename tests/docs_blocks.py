@@ -2,7 +2,7 @@
 
 Words after the language of a fence are marks:
 
-  slow, clients, ray, rendering   as of the tests: pytest selects the block by them
+  slow, clients, ray, lerobot, rendering   as of the tests: pytest selects the block by them
   hours                           takes hours: only the command lines are parsed
   ci                              .ci/run has the same line: only the command lines are parsed
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
-PYTEST_MARKS = ("slow", "clients", "ray", "rendering")
+PYTEST_MARKS = ("slow", "clients", "ray", "lerobot", "rendering")
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (
@@ -26,7 +26,7 @@ PARSED_PROGRAMS = (
         f"kitchen-{name}"
         for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate", "export", "convert")
     ),
-    *("pytest", "python"),
+    *("pytest", "python", "lerobot-train", "lerobot-eval"),
 )
 
 _FENCE = re.compile(r"^```(\w*) *(.*)\n([\s\S]*?)^```$", re.MULTILINE)

@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Each package knows those after it. All know GROUND, which knows no other; WORKERS and RENDERING know hardly more.
 ORDER = (
     "cli",
+    "lerobot",
     "bridges",
     "training",
     "evaluation",
@@ -40,6 +41,7 @@ HOMES = {
     "ray": {"workers"},
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
+    "lerobot": {"lerobot"},
 }
 COMMANDS = ("benchmark", "convert", "evaluate", "export", "play", "record", "replay", "rollout", "train")
 

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
+from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.attributes import SHARED_ATTRIBUTES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -167,8 +168,7 @@ def _check_supported(environments: SuiteVectorEnv) -> None:
     Raises:
       ValueError: the autoreset mode, the observation space or the action space is another.
     """
-    if environments.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
-        raise ValueError(f"autoreset_mode must be 'SameStep', got {environments.metadata['autoreset_mode'].value!r}")
+    vector_checks.same_step(environments.metadata["autoreset_mode"])
     space = environments.single_observation_space
     if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):
         raise ValueError("Stable-Baselines3 does not support nested observations: pass goal_format='flat'")

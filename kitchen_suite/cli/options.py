@@ -48,8 +48,8 @@ class Option:
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         "source": Option(
-            "Folder of kitchen-record or kitchen-rollout, or Minari dataset, to replay; for kitchen-convert, HDF5 file "
-            "of D4RL, or Minari dataset."
+            "Folder of kitchen-record or kitchen-rollout, or Minari or LeRobot dataset, to replay; for kitchen-convert, "
+            "HDF5 file of D4RL, or Minari dataset."
         ),
         "list": Option(
             "List all domains with their tasks and cameras, and exit; for kitchen-play, the trained policies that come "
@@ -147,8 +147,14 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
             "Set of demonstrations, of its own task and policy: one of the domain's presets.", unset="none"
         ),
         "output": Option("Folder to write to.", check=option_checks.check_folder),
-        "dataset": Option("Minari dataset to make of the episodes, such as kitchen-suite/complete-random-v0."),
-        "data_path": Option("Folder of the Minari datasets.", unset="Minari's own"),
+        "format": Option(
+            "Format of the dataset: minari or lerobot.", choices=("minari", "lerobot"), unset="minari with --dataset"
+        ),
+        "dataset": Option(
+            "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
+            "(LeRobot)."
+        ),
+        "data_path": Option("Folder of the datasets.", unset="Minari's or LeRobot's own"),
         "json": Option(
             "kitchen-benchmark: print JSON in place of tables. kitchen-evaluate: file to write the results to as JSON, "
             "which is replaced if it is there.",

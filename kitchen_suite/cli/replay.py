@@ -1,7 +1,7 @@
 """Plays recorded actions again, and checks that rewards and completions are identical. Needs no display.
 
   kitchen-replay runs                                     ten episodes of a folder of kitchen-record or kitchen-rollout
-  kitchen-replay me/kitchen-v0                            of a Minari dataset
+  kitchen-replay me/kitchen-v0                            of a Minari or LeRobot dataset
   kitchen-replay runs --episodes=all                      all episodes
   kitchen-replay runs --episodes=0,5,7-9 --video=a.mp4    also films them
   kitchen-replay D4RL/kitchen/complete-v2                 of a dataset of FrankaKitchen-v1

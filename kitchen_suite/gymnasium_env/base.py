@@ -16,7 +16,7 @@ from kitchen_suite.gymnasium_env.control import action_space
 from kitchen_suite.gymnasium_env.copied import CopiedEnv
 from kitchen_suite.gymnasium_env.instructed import InstructedEnv
 from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations
-from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES, VariedEnv, request
+from kitchen_suite.gymnasium_env.varied import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, VariedEnv, request
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -186,16 +186,19 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
           options: `{"state": ...}` continues from a state returned by `get_state`; a seed beside it replaces only the
             random state. `{"variation": names}` has the parameters and groups that vary in this episode, of those of
             `variations`; the others have their defaults. `{"variation_values": {name: value}}` replaces values that
-            would be drawn. A task may have options of its own; see its environment.
+            would be drawn. A task may have options of its own; see its environment. Options that no environment of
+            the suite has are ignored.
 
         Raises:
           TypeError: the seed is no integer, or the options are no dict.
-          ValueError: the seed is negative, an option is unknown, or the state does not fit.
+          ValueError: the seed is negative, the state does not fit, or an option is none of these and spelt much like
+            one of them.
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        chosen = checks.reset_options(options, ("state", VARIATION, VARIATION_VALUES, *self._task.reset_options))
-        state = chosen.get("state")
+        names = (STATE, VARIATION, VARIATION_VALUES, *self._task.reset_options)
+        chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
+        state = chosen.get(STATE)
         if state is None:
             request(self._task, chosen)
         elif len(chosen) > 1:

@@ -128,11 +128,20 @@ class Observations:
         limits = [math.inf if key in task.extra_observables else config.limit for key in keys]
         bound = np.repeat(limits, sizes).astype(config.dtype)
         self.space = spaces.Box(-bound, bound, dtype=config.dtype)
-        indices = np.concatenate([*robot, np.zeros(0, np.int64)])
-        parts = layouts.Parts(flat=self.space, robot=indices, goals=goals, pictures=self._pictures)
+        self._robot = np.concatenate([*robot, np.zeros(0, np.int64)])
+        parts = layouts.Parts(flat=self.space, robot=self._robot, goals=goals, pictures=self._pictures)
         self.layout: layouts.Layout = layout(parts)
         if goals and goals.further:
             self.layout = layouts.Extended(self.layout, goals)
+
+    @property
+    def element_names(self) -> dict[str, list[str]]:
+        """Names of the elements of `agent_pos` and of `environment_state`, such as `franka/joint_positions[0]`."""
+        parts = self._slices.items()
+        names = [f"{key}[{i}]" for key, part in parts for i in range(part.stop - part.start)]
+        robot = self._robot.tolist()
+        rest = [name for i, name in enumerate(names) if i not in robot]
+        return {"agent_pos": [names[i] for i in robot], "environment_state": rest}
 
     def flat(self, observation: Mapping[str, NDArray]) -> NDArray:
         """Returns the flat observation `(m,)` in one of the suite's own, in a fresh array."""

@@ -11,8 +11,9 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.varied_task import VariedTask
 
-# Options of `reset`.
+# Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
 VARIATION, VARIATION_VALUES = "variation", "variation_values"
+STATE, RESET_MASK = "state", "reset_mask"
 
 # Key of infos that hold strings.
 VARIATION_SPLIT = "variation_split"

@@ -13,6 +13,7 @@ import gymnasium
 
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings.datasets import DatasetPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -37,56 +38,26 @@ _DATA_FILE = "main_data.hdf5"
 _ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 
 
-class DatasetPlan:
-    """A dataset that will hold the first episodes of a recording."""
+class MinariPlan(DatasetPlan):
+    """A Minari dataset; its name ends in a version, such as `-v0`."""
 
     def __init__(self, dataset_id: str, spec: RecordingSpec, count: int, root: Path | None = None) -> None:
-        """Checks that the dataset can be made, or has been made already.
-
-        Args:
-          dataset_id: its name in Minari.
-          spec: of the recording.
-          count: number of episodes.
-          root: folder of the datasets; Minari's own when omitted.
-
-        Raises:
-          ImportError: Minari is not installed.
-          ValueError: the name is malformed or taken by another dataset, or a seed is too large.
-        """
+        super().__init__(dataset_id, spec, count, root)
         self._minari = import_minari()
-        self._dataset_id, self._spec, self._count, self._root = dataset_id, spec, count, root
         check_id(dataset_id)
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
             with minari_root(root), files.reading(self.path, "a Minari dataset"):
                 metadata = self._minari.load_dataset(dataset_id).storage.metadata
-            self._check_same(metadata)
-
-    @property
-    def dataset_id(self) -> str:
-        """Name of the dataset in Minari."""
-        return self._dataset_id
+            self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
 
     @property
     def path(self) -> Path:
-        """Folder of the dataset."""
         with minari_root(self._root):
-            return absolute_root() / self._dataset_id
-
-    @property
-    def is_missing(self) -> bool:
-        """Whether the dataset has still to be made."""
-        return not self.path.exists()
+            return absolute_root() / self.dataset_id
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        """Makes the dataset.
-
-        Args:
-          environment: that the dataset will recover.
-          folder: of the recording.
-          indices: numbers of the episodes.
-        """
         has_pictures = suite_env(environment).observations.layout.has_pictures
         with minari_root(self._root), self._write_elsewhere():
             # Minari's JPEG would change pictures.
@@ -99,16 +70,7 @@ class DatasetPlan:
             if has_pictures:
                 _compress(dataset.storage.data_path / _DATA_FILE)
                 dataset.storage.update_metadata({"dataset_size": dataset.storage.get_size()})
-            dataset.storage.update_metadata({SPEC_KEY: self._spec.as_json(), _COUNT_KEY: self._count})
-
-    def _check_same(self, present: dict[str, Any]) -> None:
-        if present.get(SPEC_KEY) != self._spec.as_json():
-            raise ValueError(f"dataset {self._dataset_id!r} exists and holds another recording: name another one")
-        if present.get(_COUNT_KEY) != self._count:
-            raise ValueError(
-                f"dataset {self._dataset_id!r} exists and is of the first {present.get(_COUNT_KEY)} episodes of this "
-                f"recording, not of {self._count}: name another one"
-            )
+            dataset.storage.update_metadata({SPEC_KEY: self.spec.as_json(), _COUNT_KEY: self.count})
 
     @contextlib.contextmanager
     def _write_elsewhere(self) -> Iterator[None]:
@@ -119,9 +81,9 @@ class DatasetPlan:
         try:
             with minari_root(elsewhere):
                 yield
-            if "/" in self._dataset_id:
-                self._make_namespace(self._dataset_id.rpartition("/")[0])
-            os.rename(elsewhere / self._dataset_id, root / self._dataset_id)
+            if "/" in self.dataset_id:
+                self._make_namespace(self.dataset_id.rpartition("/")[0])
+            os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
         finally:
             shutil.rmtree(elsewhere, ignore_errors=True)
 
@@ -131,12 +93,12 @@ class DatasetPlan:
 
     def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
         """Returns a new dataset without episodes; `options` are further ones of Minari."""
-        spec = self._spec
+        spec = self.spec
         with warnings.catch_warnings():
             # About optional metadata: author, permalink, and another environment for evaluation.
             warnings.filterwarnings("ignore", r"`\w+` is set to None")
             return self._minari.create_dataset_from_buffers(
-                self._dataset_id,
+                self.dataset_id,
                 [],
                 env=environment,
                 algorithm_name=spec.policy,

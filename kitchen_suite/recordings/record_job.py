@@ -10,7 +10,8 @@ from collections.abc import Generator, Sequence
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
-from kitchen_suite.recordings.minari_dataset import DatasetPlan
+from kitchen_suite.recordings import datasets
+from kitchen_suite.recordings.datasets import DatasetPlan
 from kitchen_suite.recordings.settings import RecordSettings
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
@@ -42,7 +43,7 @@ class RecordJob:
           ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
         """
         self._ray = RaySettings.of(settings.workers, settings.ray_address)
-        self._settings = settings = settings.with_preset
+        self._settings = settings = settings.with_preset.with_format
         self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
@@ -86,7 +87,13 @@ class RecordJob:
         settings = self._settings
         if settings.dataset is None:
             return None
-        return DatasetPlan(settings.dataset, self._spec, settings.num_episodes, settings.data_path)
+        return datasets.plan(
+            settings.format or next(iter(datasets.FORMATS)),
+            settings.dataset,
+            self._spec,
+            settings.num_episodes,
+            settings.data_path,
+        )
 
     def _play(self) -> list[int]:
         """Plays and saves the missing episodes; returns the seeds of those in which the physics diverged."""

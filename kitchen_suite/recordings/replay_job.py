@@ -50,7 +50,7 @@ class ReplayJob:
         """
         self._settings = settings
         with minari_root(settings.data_path):
-            self._source = sources.find(settings.source)
+            self._source = sources.find(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
         self._environment = self._source.make_environment(**settings.rendering)
         try:
@@ -89,7 +89,7 @@ class ReplayJob:
         spec = self._source.spec
         recorded = self._source.load(index)
         replayed = replay(self._environment, recorded, spec.seeding if spec else "gymnasium", watch)
-        return compare(self._inner.task, recorded, replayed, truncations=exactly)
+        return compare(self._inner.task, recorded, self._source.projected(replayed), truncations=exactly)
 
     def _heading(self) -> str:
         """Returns the name of the recording, and the known differences to the environment here."""

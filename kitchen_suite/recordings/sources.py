@@ -1,4 +1,4 @@
-"""Sources of episodes to replay: folders of `kitchen-record` and `kitchen-rollout`, and Minari datasets."""
+"""Sources of episodes to replay: folders of `kitchen-record` and `kitchen-rollout`, Minari and LeRobot datasets."""
 
 import abc
 import contextlib
@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import files, gymnasium_env
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings import lerobot_dataset
+from kitchen_suite.recordings.lerobot_columns import LeRobotObservations
 from kitchen_suite.recordings.minari_dataset import (
     INSTRUCTION_KEY,
     SPEC_KEY,
@@ -51,6 +54,10 @@ class Source(abc.ABC):
     @abc.abstractmethod
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode."""
+
+    def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
+        """Returns a replayed episode with the arrays that the source holds of an episode."""
+        return replayed
 
 
 class FolderSource(Source):
@@ -148,30 +155,67 @@ class MinariSource(Source):
         return files.reading(self._dataset.storage.data_path, what)
 
 
+class LeRobotSource(Source):
+    """A LeRobot dataset of `kitchen-record`."""
+
+    def __init__(self, folder: Path) -> None:
+        """Opens the dataset; raises what `LeRobotEpisodes` does."""
+        self._episodes = lerobot_dataset.LeRobotEpisodes(folder)
+
+    @property
+    def spec(self) -> RecordingSpec:
+        return self._episodes.spec
+
+    @property
+    def indices(self) -> Sequence[int]:
+        return self._episodes.indices
+
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        environment = self.spec.make_environment(**rendering)
+        self._observations = LeRobotObservations(suite_env(environment))
+        return environment
+
+    def load(self, index: int) -> EpisodeArrays:
+        return self._episodes.load(index, self._observations)
+
+    def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
+        return self._observations.projected(replayed)
+
+
 def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:
     """Returns the arrays of numbers with `rows` rows: other programs also keep strings, or lack the reset's infos."""
     arrays = {name: np.asarray(array) for name, array in flatten(infos, "info").items()}
     return {name: array for name, array in arrays.items() if array.dtype.kind in "biuf" and array.shape[:1] == (rows,)}
 
 
-def find(name: str) -> Source:
-    """Returns the recording in a folder, or the Minari dataset of an id or in a folder.
+def find(name: str, root: Path | None = None) -> Source:
+    """Returns the recording in a folder, or the Minari or LeRobot dataset of a name or in a folder.
+
+    Args:
+      name: of the folder or the dataset.
+      root: folder of LeRobot's datasets; its own when omitted.
 
     Raises:
-      ImportError: it may be a dataset, but Minari is not installed.
+      ImportError: it may be a dataset, but the library of its format is not installed.
       OSError: there is none, or it cannot be read.
       ValueError: the folder holds something else.
     """
-    folder = Path(name)
+    folder, home = Path(name), lerobot_dataset.home(root)
     if (folder / SPEC_FILE).is_file():
         return FolderSource(folder)
     for data in (folder, folder / "data"):
         if (data / "metadata.json").is_file():
             return MinariSource(_load_dataset(import_minari().MinariDataset, data))
+    for dataset in (folder, home / name):
+        if (dataset / lerobot_dataset.INFO_FILE).is_file():
+            return LeRobotSource(dataset)
     if folder.exists():
-        raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari dataset")
+        raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari or LeRobot dataset")
     if not _DATASET_ID.search(name):
-        raise FileNotFoundError(f"there is no folder {name}, and no Minari dataset has such a name (they end in -v0)")
+        raise FileNotFoundError(
+            f"there is no folder {name}, no LeRobot dataset of that name in {home}, and no Minari dataset has such a "
+            "name (they end in -v0)"
+        )
     minari = import_minari()
     check_id(name)
     if not (absolute_root() / name / "data").exists():

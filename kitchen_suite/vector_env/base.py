@@ -142,12 +142,12 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
           seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
           options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True;
             `variation` and `variation_values` as for the single environment, values with a leading axis `(n,)`; options
-            of the task as for the single environment, in sequences with an element for each environment.
+            of the task, in sequences with an element for each environment; others are ignored, as by the single one.
 
         Raises:
           TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
-          ValueError: a seed is negative, the number of seeds is not that of environments, an option is unknown, or the
-            mask has the wrong shape or is False everywhere.
+          ValueError: a seed is negative, the number of seeds is not that of environments, the mask has the wrong shape
+            or is False everywhere, or an option is none of these and spelt much like one of the suite's.
           gymnasium.error.ResetNeeded: the mask omits environments that have no episode yet.
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """

@@ -5,10 +5,11 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.varied import VARIATION, VARIATION_VALUES
+from kitchen_suite.gymnasium_env.varied import RESET_MASK, STATE, VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.base import SuiteTask
 from kitchen_suite.tasks.variation_request import VariationRequest, flat_values
 from kitchen_suite.tasks.varied_task import VariedTask
@@ -58,6 +59,12 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     return [None if one is None else checks.integer(one, "seed", minimum=0) for one in each]
 
 
+def same_step(mode: AutoresetMode) -> None:
+    """Raises a ValueError unless environments start the next episode in the step that ends one."""
+    if mode != AutoresetMode.SAME_STEP:
+        raise ValueError(f"autoreset_mode must be 'SameStep', got {mode.value!r}")
+
+
 def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str] = ()) -> NDArray[np.bool_]:
     """Returns the mask `(count,)` of environments that a reset with these options starts; all without options.
 
@@ -68,12 +75,13 @@ def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str]
 
     Raises:
       TypeError: the options are no dict, or the mask is no array of bools.
-      ValueError: an option is unknown, or the mask has the wrong shape or is False everywhere.
+      ValueError: an option is spelt much like one of the suite's and is none of these, or the mask has the wrong shape
+        or is False everywhere.
     """
-    options = checks.reset_options(options, ("reset_mask", VARIATION, VARIATION_VALUES, *own))
-    if "reset_mask" not in options:
+    chosen = checks.reset_options(options, (RESET_MASK, VARIATION, VARIATION_VALUES, *own), elsewhere=(STATE,))
+    if RESET_MASK not in chosen:
         return np.full(count, True)
-    mask = options["reset_mask"]
+    mask = chosen[RESET_MASK]
     if not isinstance(mask, np.ndarray) or mask.dtype != bool:
         raise TypeError(f"reset_mask must be an array of bools, got {mask!r}")
     if mask.shape != (count,):

@@ -90,6 +90,34 @@ def test_reset_options_and_seeds(env, seed, options):
     assert_works_on(env)
 
 
+def test_options_of_other_libraries_are_ignored(env):
+    options = {"lerobot_new_rollout": True, "low": -1.0}
+    np.testing.assert_equal(env.reset(seed=4, options=options), env.reset(seed=4))
+    state = env.get_state()
+    env.step(np.ones(9))
+    env.reset(options={**options, "state": state})
+    np.testing.assert_equal(env.get_state(), state)
+    assert_works_on(env)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"stat": {}}, ValueError, r"option 'stat' does not exist \(did you mean 'state'\?\); choose from"),
+        ({"variatons": []}, ValueError, r"option 'variatons' does not exist \(did you mean 'variation'\?\)"),
+        ({"reset_mask": np.array([True])}, ValueError, "option 'reset_mask' does not exist"),
+        ({"low": 0, "request_tasks": []}, ValueError, r"\(did you mean 'requested_tasks'\?\)"),
+        ({3: 1}, TypeError, "option must be a string, got 3"),
+    ],
+)
+def test_misspelt_reset_options_are_refused_and_change_nothing(env, options, error, words):
+    env.reset(seed=4)
+    before = env.get_state()
+    with pytest.raises(error, match=words):
+        env.reset(seed=5, options=options)
+    np.testing.assert_equal(env.get_state(), before)
+
+
 def mutations(state):
     """Ways to spoil a state: keys removed, added or replaced, at any depth."""
 

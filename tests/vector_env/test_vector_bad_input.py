@@ -85,12 +85,18 @@ BAD_RESETS = {
     "no seeds": ({"seed": []}, ValueError, "one seed for each of 3 environments, got 0"),
     "options that are no dict": ({"options": 3}, TypeError, "options must be a dict, got 3"),
     "a bare mask": ({"options": MASK}, TypeError, "options must be a dict"),
-    "unknown option": ({"options": {"state": 1}}, ValueError, "option 'state' does not exist"),
+    "option of single environments": ({"options": {"state": 1}}, ValueError, "option 'state' does not exist"),
     "misspelt option": (
         {"options": {"reset_mas": MASK}},
         ValueError,
         "option 'reset_mas' does not exist .did you mean 'reset_mask'",
     ),
+    "misspelt option among others": (
+        {"options": {"lerobot_new_rollout": True, "variaton": ["start"]}},
+        ValueError,
+        "option 'variaton' does not exist .did you mean 'variation'",
+    ),
+    "option that is no string": ({"options": {3: 1}}, TypeError, "option must be a string, got 3"),
     "list for a mask": (
         {"options": {"reset_mask": [True, False, True]}},
         TypeError,
@@ -116,6 +122,16 @@ BAD_RESETS = {
         "reset_mask must have shape",
     ),
 }
+
+
+def test_options_of_other_libraries_are_ignored(twins):
+    env, twin = twins
+    options = {"lerobot_new_rollout": True, "low": -1.0}
+    np.testing.assert_equal(env.reset(seed=4, options=options), twin.reset(seed=4))
+    np.testing.assert_equal(
+        env.reset(seed=5, options={**options, "reset_mask": MASK}), twin.reset(seed=5, options={"reset_mask": MASK})
+    )
+    assert_goes_on_as(env, twin)
 
 
 @pytest.mark.parametrize(("arguments", "error", "words"), BAD_RESETS.values(), ids=BAD_RESETS.keys())

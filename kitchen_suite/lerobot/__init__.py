@@ -1,0 +1,15 @@
+"""The suite as environments of LeRobot, for `--env.discover_packages_path=kitchen_suite.lerobot`.
+
+Importing this package registers a type of environment for each domain: `--env.type=kitchen`, `--env.type=open_cabinet`.
+Needs the extra `lerobot`.
+"""
+
+from kitchen_suite.lerobot.configs import SuiteEnvConfig as SuiteEnvConfig
+from kitchen_suite.lerobot.configs import make_env as make_env
+from kitchen_suite.lerobot.configs import register as register
+from kitchen_suite.suite import DOMAINS
+
+__all__ = ["SuiteEnvConfig", "make_env", "register"]
+
+for _domain in DOMAINS.values():
+    register(_domain)

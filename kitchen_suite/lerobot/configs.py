@@ -1,0 +1,139 @@
+"""Configs of the suite's environments for LeRobot, one type for each domain."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs import EnvConfig
+
+from kitchen_suite import suite
+from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
+from kitchen_suite.domains.base import Domain
+from kitchen_suite.recordings.settings import OBS_TYPES
+from kitchen_suite.rollouts.settings import EpisodeSettings
+from kitchen_suite.rollouts.spec import RecordingSpec
+
+
+@dataclasses.dataclass
+class SuiteEnvConfig(EnvConfig):
+    """Environments of a domain; each attribute is a flag, such as `--env.task=kettle`.
+
+    Attributes:
+      task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
+      fps: control steps per second, rounded down; set by the environment.
+      obs_type: `environment_state_agent_pos` or `pixels_agent_pos`.
+      control_mode: meaning of the action; the domain's own when None.
+      cameras: names of the cameras of `pixels_agent_pos`; the domain's default when None.
+      image_size: height and width of their pictures [pixels]; 128 x 128 when None.
+      extra_observables: names of further quantities to observe.
+      variations: groups of parameters that vary, separated by commas, or distributions as a JSON object.
+      variation_split: `seen` or `held_out`.
+      max_episode_steps: control steps after which an episode is truncated; the domain's when None.
+      task_kwargs: further arguments of the domain's Gymnasium environment.
+      render_mode: `rgb_array`; with None no GL library is needed, and films are black.
+      num_threads: threads that step the environments; one per processor when None.
+    """
+
+    domain_name: ClassVar[str]
+
+    fps: int = 0
+    obs_type: str = OBS_TYPES[0]
+    control_mode: str | None = None
+    cameras: list[str] | None = None
+    image_size: list[int] | None = None
+    extra_observables: list[str] | None = None
+    variations: str | None = None
+    variation_split: str | None = None
+    max_episode_steps: int | None = None
+    task_kwargs: dict[str, Any] = dataclasses.field(default_factory=dict)
+    render_mode: str | None = "rgb_array"
+    num_threads: int | None = None
+
+    def __post_init__(self) -> None:
+        """Sets the features and `fps`, and checks the other attributes.
+
+        Raises:
+          TypeError: an attribute has the wrong type, or an argument is unknown.
+          ValueError: an unknown name, a number out of range, or an attribute that is given twice.
+        """
+        (features, self.fps), *others = [features_of(spec) for spec in self._specs()]
+        if any(other != (features, self.fps) for other in others):
+            raise ValueError(f"tasks {self.task} have different observations: evaluate them one by one")
+        kinds = {feature.key: FeatureType[feature.kind] for feature in features}
+        self.features = {each.key: PolicyFeature(type=kinds[each.key], shape=each.shape) for each in features}
+        self.features_map = {feature.key: feature.column for feature in features}
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Arguments of the domain's Gymnasium environment."""
+        chosen = {name: getattr(self, name) for name in ("cameras", "image_size", "extra_observables")}
+        given = {"obs_type": self.obs_type, **{name: value for name, value in chosen.items() if value is not None}}
+        if twice := sorted(self.task_kwargs.keys() & given.keys()):
+            raise ValueError(f"{', '.join(twice)} cannot be among the task_kwargs: it has a flag of its own")
+        return {**self.task_kwargs, **given}
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, LeRobotVectorEnv]]:
+        """Returns vectors of `n_envs` environments by domain and number of the task.
+
+        Threads step them, whatever `use_async_envs`.
+        """
+        del use_async_envs
+        each = [self._make(spec, n_envs) for spec in self._specs()]
+        return {self.domain_name: dict(enumerate(each))}
+
+    def _make(self, spec: RecordingSpec, count: int) -> LeRobotVectorEnv:
+        return make_vector_env(spec, count, num_threads=self.num_threads, render_mode=self.render_mode)
+
+    def _specs(self) -> list[RecordingSpec]:
+        """Returns a specification of the episodes of each task."""
+        tasks = self.task.split(",") if self.task else [None]
+        return [RecordingSpec.of(self._settings(task), seeding="gymnasium") for task in tasks]
+
+    def _settings(self, task: str | None) -> EpisodeSettings:
+        return EpisodeSettings(
+            domain_name=self.domain_name,
+            task_name=task,
+            task_kwargs=self.gym_kwargs,
+            control_mode=self.control_mode,
+            variations=self.variations,
+            variation_split=self.variation_split,
+            max_episode_steps=self.max_episode_steps,
+        )
+
+
+def register(domain: Domain) -> type[SuiteEnvConfig]:
+    """Registers a domain with LeRobot as `--env.type` of its name; returns the class of its config.
+
+    Raises:
+      ValueError: LeRobot has a type of that name which is no domain of the suite.
+    """
+    if known := EnvConfig.get_known_choices().get(domain.name):
+        if not issubclass(known, SuiteEnvConfig):
+            raise ValueError(f"LeRobot has environments {domain.name!r} of its own: choose another name")
+        return known
+    name = f"{domain.name.title().replace('_', '')}EnvConfig"
+    attributes = {"domain_name": domain.name, "__doc__": SuiteEnvConfig.__doc__, "__module__": __name__}
+    config: type[SuiteEnvConfig] = dataclasses.dataclass(type(name, (SuiteEnvConfig,), attributes))
+    globals()[name] = config  # Pickle finds classes by name.
+    EnvConfig.register_subclass(domain.name)(config)
+    return config
+
+
+def make_env(
+    n_envs: int = 1, use_async_envs: bool = False, cfg: EnvConfig | None = None
+) -> dict[str, dict[int, LeRobotVectorEnv]]:
+    """Makes environments as the function of that name in the `env.py` of a repository for LeRobot's EnvHub.
+
+    Args:
+      n_envs: number of environments.
+      use_async_envs: ignored; threads step the environments.
+      cfg: config of a domain of the suite; of another config only `task` is read, a task of the commands' default
+        domain, the kitchen.
+
+    Returns:
+      Vectors of environments by domain and number of the task.
+    """
+    if isinstance(cfg, SuiteEnvConfig):
+        return cfg.create_envs(n_envs, use_async_envs)
+    config = register(suite.find_domain(EpisodeSettings.domain_name))
+    return config(task=cfg.task if cfg else None).create_envs(n_envs, use_async_envs)

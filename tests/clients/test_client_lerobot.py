@@ -1,0 +1,251 @@
+"""LeRobot itself: types of environments, datasets written and read, and their replay. Needs the extra `lerobot`."""
+
+import json
+import os
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episode_files import load_episode
+
+from kitchen_suite.cli import record, replay
+from kitchen_suite.suite import DOMAINS
+
+pytestmark = pytest.mark.lerobot
+
+ROOT = Path("data/me/kettle")
+RECORD = ["--num_threads=1", "--output=runs", "--num_envs=2", "--seed=5", "--max_episode_steps=5", "--num_episodes=3"]
+DATASET = ["--format=lerobot", "--dataset=me/kettle", "--data_path=data"]
+PICTURES = '"obs_type": "pixels_agent_pos", "image_size": [32, 40], "render_quality": "fast"'
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Runs a command in an empty folder; returns status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(command, *arguments):
+        status = command.main(arguments)
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def kettle(run):
+    """A dataset of three kettles; returns `run`."""
+    status, out, err = run(record, *RECORD, *DATASET, "--task_name=kettle")
+    assert (status, err) == (0, "")
+    assert out.endswith(f"\ndataset me/kettle in {os.getcwd()}/{ROOT}\n")
+    return run
+
+
+def load(root=ROOT):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    return LeRobotDataset("me/kettle", root=root, video_backend="pyav")
+
+
+def config(domain, **settings):
+    from lerobot.envs.configs import EnvConfig
+
+    import kitchen_suite.lerobot  # noqa: F401
+
+    return EnvConfig.get_choice_class(domain)(**settings)
+
+
+@pytest.mark.parametrize("domain", [*DOMAINS])
+def test_every_domain_is_a_type_of_environment(domain):
+    from lerobot.envs import make_env
+    from lerobot.envs.utils import env_to_policy_features, preprocess_observation
+
+    cfg = config(domain, max_episode_steps=4, render_mode=None)
+    assert pickle.loads(pickle.dumps(cfg)) == cfg
+    ((name, tasks),) = make_env(cfg, n_envs=2).items()
+    assert (name, [*tasks]) == (domain, [0])
+    environments = tasks[0]
+    assert cfg.fps == environments.metadata["render_fps"]
+    observation = preprocess_observation(environments.reset(seed=[1, 2], options={"lerobot_new_rollout": True})[0])
+    features = env_to_policy_features(cfg)
+    assert features.pop("action").shape == environments.single_action_space.shape
+    assert {key: (2, *feature.shape) for key, feature in features.items()} == {
+        key: tuple(tensor.shape) for key, tensor in observation.items()
+    }
+    environments.close()
+
+
+def test_flags_reach_the_environment():
+    cfg = config(
+        "kitchen",
+        task="kettle,microwave",
+        control_mode="ee_delta_pose",
+        variations="start",
+        variation_split="held_out",
+        extra_observables=["kettle/pose"],
+        task_kwargs={"linear_speed": 0.2},
+        max_episode_steps=7,
+        render_mode=None,
+    )
+    environments = cfg.create_envs(1)["kitchen"]
+    assert [each.call("task")[0] for each in environments.values()] == [
+        "move the kettle to the top left burner",
+        "open the microwave door",
+    ]
+    assert environments[0].call("_max_episode_steps") == (7,)
+    assert environments[0].call("variation_split") == ("held_out",)
+    assert cfg.features["environment_state"].shape == (41 + 7,)
+    assert cfg.features["action"].shape == (7,)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"task": "ketle"}, "did you mean 'kettle'"),
+        ({"task": "kettle,random_2"}, "tasks kettle,random_2 have different observations"),
+        ({"obs_type": "state"}, "LeRobot needs obs_type='environment_state_agent_pos'"),
+        ({"task_kwargs": {"obs_type": "state"}}, "obs_type cannot be among the task_kwargs"),
+        ({"cameras": ["overview"]}, "needs an obs_type with pictures"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        config("kitchen", **settings)
+
+
+def test_the_function_of_an_env_hub():
+    from kitchen_suite.lerobot import make_env
+
+    ((name, tasks),) = make_env(n_envs=1, use_async_envs=True, cfg=None).items()
+    assert (name, len(tasks)) == ("kitchen", 1)
+    tasks[0].close()
+    ((name, tasks),) = make_env(1, False, config("open_cabinet", task="top_drawer")).items()
+    assert name == "open_cabinet"
+    tasks[0].close()
+
+
+def test_lerobot_reads_what_was_recorded(kettle):
+    dataset = load()
+    assert (dataset.fps, dataset.num_episodes, dataset.meta.robot_type) == (12, 3, "franka")
+    assert dataset.features["observation.state"]["names"][0] == "franka/joint_positions[0]"
+    for index in range(3):
+        _, arrays = load_episode(f"runs/episode_{index:06d}.npz")
+        rows = [dataset[i] for i in range(index * 5, index * 5 + 5)]
+        assert {row["task"] for row in rows} == {"move the kettle to the top left burner"}
+        for column, name in {
+            "observation.state": "observation/agent_pos",
+            "observation.environment_state": "observation/environment_state",
+            "action": "action",
+        }.items():
+            expected = arrays[name][:5].astype(np.float32)
+            np.testing.assert_array_equal([row[column].numpy() for row in rows], expected, column)
+        assert [bool(row["next.done"]) for row in rows] == [False] * 4 + [True]
+
+
+CASES = {
+    "states": ["--task_name=kettle"],
+    "tasks drawn": ["--task_name=random_2"],
+    "variations": ["--task_name=kettle", "--variations=start,dynamics,sensing", "--control_mode=joint_delta"],
+    "dense reward of another domain": ["--domain_name=open_cabinet"],
+    "pictures of one camera": ["--domain_name=microwave_table", f"--task_kwargs={{{PICTURES}}}"],
+    "pictures of two cameras": [
+        "--domain_name=microwave_table",
+        f'--task_kwargs={{{PICTURES}, "cameras": ["overview", "franka/hand"]}}',
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param(case, marks=pytest.mark.rendering if "pic" in name else (), id=name) for name, case in CASES.items()],
+)
+def test_episodes_of_a_dataset_replay_to_the_bit(run, arguments):
+    status, _, err = run(record, *RECORD, *DATASET, *arguments)
+    assert (status, err) == (0, "")
+    status, out, err = run(replay, str(ROOT), "--episodes=all")
+    assert (status, err) == (0, "")
+    assert out.endswith("3 of 3 episodes are equal\n")
+
+
+def test_a_dataset_is_found_by_its_name(kettle, monkeypatch):
+    assert kettle(replay, "me/kettle", "--data_path=data")[0] == 0
+    monkeypatch.setenv("HF_LEROBOT_HOME", os.path.abspath("data"))
+    assert kettle(replay, "me/kettle")[0] == 0
+
+
+def test_a_replay_notices_a_digit_that_the_columns_do_not_hold(kettle):
+    path = ROOT / "meta/kitchen_suite.json"
+    record_file = json.loads(path.read_text())
+    sha256 = record_file["episodes"][1]["sha256"]
+    record_file["episodes"][1]["sha256"] = ("0" if sha256[0] != "0" else "1") + sha256[1:]
+    path.write_text(json.dumps(record_file))
+    status, out, _ = kettle(replay, str(ROOT), "--episodes=all")
+    assert status == 1
+    assert out.endswith("2 of 3 episodes are equal\n")
+
+
+def test_a_replay_notices_a_changed_number_of_a_column(kettle):
+    import pyarrow.parquet
+
+    path = ROOT / "data/chunk-000/file-000.parquet"
+    table = pyarrow.parquet.read_table(path)
+    rewards = table["next.reward"].to_pylist()
+    rewards[7] += 0.5
+    column = pyarrow.array(rewards, table.schema.field("next.reward").type)
+    at = table.schema.get_field_index("next.reward")
+    pyarrow.parquet.write_table(table.set_column(at, table.schema.field(at), column), path)
+    status, out, _ = kettle(replay, str(ROOT), "--episodes=all")
+    assert status == 1
+    assert "differ at 3" in out
+    assert out.endswith("2 of 3 episodes are equal\n")
+
+
+def test_damaged_datasets_get_one_line(kettle):
+    (ROOT / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1")
+    status, out, err = kettle(replay, str(ROOT))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "a LeRobot dataset" in err
+    (ROOT / "meta/kitchen_suite.json").write_text('{"recording": 3}')
+    status, out, err = kettle(replay, str(ROOT))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "does not describe a recording" in err
+
+
+def test_a_dataset_that_is_there_is_never_touched(kettle):
+    before = {path: path.stat().st_mtime_ns for path in ROOT.rglob("*")}
+    assert kettle(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
+    for arguments, message in {
+        ("--num_episodes=4",): "exists and is of the first 3 episodes of this recording, not of 4: name another one",
+        ("--output=others", "--seed=6"): "dataset 'me/kettle' exists and holds another recording",
+        ("--dataset=kettle",): "'kettle' is no name of a LeRobot dataset, such as me/kettle",
+        ("--dataset=me/../kettle",): "is no name of a LeRobot dataset",
+    }.items():
+        status, out, err = kettle(record, *RECORD, *DATASET, "--task_name=kettle", *arguments)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert message in err
+    assert {path: path.stat().st_mtime_ns for path in ROOT.rglob("*")} == before
+    assert not os.path.exists("others")
+
+
+def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monkeypatch):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    def interrupt(self):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(LeRobotDataset, "save_episode", interrupt)
+        assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 130
+    assert os.listdir("data/me") == []
+    monkeypatch.setattr("kitchen_suite.rollouts.spec.RecordingSpec.make_vector_env", None)  # Nothing is played again.
+    assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
+    assert load().num_episodes == 3
+
+
+def test_lerobots_own_commands_find_the_package():
+    from lerobot.configs.parser import load_plugin
+
+    sys.modules.pop("kitchen_suite.lerobot", None)
+    load_plugin("kitchen_suite.lerobot")
+    assert "kitchen_suite.lerobot.configs" in sys.modules
