@@ -40,8 +40,10 @@ HOMES = {
     "ray": {"workers"},
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
+    "mjviser": {"rendering"},
+    "viser": {"rendering"},
 }
-COMMANDS = ("benchmark", "evaluate", "play", "record", "replay", "rollout", "train")
+COMMANDS = ("benchmark", "evaluate", "play", "record", "replay", "rollout", "train", "view")
 
 
 def modules():
@@ -131,7 +133,7 @@ def test_no_command_imports_dm_control_before_the_gl_library_is_chosen(command):
 
 
 # Commands choose the GL library before they import these.
-COMMANDS_ALONE = {"cli", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
+COMMANDS_ALONE = {"cli", "bridges", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
 
 
 def test_the_gl_library_is_chosen_before_dm_control_is_imported():

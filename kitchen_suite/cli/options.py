@@ -156,6 +156,7 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "novideo": Option("Write no video."),
         "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000),
         "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000),
+        "port": Option("Port of the page, on this machine alone.", minimum=1024, maximum=65535),
         "web": Option(
             "Web page to write, an .html in an existing folder, which shows the episodes in 3-D; one that is there is "
             "replaced.",

@@ -39,6 +39,7 @@ class WebScene:
         self._looks = {name: getattr(self._model, name).copy() for name in _LOOKS}
         self._model.geom_rgba[self._model.geom_group >= _FIRST_HIDDEN_GROUP, 3] = 0.0
         set_camera(server, physics, camera)
+        server.scene.configure_default_lights(cast_shadow=False)
         self._scene = _scene_class()(server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
 

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import benchmark, evaluate, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, evaluate, play, record, replay, rollout, train, view
 from kitchen_suite.cli.options import OPTIONS, RENAMED
 
-MODULES = (benchmark, evaluate, play, record, replay, rollout, train)
+MODULES = (benchmark, evaluate, play, record, replay, rollout, train, view)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 # First in the command line, so that an odd value takes their place: one episode of one control step.
@@ -30,10 +30,12 @@ TINY = {
     "kitchen-evaluate": ("--num_episodes=1", "--max_episode_steps=1"),
     "kitchen-train": ("--output=new",),
     "kitchen-benchmark": (),
+    "kitchen-view": (),
 }
 
 # Last in the command line of commands whose work takes long: refused, after all flags have been parsed.
-REFUSED = {"kitchen-train": "--task_name=nothing", "kitchen-benchmark": "--domain_name=nothing"}
+REFUSED = {"kitchen-train": "--task_name=nothing"}
+REFUSED |= dict.fromkeys(("kitchen-benchmark", "kitchen-view"), "--domain_name=nothing")
 
 # Work that takes long, or needs a GL library.
 LEFT_OUT = {"list", "measure", "novideo", "video", "workers"}
