@@ -133,7 +133,7 @@ def test_no_command_imports_dm_control_before_the_gl_library_is_chosen(command):
 
 
 # Commands choose the GL library before they import these.
-COMMANDS_ALONE = {"cli", "bridges", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
+COMMANDS_ALONE = {"cli", "training", "evaluation", "recordings", "benchmarks", "rollouts"}
 
 
 def test_the_gl_library_is_chosen_before_dm_control_is_imported():

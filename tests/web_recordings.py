@@ -21,7 +21,8 @@ def script_json(text, name):
 
 def joined(page, episode):
     """The recording of an episode, in viser's format."""
-    return b"".join(base64.b64decode(text) for text in (episode["size"], *(page["chunks"][k] for k in episode["chunks"])))
+    chunks = [page["chunks"][key] for key in episode["chunks"]]
+    return b"".join(base64.b64decode(text) for text in (episode["size"], *chunks))
 
 
 def contents(recording):

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+import gymnasium
 import numpy as np
 
 from kitchen_suite.bridges.viewer_settings import ViewSettings
@@ -82,6 +83,7 @@ class LiveEpisode:
         if self.has_ended:
             return
         space = self._environment.action_space
+        assert isinstance(space, gymnasium.spaces.Box)
         action = np.asarray(self._policy(self._buffer.timestep(self._inner))).clip(space.low, space.high)
         observation, reward, termination, truncation, info = self._environment.step(action)
         self._buffer.add(action, observation, float(reward), termination, truncation, info)

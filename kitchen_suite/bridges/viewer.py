@@ -4,20 +4,17 @@ import queue
 import time
 from typing import Any
 
-from dm_control.rl.control import PhysicsError
-
 from kitchen_suite.bridges.live_episode import LiveEpisode
 from kitchen_suite.bridges.viewer_panel import ViewerPanel
 from kitchen_suite.bridges.viewer_settings import ViewSettings
-from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
 
 # Time between two looks at the panel [s].
 _IDLE = 0.05
 
-# Errors of a choice in the panel, or of the policy; they are shown there.
-_ERRORS = (ImportError, OSError, PhysicsError, PolicyError, TypeError, ValueError)
+# Errors of a choice in the panel, of the policy, or of physics that diverges (a RuntimeError); they are shown there.
+_ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
 class Viewer:

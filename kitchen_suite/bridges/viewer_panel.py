@@ -66,18 +66,16 @@ class ViewerPanel:
         Arguments of the task that were given on the command line are of the domain that was given with them.
         """
         first = self._settings
-        kept = {"task_kwargs": first.task_kwargs} if self._domain.value == first.domain_name else {"task_kwargs": {}}
         groups = [name for name, box in self._groups.items() if box.value]
-        chosen = {"variations": ",".join(groups), "variation_split": self._split.value} if groups else {}
         return dataclasses.replace(
             first,
             domain_name=self._domain.value,
             task_name=self._task.value,
             policy=self._policy.value,
             seed=self.seed,
-            variations=chosen.get("variations"),
-            variation_split=chosen.get("variation_split"),
-            **kept,
+            task_kwargs=first.task_kwargs if self._domain.value == first.domain_name else {},
+            variations=",".join(groups) if groups else self._distributions,
+            variation_split=self._split.value if groups else None,
         )
 
     def show(self, report: str) -> None:
@@ -110,8 +108,10 @@ class ViewerPanel:
             policies = dict.fromkeys((first.policy, *POLICIES))
             self._policy = gui.add_dropdown("Policy", tuple(policies), initial_value=first.policy)
             with gui.add_folder("Variations", expand_by_default=False):
-                given = _groups_of(first.variations)
+                given = (first.variations or "").split(",")
                 self._groups = {name: gui.add_checkbox(name, initial_value=name in given) for name in GROUPS}
+                # Those of the flag by parameter apply while no group is chosen.
+                self._distributions = first.variations if not {*given} & {*GROUPS} else None
                 split = first.variation_split or SPLITS[0]
                 self._split = gui.add_dropdown("Split", tuple(SPLITS), initial_value=split)
             self._add_button("Load", "load", "Builds the environment that is chosen here.")
@@ -132,8 +132,3 @@ class ViewerPanel:
         domain = self._domain.value
         self._task.options = tuple(suite.TASKS_BY_DOMAIN[domain])
         self._task.value = suite.default_task(domain)
-
-
-def _groups_of(variations: str | None) -> list[str]:
-    """Returns the groups that the flag names; none where it has distributions by parameter."""
-    return (variations or "").split(",")

@@ -8,8 +8,8 @@ from typing import Any
 
 from kitchen_suite import files
 from kitchen_suite.evaluation import report
-from kitchen_suite.evaluation.episode_results import EpisodeResult, score_episodes
 from kitchen_suite.evaluation.episode_page import EpisodePage
+from kitchen_suite.evaluation.episode_results import EpisodeResult, score_episodes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import make_plan
 from kitchen_suite.evaluation.settings import EvaluateSettings

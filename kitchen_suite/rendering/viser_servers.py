@@ -61,7 +61,9 @@ def silent_server() -> Iterator["viser.ViserServer"]:
 
 
 @contextlib.contextmanager
-def _server(wrap: Callable[[Callable[..., Any]], Callable[..., Any]], **arguments: Any) -> Iterator["viser.ViserServer"]:
+def _server(
+    wrap: Callable[[Callable[..., Any]], Callable[..., Any]], **arguments: Any
+) -> Iterator["viser.ViserServer"]:
     """Yields a server of viser, which prints nothing.
 
     Args:

@@ -18,8 +18,8 @@ _FIRST_HIDDEN_GROUP = 3
 
 # Fields of a model on which the shapes and colours depend that a scene shows.
 _LOOKS = (
-    ("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid")
-    + ("mat_rgba", "mat_texid", "mat_texrepeat", "mesh_vert", "site_pos", "site_rgba", "tex_data")
+    *("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid"),
+    *("mat_rgba", "mat_texid", "mat_texrepeat", "mesh_vert", "site_pos", "site_rgba", "tex_data"),
 )
 
 

@@ -1,0 +1,66 @@
+"""Prints the size of a web page of 280 control steps in each domain, and the time that making it takes.
+
+  python docs/web_sizes.py
+
+The last column of docs/web.md's table is the time of `kitchen-rollout --web` beside that of the same rollout without a page,
+and without the imports.
+"""
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from kitchen_suite import suite
+from kitchen_suite.rendering import cameras
+from kitchen_suite.rendering.scene_recorder import SceneRecorder
+from kitchen_suite.rendering.web_page import WebPage
+
+STEPS = 280
+
+
+def row(domain: str, path: Path) -> str:
+    """Returns the row of a domain, after its page has been written to a path."""
+    import mjviser  # noqa: F401
+
+    options = {"visuals": True, "render_quality": "fast"}
+    environment = suite.load(domain, suite.default_task(domain), random=0, task_kwargs=options)
+    environment.reset()
+    policy = suite_actions(environment)
+    seconds, page = 0.0, WebPage()
+    with SceneRecorder() as recorder:
+        started = time.perf_counter()
+        recorder.start(environment.physics, cameras.find_camera(environment.physics, "overview"))
+        seconds += time.perf_counter() - started
+        for _ in range(STEPS):
+            environment.step(next(policy))
+            started = time.perf_counter()
+            recorder.add_frame(environment.physics, environment.control_timestep())
+            seconds += time.perf_counter() - started
+        started = time.perf_counter()
+        page.add(recorder.finish(1.0), {"name": domain, "tasks": [], "rewards": [], "returns": [], "metrics": {}})
+        path.write_text(page.html(domain), "utf-8")
+        seconds += time.perf_counter() - started
+    return f"| {domain} | {path.stat().st_size / 1e6:.1f} MB | {seconds:.1f} s |"
+
+
+def suite_actions(environment):
+    """Yields random actions."""
+    from numpy.random import default_rng
+
+    from kitchen_suite import policies
+
+    policy = policies.POLICIES["random"](environment, default_rng(0))
+    while True:
+        yield policy(None)
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        for domain in suite.TASKS_BY_DOMAIN:
+            print(row(domain, Path(folder) / "page.html"), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
