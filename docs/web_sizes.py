@@ -2,8 +2,7 @@
 
   python docs/web_sizes.py
 
-The last column of docs/web.md's table is the time of `kitchen-rollout --web` beside that of the same rollout without a page,
-and without the imports.
+The time is that of making the scene, of the frames and of writing the page, without that of the episode and of imports.
 """
 
 import sys
@@ -11,7 +10,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from kitchen_suite import suite
+import numpy as np
+
+from kitchen_suite import policies, suite
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rendering.scene_recorder import SceneRecorder
 from kitchen_suite.rendering.web_page import WebPage
@@ -25,15 +26,15 @@ def row(domain: str, path: Path) -> str:
 
     options = {"visuals": True, "render_quality": "fast"}
     environment = suite.load(domain, suite.default_task(domain), random=0, task_kwargs=options)
-    environment.reset()
-    policy = suite_actions(environment)
+    timestep = environment.reset()
+    policy = policies.POLICIES["random"](environment, np.random.default_rng(0))
     seconds, page = 0.0, WebPage()
     with SceneRecorder() as recorder:
         started = time.perf_counter()
         recorder.start(environment.physics, cameras.find_camera(environment.physics, "overview"))
         seconds += time.perf_counter() - started
         for _ in range(STEPS):
-            environment.step(next(policy))
+            timestep = environment.step(policy(timestep))
             started = time.perf_counter()
             recorder.add_frame(environment.physics, environment.control_timestep())
             seconds += time.perf_counter() - started
@@ -44,18 +45,8 @@ def row(domain: str, path: Path) -> str:
     return f"| {domain} | {path.stat().st_size / 1e6:.1f} MB | {seconds:.1f} s |"
 
 
-def suite_actions(environment):
-    """Yields random actions."""
-    from numpy.random import default_rng
-
-    from kitchen_suite import policies
-
-    policy = policies.POLICIES["random"](environment, default_rng(0))
-    while True:
-        yield policy(None)
-
-
 def main() -> int:
+    """Prints the rows of the table in docs/web.md."""
     with tempfile.TemporaryDirectory() as folder:
         for domain in suite.TASKS_BY_DOMAIN:
             print(row(domain, Path(folder) / "page.html"), flush=True)

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 # Geoms of these groups and above are not shown, as in MuJoCo: they are those that collide.
 _FIRST_HIDDEN_GROUP = 3
 
+# Of the light from all sides, beside that of lamps; chosen so that the kitchen's white counter is not blown out.
+_BRIGHTNESS = 0.4
+
 # Fields of a model on which the shapes and colours depend that a scene shows.
 _LOOKS = (
     *("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid"),
@@ -42,6 +45,7 @@ class WebScene:
         server.scene.configure_default_lights(cast_shadow=False)
         self._scene = _scene_class()(server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
+        server.scene.configure_environment_map(environment_intensity=_BRIGHTNESS)
 
     def update(self, physics: "mjcf.Physics") -> None:
         """Moves all objects to where they are now."""
