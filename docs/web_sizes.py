@@ -25,7 +25,7 @@ def row(domain: str, path: Path) -> str:
     import mjviser  # noqa: F401
 
     options = {"visuals": True, "render_quality": "fast"}
-    environment = suite.load(domain, suite.default_task(domain), random=0, task_kwargs=options)
+    environment = suite.load(domain, suite.default_task(domain), task_kwargs={**options, "random": 0})
     timestep = environment.reset()
     policy = policies.POLICIES["random"](environment, np.random.default_rng(0))
     seconds, page = 0.0, WebPage()
