@@ -17,7 +17,7 @@ from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.instructions import InstructedTask
 from kitchen_suite.tasks.mdp import MEDIAN, ActionMode
-from kitchen_suite.tasks.measured import MeasuredTask, Metrics
+from kitchen_suite.tasks.measured import Completions, MeasuredTask, Metrics
 from kitchen_suite.tasks.observed import ObservedTask
 from kitchen_suite.tasks.reset_options import OptionedTask
 from kitchen_suite.tasks.simulation import PhysicsSimulation, columns
@@ -126,6 +126,11 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, VariedTask, Observed
     def episode_metrics(self) -> Metrics:
         """Metrics of the present episode up to the last control step; see `metrics`."""
         return self.metrics(self.mdp.info(self.state))
+
+    @property
+    def episode_completions(self) -> Completions | None:
+        """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
+        return self.completions_in(self.mdp.info(self.state))
 
     def begin_run(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""

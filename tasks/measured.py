@@ -24,6 +24,12 @@ class Completions(NamedTuple):
     asked: NDArray[np.bool_]
     steps: NDArray[np.int64]
 
+    @property
+    def steps_by_task(self) -> dict[str, int | None]:
+        """The tasks that are asked for, each with the control step of its completion or None."""
+        rows = zip(self.tasks, self.asked.tolist(), self.steps.tolist(), strict=True)
+        return {name: step if step > 0 else None for name, is_asked, step in rows if is_asked}
+
 
 class MeasuredTask(abc.ABC):
     """A task with metrics of its episodes, read from their infos."""

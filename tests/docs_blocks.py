@@ -2,9 +2,9 @@
 
 Words after the language of a fence are marks:
 
-  slow, clients, ray, lerobot, rendering   as of the tests: pytest selects the block by them
-  hours                           takes hours: only the command lines are parsed
-  ci                              .ci/run has the same line: only the command lines are parsed
+  slow, clients, ray, lerobot, web, rendering   as of the tests: pytest selects the block by them
+  hours                                         takes hours: only the command lines are parsed
+  ci                                            .ci/run has the same line: only the command lines are parsed
 """
 
 import dataclasses
@@ -18,14 +18,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
-PYTEST_MARKS = ("slow", "clients", "ray", "lerobot", "rendering")
+PYTEST_MARKS = ("slow", "clients", "ray", "lerobot", "web", "rendering")
 PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (
-    *(
-        f"kitchen-{name}"
-        for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate", "export", "convert")
-    ),
+    *(f"kitchen-{name}" for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate")),
+    *("kitchen-export", "kitchen-convert", "kitchen-view"),
     *("pytest", "python", "lerobot-train", "lerobot-eval"),
 )
 

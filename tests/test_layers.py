@@ -42,8 +42,10 @@ HOMES = {
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
     "lerobot": {"lerobot"},
+    "mjviser": {"rendering"},
+    "viser": {"rendering"},
 }
-COMMANDS = ("benchmark", "convert", "evaluate", "export", "play", "record", "replay", "rollout", "train")
+COMMANDS = ("benchmark", "convert", "evaluate", "export", "play", "record", "replay", "rollout", "train", "view")
 
 
 def modules():

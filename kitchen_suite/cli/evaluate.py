@@ -1,7 +1,7 @@
 """Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
 
   kitchen-evaluate --policy=expert                             200 episodes of random 4 of the kitchen's 7 tasks
-  kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json
+  kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json --web=expert.html
   kitchen-evaluate --policy="trained(file='policy.npz')" --task_name=all --output=evaluation
   kitchen-evaluate --policy=expert --output=evaluation --resume    continues an evaluation that was interrupted
 

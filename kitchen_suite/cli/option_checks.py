@@ -18,15 +18,25 @@ def check_folder(path: Path) -> None:
 
 def check_video(path: Path) -> None:
     """Raises a ValueError for a path that cannot be written to as a video."""
-    if path.suffix != ".mp4" or path.is_dir():
-        raise ValueError("must be a file that ends with .mp4")
-    _check_parent(path)
+    _check_suffix(path, ".mp4")
+
+
+def check_page(path: Path) -> None:
+    """Raises a ValueError for a path that cannot be written to as a web page."""
+    _check_suffix(path, ".html")
 
 
 def check_file(path: Path) -> None:
     """Raises a ValueError for a path that cannot be written to as a file."""
     if path.exists() and not path.is_file():
         raise ValueError("is not a file")
+    _check_parent(path)
+
+
+def _check_suffix(path: Path, suffix: str) -> None:
+    """Raises a ValueError for a path that cannot be written to as a file whose name ends with a suffix."""
+    if path.suffix != suffix or path.is_dir():
+        raise ValueError(f"must be a file that ends with {suffix}")
     _check_parent(path)
 
 

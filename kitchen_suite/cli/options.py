@@ -48,8 +48,8 @@ class Option:
 OPTIONS: Mapping[str, Option] = MappingProxyType(
     {
         "source": Option(
-            "Folder of kitchen-record or kitchen-rollout, or Minari or LeRobot dataset, to replay; for kitchen-convert, "
-            "HDF5 file of D4RL, or Minari dataset."
+            "Folder of kitchen-record or kitchen-rollout, or Minari or LeRobot dataset, to replay; for "
+            "kitchen-convert, HDF5 file of D4RL, or Minari dataset."
         ),
         "list": Option(
             "List all domains with their tasks and cameras, and exit; for kitchen-play, the trained policies that come "
@@ -168,11 +168,19 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         "novideo": Option("Write no video."),
         "video_episodes": Option("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000),
         "video_fps": Option("Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000),
+        "port": Option("Port of the page, on this machine alone.", minimum=1024, maximum=65535),
+        "web": Option(
+            "Web page to write, an .html in an existing folder, which shows the episodes in 3-D; one that is there is "
+            "replaced.",
+            unset="none",
+            check=option_checks.check_page,
+        ),
+        "web_episodes": Option("Number of episodes in the web page, the first ones.", minimum=1, maximum=1000),
         "render_quality": Option(
             "high; or fast: a video without shadows, reflections, sky and multisampling, and with fewer faces.",
             choices=("high", "fast"),
         ),
-        "camera": Option("Camera of the video, by name or number."),
+        "camera": Option("Camera of the video and the page, by name or number."),
         "width": Option(
             "Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=option_checks.check_even
         ),

@@ -5,6 +5,7 @@
   kitchen-play --list                                        lists the policies that come with the package
   kitchen-play --policy_file=runs/drawer/policy.npz          with a policy written by kitchen-train
   kitchen-play --num_episodes=100 --novideo                  counts successes alone; needs no GL library
+  kitchen-play --web=drawer.html                             a page to look at in 3-D; needs no GL library
 
 The last line says how many episodes succeeded. Exit status: 0; 1 if writing or the physics failed; 2 for a bad
 argument or policy file, with one line on stderr; 130 if interrupted.
@@ -20,10 +21,10 @@ from kitchen_suite.rollouts.settings import PlaySettings
 
 def _renders(settings: PlaySettings) -> bool:
     """Returns whether a video is made: one that is asked for, or the default one where it can be rendered."""
-    if settings.list:
+    if settings.list or settings.novideo:
         return False
-    if settings.novideo or settings.video is not None:
-        return not settings.novideo
+    if settings.video or settings.web:
+        return settings.video is not None
     with contextlib.suppress(OSError):
         gl.find_library()
         return True

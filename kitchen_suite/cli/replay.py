@@ -4,6 +4,7 @@
   kitchen-replay me/kitchen-v0                            of a Minari or LeRobot dataset
   kitchen-replay runs --episodes=all                      all episodes
   kitchen-replay runs --episodes=0,5,7-9 --video=a.mp4    also films them
+  kitchen-replay runs --web=runs.html                     also writes a page that shows them in 3-D
   kitchen-replay D4RL/kitchen/complete-v2                 of a dataset of FrankaKitchen-v1
 
 Exit status: 0 if all are equal; 1 if not, or if writing or the physics failed; 2 for a bad argument, with one line on

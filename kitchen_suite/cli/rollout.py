@@ -4,7 +4,7 @@
   kitchen-rollout --list                                   domains, tasks and cameras
   kitchen-rollout --task_name=kettle --output=episodes     also writes each episode to a file
   kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films it
-  kitchen-rollout --policy=expert                          completes the task
+  kitchen-rollout --policy=expert --web=kitchen.html       completes the task, and writes a page that shows it in 3-D
   kitchen-rollout --policy=my_module:act                   acts as your own function does
   kitchen-rollout --workers=4 --num_episodes=100           plays on Ray, in four processes
 

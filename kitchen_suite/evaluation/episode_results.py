@@ -52,15 +52,12 @@ class EpisodeResult:
           control_steps: its length.
           **numbers: further attributes.
         """
-        completions, asked = task.completions_in(infos), None
-        if completions:
-            steps = zip(completions.tasks, completions.asked.tolist(), completions.steps.tolist(), strict=True)
-            asked = {name: step if step > 0 else None for name, is_asked, step in steps if is_asked}
+        completions = task.completions_in(infos)
         return cls(
             success=bool(infos["is_success"]),
             progress=float(task.progress_in(infos)),
             control_steps=control_steps,
-            asked=asked,
+            asked=completions.steps_by_task if completions else None,
             **numbers,
         )
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from kitchen_suite import files
 from kitchen_suite.evaluation import report
+from kitchen_suite.evaluation.episode_page import EpisodePage
 from kitchen_suite.evaluation.episode_results import EpisodeResult, score_episodes
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import make_plan
@@ -40,6 +41,7 @@ class EvaluateJob:
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)
+        self._page = EpisodePage(settings, self._plan)
         self._folder = self._open_folder()
         self._results: dict[Key, EpisodeResult] = dict(self._folder.results) if self._folder else {}
 
@@ -48,7 +50,7 @@ class EvaluateJob:
         return f"{finished}; the same command with --resume continues" if self._folder else finished
 
     def run(self) -> bool:
-        """Plays the episodes that are missing, condition by condition; prints the scores, and writes them as JSON.
+        """Plays the episodes that are missing, condition by condition; prints the scores, and writes JSON and web page.
 
         Raises:
           OSError: a file cannot be written.
@@ -69,6 +71,7 @@ class EvaluateJob:
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
                 partial.write_text(json.dumps(self._as_json(scores), indent=1) + "\n", encoding="utf-8")
+        self._page.write()
         return True
 
     def _open_folder(self) -> EvaluationFolder | None:

@@ -60,7 +60,7 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
       ValueError: an unknown name, a protocol of another domain, or a value that is refused.
     """
     protocol = find_protocol(settings.protocol, settings.domain_name)
-    specs = {name: _prepared(spec) for name, spec in _specs(protocol, settings).items()}
+    specs = {name: prepared(spec) for name, spec in _specs(protocol, settings).items()}
     own_tasks = {condition.task_name for condition in protocol.conditions}
     return EvaluationPlan(
         protocol=protocol.name,
@@ -125,7 +125,7 @@ def _spec(
     )
 
 
-def _prepared(spec: RecordingSpec) -> RecordingSpec:
+def prepared(spec: RecordingSpec) -> RecordingSpec:
     """Returns a specification whose policy can act, with the digest of the policy's file.
 
     The expert gets the extra observables that it needs where layouts vary.
@@ -138,7 +138,7 @@ def _prepared(spec: RecordingSpec) -> RecordingSpec:
             file = policies.file_of(spec.policy, task)
             return dataclasses.replace(spec, policy_sha256=files.file_digest(file) if file else None)
         extras = [*task.extra_observables, *missing]
-    return _prepared(dataclasses.replace(spec, task_kwargs={**spec.task_kwargs, "extra_observables": extras}))
+    return prepared(dataclasses.replace(spec, task_kwargs={**spec.task_kwargs, "extra_observables": extras}))
 
 
 def _described(spec: RecordingSpec) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from kitchen_suite.rollouts.settings import PICTURES_PREFIX, TaskSettings
+from kitchen_suite.rollouts.settings import PICTURES_PREFIX, PageSettings, TaskSettings
 
 
 def _replaceable() -> Any:
@@ -13,7 +13,7 @@ def _replaceable() -> Any:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EvaluateSettings(TaskSettings):
+class EvaluateSettings(TaskSettings, PageSettings):
     """Settings of `kitchen-evaluate`; each is the flag of its name.
 
     Those that are None, and `task_kwargs` that are not given, are the protocol's.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.varied import VARIATION_VALUES
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
-from kitchen_suite.rollouts.single_rollout import Actions, play
+from kitchen_suite.rollouts.single_rollout import Actions, episode_name, play
 from kitchen_suite.rollouts.spec import reset_to_seed
 from kitchen_suite.tasks.base import SuiteTask
 
@@ -39,7 +39,8 @@ def replay(
     """
     _check_fits(environment, recorded)
     start = _start(environment, recorded, seeding)
-    arrays = play(environment, start, _recorded_actions(environment, recorded), watch)
+    name = episode_name(recorded.index, recorded.seed)
+    arrays = play(environment, start, _recorded_actions(environment, recorded), watch, name)
     return EpisodeArrays(
         index=recorded.index,
         seed=recorded.seed,

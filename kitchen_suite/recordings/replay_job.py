@@ -15,8 +15,8 @@ from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.recordings.replay import replay
 from kitchen_suite.recordings.settings import ReplaySettings
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.film import Film
 from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.views import Views
 from kitchen_suite.versions import installed_versions
 
 # Widths of the table's columns; `difference` is the maximum over all numbers of the observations.
@@ -60,7 +60,7 @@ class ReplayJob:
             raise OSError(f"the recording holds pictures: {error}") from error
         self._inner = suite_env(self._environment).environment
         limit = self._environment.spec.max_episode_steps if self._environment.spec else None
-        self._film = Film(settings, self._inner, num_episodes=len(self._indices), max_steps=limit)
+        self._views = Views(settings, self._inner, num_episodes=len(self._indices), max_steps=limit)
         self._finished = 0
 
     def progress(self) -> str:
@@ -74,7 +74,7 @@ class ReplayJob:
         with (
             contextlib.closing(self._environment),
             minari_root(self._settings.data_path),
-            self._film.open() as watch,
+            self._views.open() as watch,
         ):
             print_line(_row({name: name for name in _COLUMNS}))
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):

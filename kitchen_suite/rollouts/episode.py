@@ -169,8 +169,9 @@ def check_file_size(observation_space: spaces.Space, steps: int) -> None:
 class EpisodeBuffer:
     """The steps of an episode in progress."""
 
-    def __init__(self, observation: Any, info: Mapping[str, Any]) -> None:
-        """Begins with the observation and the info of the reset."""
+    def __init__(self, observation: Any, info: Mapping[str, Any], name: str = "") -> None:
+        """Begins with the observation and the info of the reset, and a name for readers."""
+        self.name = name
         self.observation = observation
         self._rows = [_row(observation, info)]
         self._steps: list[tuple[NDArray, float, bool, bool]] = []
@@ -198,6 +199,11 @@ class EpisodeBuffer:
     def has_ended(self) -> bool:
         """Whether the last step terminated or truncated the episode."""
         return bool(self._steps) and (self._steps[-1][2] or self._steps[-1][3])
+
+    @property
+    def reward(self) -> float:
+        """Reward of the last step; 0 before the first one."""
+        return self._steps[-1][1] if self._steps else 0.0
 
     def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
         """Returns the present time step as the suite's own environment would."""

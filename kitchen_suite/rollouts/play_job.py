@@ -51,14 +51,16 @@ class PlayJob(RolloutJob):
             raise ValueError("--shipped and --policy_file both name a policy: give one of them")
         if settings.video and settings.novideo:
             raise ValueError("--video and --novideo contradict each other: give one of them")
-        self._reason_against_video = "" if settings.video or settings.novideo else _reason_against_video()
-        films = not settings.novideo and not self._reason_against_video
-        self._video = (settings.video or _DEFAULT_VIDEO) if films else None
+        is_default = not (settings.video or settings.novideo or settings.web)
+        self._reason_against_video = _reason_against_video() if is_default else ""
+        self._video = _DEFAULT_VIDEO if is_default and not self._reason_against_video else settings.video
         rollout = policy_rollout(
             settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY),
             num_episodes=settings.num_episodes,
             seed=settings.seed,
             max_episode_steps=settings.max_episode_steps,
+            web=settings.web,
+            web_episodes=settings.web_episodes,
             video=self._video,
             video_episodes=settings.video_episodes,
             video_fps=settings.video_fps,

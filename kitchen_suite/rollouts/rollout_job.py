@@ -14,13 +14,13 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
-from kitchen_suite.rollouts.film import Film
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.runners import SingleRunner
 from kitchen_suite.rollouts.settings import RolloutSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.views import Views
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
@@ -44,8 +44,8 @@ class RolloutJob:
           ValueError: an unknown name, or a value that is refused.
         """
         self._ray = RaySettings.of(settings.workers, settings.ray_address)
-        if self._ray and settings.video:
-            raise ValueError("workers make no video: leave out --workers")
+        if self._ray and (settings.video or settings.web):
+            raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
         self._spec = RecordingSpec.of(settings, seeding="dm_control")
         self._rollout = SingleRollout(self._spec, **settings.rendering)
@@ -54,7 +54,7 @@ class RolloutJob:
             check_file_size(self._rollout.environment.observation_space, self._spec.max_episode_steps)
         self._environment.task.visualize_reward = settings.visualize_reward
         steps = self._spec.max_episode_steps
-        self._film = Film(settings, self._environment, num_episodes=settings.num_episodes, max_steps=steps)
+        self._views = Views(settings, self._environment, num_episodes=settings.num_episodes, max_steps=steps)
         self._spec.check_policy(self._rollout.environment)
         self._folder = RecordingFolder.create(settings.output, self._spec) if settings.output else None
         self._report = Report(last_seed=settings.seed + settings.num_episodes - 1)
@@ -120,17 +120,17 @@ class RolloutJob:
 
     @contextlib.contextmanager
     def _watch(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
-        """Yields the function to be called at every step: it moves the progress bar, and films."""
+        """Yields the function to be called at every step: it moves the progress bar, and shows the step."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (
-            self._film.open() as film_step,
+            self._views.open() as view_step,
             tqdm(total=settings.num_episodes * limit, unit="step", disable=None, leave=False) as bar,
         ):
             left = settings.num_episodes
 
             def watch(buffer: EpisodeBuffer) -> None:
                 nonlocal left
-                film_step(buffer)
+                view_step(buffer)
                 bar.update(buffer.steps > 0)
                 if buffer.has_ended:
                     left -= 1

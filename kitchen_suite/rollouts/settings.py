@@ -69,12 +69,20 @@ class EpisodeSettings(TaskSettings):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class FilmSettings:
-    """The video that a command writes; each is the flag of its name."""
+class PageSettings:
+    """The web page that a command writes; each is the flag of its name."""
+
+    web: Path | None = None
+    web_episodes: int = 10
+    camera: str = "overview"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FilmSettings(PageSettings):
+    """The video and the web page that a command writes; each is the flag of its name."""
 
     video: Path | None = None
     video_fps: float = 25.0
-    camera: str = "overview"
     width: int = 640
     height: int = 480
     video_episodes: int = 1
@@ -83,7 +91,7 @@ class FilmSettings:
     @property
     def rendering(self) -> dict[str, Any]:
         """Arguments of the filmed environment; without pictures it is built without visuals, and steps faster."""
-        return {"visuals": True if self.video else None, "render_quality": self.render_quality}
+        return {"visuals": True if self.video or self.web else None, "render_quality": self.render_quality}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,7 @@ def play(
     start: tuple[Any, Mapping[str, Any]],
     actions: Actions,
     watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
+    name: str = "",
 ) -> dict[str, NDArray]:
     """Plays an episode, and returns its arrays by name.
 
@@ -30,14 +31,20 @@ def play(
       start: observation and info of its reset.
       actions: of the episode.
       watch: called after the reset and after every step.
+      name: of the episode.
     """
-    buffer = EpisodeBuffer(*start)
+    buffer = EpisodeBuffer(*start, name=name)
     watch(buffer)
     for action in actions(buffer):
         observation, reward, termination, truncation, info = environment.step(action)
         buffer.add(action, observation, float(reward), termination, truncation, info)
         watch(buffer)
     return buffer.arrays()
+
+
+def episode_name(index: int, seed: int | None) -> str:
+    """Returns the name of the episode of a number and a seed, if that is known."""
+    return f"episode {index}" + ("" if seed is None else f", seed {seed}")
 
 
 class SingleRollout:
@@ -56,7 +63,7 @@ class SingleRollout:
         started = time.perf_counter()
         start = reset_to_seed(self.environment, seed, self._spec.seeding)
         policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
-        arrays = play(self.environment, start, self._until_end(policy), watch)
+        arrays = play(self.environment, start, self._until_end(policy), watch, episode_name(index, seed))
         return EpisodeArrays(
             index=index,
             seed=seed,

@@ -18,11 +18,11 @@ from sweeps import brief
 
 import kitchen_suite
 from kitchen_suite import checks
-from kitchen_suite.cli import benchmark, convert, evaluate, export, play, process, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, convert, evaluate, export, play, process, record, replay, rollout, train, view
 from kitchen_suite.cli.command import Command
 from kitchen_suite.cli.options import OPTIONS
 
-MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train)
+MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train, view)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import benchmark, convert, evaluate, export, play, record, replay, rollout, train
+from kitchen_suite.cli import benchmark, convert, evaluate, export, play, record, replay, rollout, train, view
 from kitchen_suite.cli.options import OPTIONS, RENAMED
 
-MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train)
+MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train, view)
 COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
 
 # First in the command line, so that an odd value takes their place: one episode of one control step.
@@ -32,6 +32,7 @@ TINY = {
     "kitchen-export": ("--output=new",),
     "kitchen-convert": ("file", "--output=new"),
     "kitchen-benchmark": (),
+    "kitchen-view": (),
 }
 
 # Last in the command line of commands whose work takes long: refused, after all flags have been parsed.
@@ -39,6 +40,7 @@ REFUSED = {
     "kitchen-train": "--task_name=nothing",
     "kitchen-benchmark": "--domain_name=nothing",
     "kitchen-export": "--task_name=nothing",
+    "kitchen-view": "--domain_name=nothing",
 }
 
 # Work that takes long, or needs a GL library.

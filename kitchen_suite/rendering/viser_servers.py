@@ -1,0 +1,156 @@
+"""Servers of viser: one that answers this machine alone, and one that listens to nobody; needs the extra `web`."""
+
+import contextlib
+import functools
+import http
+import importlib.util
+import io
+import socket
+import types
+import urllib.parse
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import viser
+
+HOST = "127.0.0.1"
+
+# Names under which a browser on this machine reaches `HOST`; also through a port that ssh forwards.
+_LOCAL_NAMES = ("127.0.0.1", "localhost")
+
+_PACKAGES = ("mjviser", "viser")
+
+
+def check_extra(what: str) -> None:
+    """Raises an ImportError if the extra `web` is missing, which `what` needs."""
+    if missing := [name for name in _PACKAGES if importlib.util.find_spec(name) is None]:
+        raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[web]'")
+
+
+@contextlib.contextmanager
+def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
+    """Yields a server that answers browsers on this machine, and refuses all others.
+
+    It is bound to `HOST`. A page of another site cannot use it either: the names that a request has as its host and
+    origin must be local, so that a foreign name that resolves to this machine is refused.
+
+    Args:
+      port: to listen at.
+      label: title of the page.
+
+    Raises:
+      OSError: the port is in use, or may not be used.
+    """
+    _check_port(port)
+    with _server(_refusing_others, host=HOST, port=port, label=label) as server:
+        # viser takes the next free port.
+        if server.get_port() != port:
+            raise OSError(f"port {port} is in use: choose another one with --port")
+        # It would send all that the page shows to a server of viser's, which anybody could open.
+        server.request_share_url = lambda verbose=True: None
+        server.gui.configure_theme(show_share_button=False, show_logo=False)
+        yield server
+
+
+@contextlib.contextmanager
+def silent_server() -> Iterator["viser.ViserServer"]:
+    """Yields a server that listens to no port; its scene can be recorded."""
+    with _server(lambda serve: _Unbound, host=HOST, port=0) as server:
+        yield server
+
+
+@contextlib.contextmanager
+def _server(
+    wrap: Callable[[Callable[..., Any]], Callable[..., Any]], **arguments: Any
+) -> Iterator["viser.ViserServer"]:
+    """Yields a server of viser, which prints nothing.
+
+    Args:
+      wrap: makes of the function `serve` of websockets the one that the server is started with. viser has no argument
+        for it, and looks it up when it starts.
+      **arguments: of `viser.ViserServer`.
+    """
+    import viser
+    import websockets.asyncio.server as websockets_server
+
+    original = websockets_server.serve
+    wrapped = wrap(original)
+    was_called = False
+
+    def serve(*args: Any, **kwargs: Any) -> Any:
+        nonlocal was_called
+        was_called = True
+        return wrapped(*args, **kwargs)
+
+    websockets_server.serve = serve
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server = viser.ViserServer(verbose=False, **arguments)
+    finally:
+        websockets_server.serve = original
+    try:
+        if not was_called:
+            raise ImportError(f"viser {viser.__version__} starts its server in another way: install viser 1.1")
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+class _Unbound:
+    """Stands for a websockets server that listens to no port."""
+
+    server = types.SimpleNamespace(sockets=())
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        del args, kwargs
+
+    async def __aenter__(self) -> "_Unbound":
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        pass
+
+
+def _refusing_others(serve: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns `serve` of websockets with a check of every request before viser's own."""
+
+    def guarded(*args: Any, process_request: Callable[..., Any], **kwargs: Any) -> Any:
+        return serve(*args, process_request=functools.partial(_answer, process_request), **kwargs)
+
+    return guarded
+
+
+def _answer(process_request: Callable[..., Any], connection: Any, request: Any) -> Any:
+    """Returns the answer to a request, also to open a connection; None lets websockets open it."""
+    if not is_local(request.headers.get_all("Host"), request.headers.get_all("Origin")):
+        return connection.respond(http.HTTPStatus.FORBIDDEN, "This viewer answers only browsers on its own machine.\n")
+    return process_request(connection, request)
+
+
+def is_local(hosts: list[str], origins: list[str]) -> bool:
+    """Returns whether a request is addressed to this machine, and comes from a page of the address that it asks.
+
+    Args:
+      hosts: values of its `Host` headers.
+      origins: values of its `Origin` headers; none where no page sends it.
+    """
+    if len(hosts) != 1:
+        return False
+    try:
+        name = urllib.parse.urlsplit(f"//{hosts[0]}").hostname
+    except ValueError:
+        return False
+    return name in _LOCAL_NAMES and all(origin == f"http://{hosts[0]}" for origin in origins)
+
+
+def _check_port(port: int) -> None:
+    """Raises an OSError if a port is in use, or may not be used."""
+    with socket.socket() as probe:
+        # As asyncio binds: also where a closed connection still waits.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise OSError(f"port {port} cannot be used ({error.strerror}): choose another one with --port") from error

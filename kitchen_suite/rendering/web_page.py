@@ -1,0 +1,113 @@
+"""A self-contained web page that shows recorded episodes in 3-D; needs the extra `web`.
+
+Each episode is a recording of viser's, which viser's own player shows: MessagePack and binary arrays, compressed by
+zstd. The page holds it in chunks, each a zstd frame of its own, so that episodes share what they have in common, above
+all the meshes: frames that follow each other are decoded as one.
+"""
+
+import base64
+import hashlib
+import html
+import importlib.resources
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+# Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
+_MIN_SHARED = 512
+
+_LEVEL = 12  # Of zstd, as in viser's own recordings.
+
+# Arrays of a recording start at multiples of this [bytes].
+_ALIGNMENT = 8
+
+_TEMPLATE = "web_page.html"
+
+
+class WebPage:
+    """Episodes of a page."""
+
+    def __init__(self) -> None:
+        self._chunks: dict[str, str] = {}
+        self._episodes: list[dict[str, Any]] = []
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self._episodes)
+
+    def add(self, recording: bytes, about: Mapping[str, Any]) -> None:
+        """Adds an episode.
+
+        Args:
+          recording: of `SceneRecorder`.
+          about: its name and its progress, as `web_page.html` reads them.
+        """
+        parts = list(_parts(recording))
+        size = sum(map(len, parts)).to_bytes(8, "little")
+        self._episodes.append({**about, "size": base64.b64encode(size).decode(), "chunks": [*map(self._chunk, parts)]})
+
+    def html(self, title: str) -> str:
+        """Returns the page, which asks nothing of the network."""
+        values = {
+            "title": html.escape(title),
+            "page": _script_json({"title": title, "episodes": self._episodes, "chunks": self._chunks}),
+            "player": _script_json(_player()),
+        }
+        text = importlib.resources.files(__package__).joinpath(_TEMPLATE).read_text(encoding="utf-8")
+        return re.sub(r"\[\[(\w+)\]\]", lambda match: values[match[1]], text)
+
+    def _chunk(self, part: bytes) -> str:
+        """Stores a part unless it is there; returns its key."""
+        import zstandard
+
+        key = hashlib.sha256(part).hexdigest()[:16]
+        if key not in self._chunks:
+            frame = zstandard.ZstdCompressor(level=_LEVEL).compress(part)
+            self._chunks[key] = base64.b64encode(frame).decode()
+        return key
+
+
+def _parts(recording: bytes) -> Iterator[bytes]:
+    """Yields the decompressed contents of a recording part by part; each large message is one part."""
+    import zstandard
+
+    size = int.from_bytes(recording[:8], "little")
+    contents = zstandard.ZstdDecompressor().decompress(recording[8:], max_output_size=size)
+    end = 8 + int.from_bytes(contents[:8], "little")
+    head, messages = _encoded(contents[8:end])
+    length = len(head) + sum(map(len, messages))
+    waiting = length.to_bytes(8, "little") + head
+    for message in messages:
+        if len(message) < _MIN_SHARED:
+            waiting += message
+            continue
+        yield waiting
+        yield message
+        waiting = b""
+    # The arrays begin at a multiple of the alignment, after another number of bytes than before.
+    yield waiting + bytes(-(8 + length) % _ALIGNMENT) + contents[end + -end % _ALIGNMENT :]
+
+
+def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
+    """Returns the MessagePack of a recording: all before its messages, and each message."""
+    import msgspec
+
+    recorded = msgspec.msgpack.decode(payload)
+    messages = recorded.pop("messages")
+    head = bytes([0x80 | (len(recorded) + 1)])  # A map of so many keys.
+    for key, value in (*recorded.items(), ("messages", None)):
+        head += msgspec.msgpack.encode(key) + (b"" if value is None else msgspec.msgpack.encode(value))
+    return head + b"\xdd" + len(messages).to_bytes(4, "big"), [msgspec.msgpack.encode(each) for each in messages]
+
+
+def _player() -> str:
+    """Returns viser's page, which plays the recording that it is given as a global variable."""
+    import viser
+
+    return importlib.resources.files(viser).joinpath("client/build/index.html").read_text(encoding="utf-8")
+
+
+def _script_json(value: Any) -> str:
+    """Returns JSON that can stand in a script element."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,0 +1,177 @@
+"""`kitchen-view` as a process of its own, driven through the protocol of viser's page."""
+
+import http.client
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from kitchen_suite.cli import view
+
+TIMEOUT = 120.0  # [s], on a machine with other work
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (1.0, 1.0, 1.0),
+    "fov": 1.0,
+    "near": 0.01,
+    "far": 100.0,
+    "image_height": 10,
+    "image_width": 10,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert view.main([]) == 2
+    err = capsys.readouterr().err
+    assert err == "kitchen-view: kitchen-view needs viser and mjviser: pip install 'kitchen-suite[web]'\n"
+
+
+@pytest.fixture
+def port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.mark.web
+@pytest.mark.parametrize(
+    "flag", ["--domain_name=moon", "--task_name=moon", "--policy=moon", "--camera=moon", "--port=80"]
+)
+def test_a_bad_argument_gets_one_line_and_status_2(flag, capsys):
+    assert view.main(["--domain_name=microwave_table", flag]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("kitchen-view: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.web
+def test_a_port_in_use_gets_one_line_and_status_1(port, capsys):
+    with socket.create_server(("127.0.0.1", port)):
+        assert view.main(["--domain_name=microwave_table", f"--port={port}"]) == 1
+    err = capsys.readouterr().err
+    assert err == f"kitchen-view: port {port} cannot be used (Address already in use): choose another one with --port\n"
+
+
+@pytest.fixture
+def process(port):
+    """The running command."""
+    flags = ["--domain_name=microwave_table", "--policy=zero", f"--port={port}"]
+    command = [sys.executable, "-m", "kitchen_suite.cli.view", *flags]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        yield running
+        running.kill()
+
+
+class Browser:
+    """What a page knows: the values of its widgets by their labels, and the panel's text."""
+
+    def __init__(self, port):
+        import viser
+        from websockets.sync.client import connect
+
+        address = f"ws://localhost:{port}"
+        self._socket = connect(
+            address, subprotocols=[f"viser-v{viser.__version__}"], origin=f"http://localhost:{port}", max_size=None
+        )
+        self.widgets, self.text, self.nodes = {}, {}, set()
+        self._send(CAMERA)
+
+    def close(self):
+        self._socket.close()
+
+    def set(self, label, value):
+        """Sets a widget, or clicks a button."""
+        self.wait(lambda: label in self.widgets)
+        self._send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": {"value": value}})
+
+    def wait(self, condition):
+        """Receives messages until a condition holds."""
+        end = time.monotonic() + TIMEOUT
+        while not condition():
+            assert time.monotonic() < end, self.text
+            for message in messages(self._socket.recv(timeout=TIMEOUT)):
+                self._take(message)
+
+    def report(self):
+        return "\n".join(str(text) for text in self.text.values())
+
+    def _take(self, message):
+        kind = message["type"]
+        if kind == "GuiMarkdownMessage":
+            self.text[message["uuid"]] = message["props"]["_markdown"]
+        elif kind.startswith("Gui") and "label" in message.get("props", {}):
+            self.widgets[message["props"]["label"]] = message["uuid"]
+        elif kind == "GuiUpdateMessage" and "_markdown" in message["updates"]:
+            self.text[message["uuid"]] = message["updates"]["_markdown"]
+        elif kind == "BatchedGlbMessage":
+            self.nodes.add(message["name"])
+
+    def _send(self, message):
+        import msgspec
+
+        self._socket.send(msgspec.msgpack.encode(message))
+
+
+def messages(received):
+    """The messages of a window that the server has sent."""
+    import msgspec
+    import zstandard
+
+    size = int.from_bytes(received[8:16], "little")
+    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(received[16 : 16 + size]))["messages"]
+
+
+@pytest.mark.web
+def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
+    assert process.stdout.readline() == f"http://127.0.0.1:{port}  (Ctrl-C ends)\n"
+    started = time.monotonic()
+    assert status(port, "localhost") == 200
+    assert time.monotonic() - started < 1.0
+    assert status(port, "evil.com") == 403
+    browser = Browser(port)
+    try:
+        browser.wait(lambda: any("microwave/door" in name for name in browser.nodes) and "time" in browser.report())
+        browser.set("Run", False)
+        browser.set("Seed", 7)
+        browser.set("Reset", True)
+        browser.wait(lambda: "control step | 0 of" in browser.report())
+        for step in (1, 2):
+            browser.set("Step", True)
+            browser.wait(lambda step=step: f"control step | {step} of" in browser.report())
+        browser.set("Policy", "random")
+        browser.set("appearance", True)
+        browser.set("Load", True)
+        browser.wait(lambda: "control step | 0 of" in browser.report())
+        browser.set("Run", True)
+        browser.wait(lambda: re.search(r"control step \| [1-9]", browser.report()))
+        browser.set("Policy", "moon")
+        browser.set("Load", True)
+        browser.wait(lambda: "**Error:** policy 'moon'" in browser.report())
+        browser.set("Policy", "zero")
+        browser.set("Domain", "open_cabinet")
+        browser.set("Load", True)
+        browser.wait(lambda: "drawer opening" in browser.report())
+    finally:
+        browser.close()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=TIMEOUT)
+    assert (process.returncode, out, err) == (130, "", "kitchen-view: interrupted while showing episodes\n")
+
+
+def status(port, host):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT)
+    connection.request("GET", "/", headers={"Host": f"{host}:{port}"})
+    found = connection.getresponse()
+    found.read()
+    connection.close()
+    return found.status

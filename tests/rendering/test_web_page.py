@@ -1,0 +1,86 @@
+"""Web pages hold the recordings of viser's, with what they share only once."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import web_recordings
+
+from kitchen_suite.rendering.viser_servers import silent_server
+from kitchen_suite.rendering.web_page import WebPage
+
+pytestmark = pytest.mark.web
+
+ABOUT = {"name": "episode 0", "instruction": "</script>", "timestep": 0.1}
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """Two recordings of one scene with a mesh, of other motions."""
+    found = []
+    generator = np.random.default_rng(0)
+    with silent_server() as server:
+        server.scene.add_mesh_simple("/mesh", generator.normal(size=(999, 3)), np.arange(999).reshape(-1, 3))
+        image = server.scene.add_image("/image", generator.integers(0, 255, (40, 40, 3), np.uint8), 1.0, 1.0)
+        for motion in generator.normal(size=(2, 5, 3)):
+            recording = server.get_scene_serializer()
+            for position in motion:
+                image.position = position
+                recording.insert_sleep(0.1)
+            found.append(recording.serialize())
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(recordings, tmp_path_factory):
+    made = WebPage()
+    for recording in recordings:
+        made.add(recording, ABOUT)
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(made.html("A <title> of [[page]]"), "utf-8")
+    return path
+
+
+def test_the_recordings_of_a_page_are_those_that_were_added(recordings, page):
+    read = web_recordings.read_page(page)
+    for recording, episode in zip(recordings, read["episodes"], strict=True):
+        assert web_recordings.contents(web_recordings.joined(read, episode)) == web_recordings.contents(recording)
+
+
+def test_episodes_share_large_messages(page):
+    first, second = (set(episode["chunks"]) for episode in web_recordings.read_page(page)["episodes"])
+    assert first & second
+    assert first != second
+
+
+def test_a_page_asks_nothing_of_the_network(page):
+    text = page.read_text("utf-8")
+    assert "<title>A &lt;title&gt; of [[page]]</title>" in text
+    assert "src=" not in text.replace("srcdoc=", "").partition('id="player-json"')[0]
+    player = web_recordings.script_json(text, "player-json")
+    assert player.startswith("<!doctype html>")
+    assert "</head>" in player
+
+
+def test_text_of_an_episode_cannot_end_the_script(page):
+    assert web_recordings.read_page(page)["episodes"][0]["instruction"] == "</script>"
+
+
+def test_a_silent_server_listens_to_no_port(capfd):
+    before = listening()
+    with silent_server():
+        assert listening() == before
+    assert capfd.readouterr() == ("", "")
+
+
+def listening():
+    """The sockets of this process that listen."""
+    own = {path.resolve().name for path in Path("/proc/self/fd").iterdir()}
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return [row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in own]
+
+
+def test_recordings_are_messagepack(recordings):
+    head, _ = web_recordings.contents(recordings[0])
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(head)) == head
