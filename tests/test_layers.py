@@ -40,6 +40,8 @@ HOMES = {
     "ray": {"workers"},
     "minari": {"recordings"},
     "stable_baselines3": {"bridges"},
+    "tensordict": {"bridges"},
+    "torchrl": {"bridges"},
 }
 COMMANDS = ("benchmark", "evaluate", "play", "record", "replay", "rollout", "train")
 

@@ -15,8 +15,8 @@ from kitchen_suite.cli import evaluate, record, train
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--task", default="microwave", help="task of the kitchen (default: %(default)s)")
-parser.add_argument("--episodes", type=int, default=20, help="demonstrations (default: %(default)s)")
-parser.add_argument("--num_steps", type=int, default=300, help="steps of the optimiser (default: %(default)s)")
+parser.add_argument("--episodes", type=int, default=30, help="demonstrations (default: %(default)s)")
+parser.add_argument("--num_steps", type=int, default=600, help="steps of the optimiser (default: %(default)s)")
 parser.add_argument("--width", type=int, default=128, help="width of the network (default: %(default)s)")
 parser.add_argument("--output", help="folder to write to (default: a temporary one)")
 options = parser.parse_args()
@@ -28,7 +28,7 @@ with tempfile.TemporaryDirectory() as temporary:
     noisy_expert = ["--policy=expert(action_noise=0.1, jitter=0.01)", f"--num_episodes={options.episodes}"]
     assert not record.main([*task, *noisy_expert, f"--output={demonstrations}"])
 
-    settings = {"width": options.width, "batch_size": 128}
+    settings = {"width": options.width, "batch_size": 128, "averaging": 0.98}
     clone = ["--domain_name=kitchen", "--algorithm=bc", f"--demonstrations={demonstrations}", f"--output={run}"]
     lengths = [f"--num_steps={options.num_steps}", f"--eval_interval={options.num_steps}", "--eval_episodes=5"]
     assert not train.main([*task, *clone, *lengths, f"--hyperparameters={json.dumps(settings)}"])

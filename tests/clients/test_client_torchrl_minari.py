@@ -1,4 +1,4 @@
-"""TorchRL's MinariExperienceReplay reads recordings of kitchen-record, number for number."""
+"""TorchRL's MinariExperienceReplay has the recordings of kitchen-record, number for number."""
 
 import numpy as np
 import pytest
@@ -40,9 +40,9 @@ def dataset(request, tmp_path, monkeypatch):
 
 
 def replay_buffer(tmp_path, **options):
-    from torchrl.data.datasets import MinariExperienceReplay
+    from kitchen_suite.bridges.torchrl import load_recording
 
-    return MinariExperienceReplay(ID, root=tmp_path / "torchrl", load_from_local_minari=True, **options)
+    return load_recording(ID, root=tmp_path / "torchrl", **options)
 
 
 def leaves(values, prefix=()):
