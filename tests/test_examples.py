@@ -45,3 +45,19 @@ def test_every_example_is_run_is_short_and_is_in_the_index():
     index = (EXAMPLES.parent / "examples.md").read_text(encoding="utf-8")
     assert set(scripts) == set(PRINTED) == set(re.findall(r"\]\(examples/(\w+)\.py\)", index))
     assert all(len(text.splitlines()) < 60 for text in scripts.values())
+
+
+@pytest.mark.clients
+@pytest.mark.rendering
+def test_the_notebook_prints_what_it_is_stored_with(tmp_path):
+    import nbformat
+    import run_notebook
+
+    stored = nbformat.read(run_notebook.NOTEBOOK, as_version=4)
+    made = run_notebook.run(run_notebook.NOTEBOOK, tmp_path)
+    assert run_notebook.printed(made) == run_notebook.printed(stored)
+    pictures = [
+        [output for output in cell.get("outputs", []) if "image/png" in output.get("data", {})] for cell in made.cells
+    ]
+    assert sum(map(len, pictures)) == 2
+    assert os.path.getsize(run_notebook.NOTEBOOK) < 200_000

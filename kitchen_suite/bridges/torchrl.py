@@ -14,9 +14,9 @@ from kitchen_suite.recordings.minari_dataset import import_minari
 def load_recording(dataset_id: str, *, root: str | Path | None = None, **options: Any) -> MinariExperienceReplay:
     """Returns a local Minari dataset as TorchRL's replay buffer, with the numbers of the recording.
 
-    With `load_from_local_minari=True` TorchRL 0.14 makes the buffer's files with the right names, shapes and types, but all
-    numbers in them are 0. Here the files are written again from the dataset; then TorchRL loads them. A copy of the dataset that
-    is in `root` is replaced.
+    With `load_from_local_minari=True` TorchRL 0.14 makes the buffer's files with the right names, shapes and types, but
+    all numbers in them are 0. Here the files are written again from the dataset, and then loaded by TorchRL. A copy of
+    the dataset that is in `root` is replaced.
 
     Args:
       dataset_id: name of the dataset, such as that of `kitchen-record --dataset`. Minari looks for it in
