@@ -1,4 +1,4 @@
-"""The fenced blocks of README and the pages in docs/, and how each is run.
+"""The fenced blocks of README and the pages below docs/, and how each is run.
 
 Words after the language of a fence are marks:
 
@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 PYTEST_MARKS = ("slow", "clients", "ray", "lerobot", "web", "rendering")
 PARSED_MARKS = ("hours", "ci")

@@ -44,6 +44,8 @@ HOMES = {
     "lerobot": {"lerobot"},
     "mjviser": {"rendering"},
     "viser": {"rendering"},
+    "tensordict": {"bridges"},
+    "torchrl": {"bridges"},
 }
 COMMANDS = ("benchmark", "convert", "evaluate", "export", "play", "record", "replay", "rollout", "train", "view")
 

@@ -57,7 +57,7 @@ def test_the_version_is_the_changelogs_newest(setup):
 
 
 def test_every_extra_that_is_spoken_of_exists(setup):
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "setup.cfg", ROOT / ".ci" / "run"]
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "setup.cfg", ROOT / ".ci" / "run"]
     extras = {
         extra
         for page in pages

@@ -1,1 +1,1 @@
-"""Adapters of the vectorised environments to libraries with interfaces of their own."""
+"""Adapters of vectorised environments and recordings to libraries with interfaces of their own."""

@@ -1,0 +1,63 @@
+"""Every script of docs/examples runs as it stands with its default arguments, and prints what its page says."""
+
+import os
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "docs" / "examples"
+
+# A line that each script prints, as a regular expression; its test has the marks of what it needs.
+PRINTED = {
+    "load_a_task": r"  25 steps, return 9\.\d+, last: False",
+    "relabel_goals": r"reached goal \[-0\.6\d*\] rad: rewards in steps \[\d+, .*45\]",
+    "vector_speed": r"the last one, played alone, is equal: True",
+    "pixels": r"franka_hand: uint8 \(128, 128, 3\), mean \d+\.\d",
+    "variations": r"held_out: 28 parameters vary",
+    "record_and_replay": r"2 of 2 episodes are equal",
+    "own_task": r"step 30: 0\.0[01]\d m away, reward 0\.9\d+",
+    "imitate": r"success: (0\.[5-9]|1\.0)",
+}
+MARKS = {
+    "pixels": [pytest.mark.rendering],
+    "record_and_replay": [pytest.mark.thorough],
+    "imitate": [pytest.mark.clients],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "line"), [pytest.param(name, line, id=name, marks=MARKS.get(name, ())) for name, line in PRINTED.items()]
+)
+def test_an_example_runs(name, line, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [f"{name}.py"])
+    # The script may set it; monkeypatch then restores it.
+    monkeypatch.setenv("MINARI_DATASETS_PATH", os.environ.get("MINARI_DATASETS_PATH", ""))
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert re.search(f"^{line}$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_every_example_is_run_is_short_and_is_in_the_index():
+    scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
+    index = (EXAMPLES.parent / "examples.md").read_text(encoding="utf-8")
+    assert set(scripts) == set(PRINTED) == set(re.findall(r"\]\(examples/(\w+)\.py\)", index))
+    assert all(len(text.splitlines()) < 60 for text in scripts.values())
+
+
+@pytest.mark.clients
+@pytest.mark.rendering
+def test_the_notebook_prints_what_it_is_stored_with(tmp_path):
+    import nbformat
+    import run_notebook
+
+    stored = nbformat.read(run_notebook.NOTEBOOK, as_version=4)
+    made = run_notebook.run(run_notebook.NOTEBOOK, tmp_path)
+    assert run_notebook.printed(made) == run_notebook.printed(stored)
+    pictures = [
+        [output for output in cell.get("outputs", []) if "image/png" in output.get("data", {})] for cell in made.cells
+    ]
+    assert sum(map(len, pictures)) == 2
+    assert os.path.getsize(run_notebook.NOTEBOOK) < 200_000
