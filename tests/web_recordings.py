@@ -6,7 +6,6 @@ import json
 import re
 
 import msgspec
-import zstandard
 
 
 def read_page(path):
@@ -26,7 +25,9 @@ def joined(page, episode):
 
 
 def contents(recording):
-    """The MessagePack and the arrays of a recording."""
+    """The MessagePack and the arrays of a recording; needs the extra `web`."""
+    import zstandard
+
     reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(recording[8:]), read_across_frames=True)
     text = reader.read()
     assert len(text) == int.from_bytes(recording[:8], "little")

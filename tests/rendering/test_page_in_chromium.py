@@ -38,6 +38,13 @@ def opened(path):
         browser.close()
 
 
+def wait_for_numbers(page, text):
+    """Waits until the numbers beside the scene have a text."""
+    has_text = "text => document.querySelector('#numbers').innerText.includes(text)"
+    # Not at every frame, of which there are few.
+    page.wait_for_function(has_text, arg=text, polling=200)
+
+
 def frames(page, count):
     """Waits until the player has drawn a number of frames."""
     page.frames[-1].evaluate(
@@ -58,13 +65,14 @@ def test_a_page_plays_in_a_browser_from_the_file_alone(tmp_path):
         assert page.locator("#episode option").all_inner_texts() == ["episode 0, seed 0", "episode 1, seed 1"]
         time.fill("0.0")
         page.get_by_text("tasks completed").wait_for()
-        page.wait_for_function("document.querySelector('#numbers').innerText.includes('0 of 1')")
+        wait_for_numbers(page, "0 of 1")
         assert "move the kettle" in page.inner_text("#instruction")
-        page.select_option("#episode", "1")
+        with page.expect_event("framenavigated"):
+            page.select_option("#episode", "1")
         assert page.url.endswith("page.html#2")
         time.wait_for()
-        time.fill("9.0")
-        page.wait_for_function("document.querySelector('#numbers').innerText.includes('1 of 1')")
+        time.fill("2.0")  # [s], between the end of the episode and that of its last frame
+        wait_for_numbers(page, "1 of 1")
         assert "yes" in page.inner_text("#numbers")
         frames(page, 6)
         # A browser that draws without a pause in software has no time for the picture.
