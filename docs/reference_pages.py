@@ -1,8 +1,10 @@
 """The pages of the site's reference: every public name, from its docstring, and the help of every command."""
 
+import ast
 import configparser
 import contextlib
 import importlib
+import importlib.util
 import io
 from pathlib import Path
 
@@ -19,8 +21,18 @@ def modules() -> list[str]:
 
 def public_names(module: str) -> list[str]:
     """Returns the dotted names of what a module offers, submodules left out: they have pages of their own."""
-    names = [f"{module}.{name}" for name in importlib.import_module(module).__all__]
+    names = [f"{module}.{name}" for name in _exported(module)]
     return [name for name in names if name not in modules()]
+
+
+def _exported(module: str) -> list[str]:
+    """Returns `__all__`; where it is a list of literals, without importing the module, which may need an extra."""
+    source = Path(importlib.util.find_spec(module).origin).read_text(encoding="utf-8")
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            with contextlib.suppress(ValueError):
+                return ast.literal_eval(node.value)
+    return importlib.import_module(module).__all__
 
 
 def pages() -> dict[str, str]:

@@ -22,6 +22,8 @@ import reference_pages  # noqa: E402
 
 # Pages at the top of the repository that the site has, too.
 _TOP_PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+# Pages of pictures, which have the whole width.
+_WIDE_PAGES = ("gallery.md",)
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(\s*```\w+) .*$", re.MULTILINE)
 _CODE = re.compile(r"^(\s*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
@@ -49,6 +51,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Returns a page's text for MkDocs: plain fences, nested lists by four spaces, links that the site has."""
     if page.file.generated_by and page.file.src_uri not in _TOP_PAGES.values():
         return markdown  # Of the reference, made for MkDocs.
+    if page.file.src_uri in _WIDE_PAGES:
+        page.meta["hide"] = ["navigation", "toc"]
     sources = {file.src_uri for file in files if file.inclusion.is_included()}
     folder = "" if page.file.src_uri in _TOP_PAGES.values() else "docs/"
     code = {}
