@@ -1,4 +1,6 @@
-"""Goes through the checklist of a release: python .ci/release.py [STEP ...]
+"""Goes through the checklist of a release.
+
+python .ci/release.py [STEP ...]
 
 Without steps, all of them in their order. Every step prints what it found; the exit status is 1 if any found a problem.
 Environments are made in a temporary folder; the sdist and the wheel are left in `dist/`.
@@ -36,7 +38,7 @@ _LEFT_TO_THE_OWNER = """By hand, once all steps pass:
   5. A new heading in CHANGELOG.md, a new `__version__` and the version of CITATION.cff."""
 
 
-class Problem(Exception):
+class ReleaseError(Exception):
     """A step found something that a release must not have."""
 
 
@@ -45,7 +47,7 @@ def version(root: Path = ROOT) -> str:
     text = (root / "kitchen_suite" / "__init__.py").read_text(encoding="utf-8")
     found = re.search(r'^__version__ = "(.+)"$', text, re.MULTILINE)
     if not found:
-        raise Problem("kitchen_suite/__init__.py has no __version__")
+        raise ReleaseError("kitchen_suite/__init__.py has no __version__")
     return found[1]
 
 
@@ -54,11 +56,11 @@ def check_version(root: Path = ROOT) -> str:
     number = version(root)
     citation = (root / "CITATION.cff").read_text(encoding="utf-8")
     if f"\nversion: {number}\n" not in citation:
-        raise Problem(f"CITATION.cff does not have the version {number}")
+        raise ReleaseError(f"CITATION.cff does not have the version {number}")
     if _git(root, "tag", "--list", f"v{number}"):
-        raise Problem(f"there is a tag v{number} already: choose the next version")
+        raise ReleaseError(f"there is a tag v{number} already: choose the next version")
     if changed := _git(root, "status", "--porcelain"):
-        raise Problem(f"not committed:\n{changed}")
+        raise ReleaseError(f"not committed:\n{changed}")
     return number
 
 
@@ -66,9 +68,9 @@ def check_changelog(root: Path = ROOT) -> str:
     """Checks that the newest entry of CHANGELOG.md is that of the version, with its date."""
     found = _HEADING.search((root / "CHANGELOG.md").read_text(encoding="utf-8"))
     if not found or found[1] != version(root):
-        raise Problem(f"the newest heading of CHANGELOG.md is not that of {version(root)}")
+        raise ReleaseError(f"the newest heading of CHANGELOG.md is not that of {version(root)}")
     if not _DATE.fullmatch(found[2]):
-        raise Problem(f"CHANGELOG.md: {found[1]} has no date, such as 2027-01-31, but {found[2]!r}")
+        raise ReleaseError(f"CHANGELOG.md: {found[1]} has no date, such as 2027-01-31, but {found[2]!r}")
     return found[0]
 
 
@@ -99,7 +101,9 @@ def build_site(root: Path = ROOT) -> str:
     """Builds the documentation in an environment with the extra `docs` alone."""
     with tempfile.TemporaryDirectory() as folder:
         programs = _environment(Path(folder), f"{root}[docs]")
-        _run(str(programs / "mkdocs"), "build", "--strict", "--quiet", "--site-dir", str(root / "site"), folder=str(root))
+        _run(
+            str(programs / "mkdocs"), "build", "--strict", "--quiet", "--site-dir", str(root / "site"), folder=str(root)
+        )
     return "site/index.html"
 
 
@@ -113,9 +117,9 @@ def check_extras(root: Path = ROOT) -> str:
     else:
         refused = [pair for pair in _pairs(names) if not _resolves(root, sorted(pair))]
         if not refused:
-            raise Problem(f"{', '.join(together)} cannot be installed together, though any two of them can")
+            raise ReleaseError(f"{', '.join(together)} cannot be installed together, though any two of them can")
     if unknown := [" and ".join(sorted(pair)) for pair in refused if pair not in KNOWN_CONFLICTS]:
-        raise Problem(f"cannot be installed together: {'; '.join(unknown)}")
+        raise ReleaseError(f"cannot be installed together: {'; '.join(unknown)}")
     conflicts = [f"{' and '.join(sorted(pair))} not together ({KNOWN_CONFLICTS[pair]})" for pair in refused]
     return "; ".join([f"together: {', '.join(together)}", *conflicts])
 
@@ -150,13 +154,13 @@ def _resolves(root: Path, names: list[str]) -> bool:
 def _distributions(root: Path) -> tuple[Path, Path]:
     found = [[*(root / "dist").glob(f"kitchen_suite-{version(root)}{ending}")] for ending in (".tar.gz", "-*.whl")]
     if not all(found):
-        raise Problem("dist/ has no sdist and wheel of this version: run the step `build` first")
+        raise ReleaseError("dist/ has no sdist and wheel of this version: run the step `build` first")
     return found[0][0], found[1][0]
 
 
 def _check_contents(archive: Path, names: list[str], endings: tuple[str, ...]) -> None:
     if missing := [ending for ending in endings if not any(name.endswith(ending) for name in names)]:
-        raise Problem(f"{archive.name} has no {', '.join(missing)}")
+        raise ReleaseError(f"{archive.name} has no {', '.join(missing)}")
 
 
 def _environment(folder: Path, requirement: str) -> Path:
@@ -175,12 +179,12 @@ def _run(*command: str, folder: str | None = None) -> str:
     """Runs a command without the variables that lead Python to this checkout; returns its output.
 
     Raises:
-      Problem: it failed; with its output.
+      ReleaseError: it failed; with its output.
     """
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise Problem(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
+        raise ReleaseError(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
     return done.stdout
 
 
@@ -195,7 +199,7 @@ def main(arguments: list[str]) -> int:
     for name in chosen:
         try:
             print(f"[ok] {name}: {STEPS[name]()}", flush=True)
-        except Problem as problem:
+        except ReleaseError as problem:
             failures += 1
             print(f"[FAILED] {name}: {problem}", flush=True)
     print(f"{failures} of {len(chosen)} steps failed" if failures else _LEFT_TO_THE_OWNER.format(version=version()))

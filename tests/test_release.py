@@ -44,19 +44,19 @@ def test_a_repository_that_is_ready_passes(release, repository):
 
 def test_a_version_that_is_tagged_already_is_a_problem(release, repository):
     git(repository, "tag", "v1.2.3")
-    with pytest.raises(release.Problem, match="there is a tag v1.2.3 already"):
+    with pytest.raises(release.ReleaseError, match=r"there is a tag v1.2.3 already"):
         release.check_version(repository)
 
 
 def test_an_uncommitted_file_is_a_problem(release, repository):
     (repository / "more.txt").touch()
-    with pytest.raises(release.Problem, match="not committed:\n.*more.txt"):
+    with pytest.raises(release.ReleaseError, match=r"(?s)not committed:.*more\.txt"):
         release.check_version(repository)
 
 
 def test_a_citation_of_another_version_is_a_problem(release, repository):
     (repository / "CITATION.cff").write_text("title: Kitchen Suite\nversion: 1.2.2\n")
-    with pytest.raises(release.Problem, match=r"CITATION.cff does not have the version 1.2.3"):
+    with pytest.raises(release.ReleaseError, match=r"CITATION.cff does not have the version 1.2.3"):
         release.check_version(repository)
 
 
@@ -65,17 +65,17 @@ def test_a_citation_of_another_version_is_a_problem(release, repository):
 )
 def test_a_changelog_without_the_version_or_its_date_is_a_problem(release, repository, heading, message):
     (repository / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")
-    with pytest.raises(release.Problem, match=message):
+    with pytest.raises(release.ReleaseError, match=message):
         release.check_changelog(repository)
 
 
 def test_distributions_that_miss_a_file_are_a_problem(release):
-    with pytest.raises(release.Problem, match=r"a.whl has no \.npz, NOTICE"):
+    with pytest.raises(release.ReleaseError, match=r"a.whl has no \.npz, NOTICE"):
         release._check_contents(Path("a.whl"), ["a/py.typed", "a/x.xml", "a/LICENSE"], release._IN_WHEEL)
 
 
 def test_trying_before_building_is_a_problem(release, repository):
-    with pytest.raises(release.Problem, match="run the step `build` first"):
+    with pytest.raises(release.ReleaseError, match="run the step `build` first"):
         release.try_distributions(repository)
 
 
@@ -87,7 +87,7 @@ def refuse(release, monkeypatch, *conflicts):
 
 def test_a_conflict_of_extras_is_named(release, monkeypatch):
     refuse(release, monkeypatch, ("ray", "docs"))
-    with pytest.raises(release.Problem, match="cannot be installed together: docs and ray$"):
+    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: docs and ray$"):
         release.check_extras()
 
 
@@ -100,13 +100,13 @@ def test_a_known_conflict_of_extras_is_no_problem(release, monkeypatch):
 def test_a_further_conflict_beside_a_known_one_is_a_problem(release, monkeypatch):
     refuse(release, monkeypatch, ("ray", "docs"), ("ray", "train"))
     monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
-    with pytest.raises(release.Problem, match="cannot be installed together: ray and train$"):
+    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: ray and train$"):
         release.check_extras()
 
 
 def test_the_exit_status_counts_problems(release, monkeypatch, capsys):
     def fail():
-        raise release.Problem("no such thing")
+        raise release.ReleaseError("no such thing")
 
     monkeypatch.setattr(release, "STEPS", {"first": lambda: "done", "second": fail})
     assert release.main([]) == 1
@@ -125,6 +125,10 @@ def test_the_citation_has_the_version_of_the_package(release):
 def test_hooks_run_the_commands_of_the_checks():
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     checks = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    for command, arguments in (("ruff check", " ."), ("ruff format", " --check ."), ("mypy --config-file setup.cfg", "")):
+    for command, arguments in (
+        ("ruff check", " ."),
+        ("ruff format", " --check ."),
+        ("mypy --config-file setup.cfg", ""),
+    ):
         assert command in hooks
         assert f"{command}{arguments}" in checks

@@ -41,11 +41,9 @@ def site(tmp_path_factory):
     """The folder of the built site."""
     folder = tmp_path_factory.mktemp("site")
     # No proxy answers there: a build that asks the internet fails.
-    unreachable = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy", "all_proxy")}
+    unreachable = dict.fromkeys(("http_proxy", "https_proxy", "all_proxy"), "http://127.0.0.1:9")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(
-        command, cwd=ROOT, env=os.environ | unreachable, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | unreachable, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -78,7 +76,9 @@ def test_the_reference_knows_the_public_names(name):
 
 @pytest.mark.clients
 def test_every_public_name_has_an_entry(site):
-    expected = {name for module in reference_pages.modules() for name in (module, *reference_pages.public_names(module))}
+    expected = {
+        name for module in reference_pages.modules() for name in (module, *reference_pages.public_names(module))
+    }
     assert len(expected) > 60
     assert expected <= inventory(site)
 
