@@ -117,6 +117,13 @@ def test_marks_of_blocks_are_not_shown(pages):
 
 
 @pytest.mark.clients
+def test_paragraphs_with_a_subject_are_shown_as_paragraphs(site):
+    text = (site / "reference" / "kitchen_suite.tasks.html").read_text(encoding="utf-8")
+    assert "<strong>Start:</strong> the robot bent over the counter" in text
+    assert '<details class="' not in text
+
+
+@pytest.mark.clients
 def test_the_help_of_every_command_is_there(site):
     text = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate"):
