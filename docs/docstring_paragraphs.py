@@ -1,7 +1,7 @@
 """An extension of mkdocstrings for the suite's docstrings, which `mkdocs.yml` names.
 
-In the suite's docstrings a paragraph may begin with its subject, as in `Reward: one for each task`, and go on in indented
-lines. The parser of Google style would take it for a boxed remark.
+In the suite's docstrings a paragraph may begin with its subject, as in `Reward: one for each task`, and go on in
+indented lines. The parser of Google style would take it for a boxed remark.
 """
 
 import re

@@ -28,6 +28,7 @@ _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(\s*```\w+) .*$", re.MULTILINE)
 _CODE = re.compile(r"^(\s*)```.*?^\1```$", re.MULTILINE | re.DOTALL)
 _NESTED = re.compile(r"^((?:  )+)(?=- )", re.MULTILINE)
+# Removed when the process ends.
 _packages = tempfile.TemporaryDirectory(prefix="kitchen-suite-docs-")
 
 
@@ -76,9 +77,11 @@ def _link(text: str, target: str, folder: str, sources: Set[str]) -> str:
     path, mark, anchor = target.partition("#")
     full = (ROOT / folder / path).resolve().relative_to(ROOT).as_posix()
     name = _TOP_PAGES.get(full, full.removeprefix("docs/"))
-    return f"[{text}]({name}{mark}{anchor})" if name in sources else text
+    if name not in sources:
+        return text
+    return f"[{_title(full) if text == path else text}]({name}{mark}{anchor})"
 
 
-def on_post_build(config: MkDocsConfig) -> None:
-    """Removes the assembled package."""
-    _packages.cleanup()
+def _title(page: str) -> str:
+    """Returns the heading of a page, which says more than the name of its file."""
+    return (ROOT / page).read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")
