@@ -13,6 +13,7 @@ from dm_env import specs
 from docstrings import attributes, first_line
 from entity_tables import ENTITY_TABLES, markdown
 from evaluation_tables import EVALUATION_TABLES
+from gallery_tables import GALLERY_TABLES
 from imitation_tables import IMITATION_TABLES
 from observation_tables import OBSERVATION_TABLES
 from reward_tables import REWARD_TABLES
@@ -238,6 +239,7 @@ TABLES: dict[str, Callable[[], str]] = {
     **ENTITY_TABLES,
     **CONTROL_TABLES,
     **EVALUATION_TABLES,
+    **GALLERY_TABLES,
     **OBSERVATION_TABLES,
     **REWARD_TABLES,
     **TRAINING_TABLES,

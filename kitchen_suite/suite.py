@@ -34,13 +34,17 @@ __all__ = [
 
 _domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE)}
 
-# The domains by name: the suite's own and those of `register`.
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
+"""The domains by name: the suite's own and those of `register`."""
 
-# Task names by domain; all pairs of domain and task name; those that papers report.
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
+"""Task names by domain."""
+
 ALL_TASKS: tuple[tuple[str, str], ...]
+"""All pairs of domain and task name."""
+
 BENCHMARKING: tuple[tuple[str, str], ...]
+"""The pairs of domain and task name that papers report."""
 
 
 def __getattr__(name: str) -> Any:

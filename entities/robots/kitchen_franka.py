@@ -122,3 +122,4 @@ KITCHEN_FRANKA = FrankaSpec(
     # 0.11 m before the hand, looking at a point 0.08 m beyond the finger tips, with the hand at the lower edge.
     hand_camera={"pos": (0.0778, -0.0778, 0.137), "xyaxes": (1, 1, 0, 0.57, -0.57, 0.59), "fovy": 80},
 )
+"""The specification of the Franka of FrankaKitchen-v1."""

@@ -169,3 +169,4 @@ PANDA = FrankaSpec(
     # 0.11 m before the hand, looking at a point 0.08 m beyond the finger tips; upright as the camera above.
     hand_camera={"pos": (0.0778, -0.0778, 0.137), "xyaxes": (-0.57, 0.57, -0.59, 1, 1, 0), "fovy": 80},
 )
+"""The specification of the Franka Emika Panda, in its own joint convention."""

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import VISUAL_BODY
 
-# The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included.
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
 
 # Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
 _BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED

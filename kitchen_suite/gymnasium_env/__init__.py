@@ -11,17 +11,24 @@ from kitchen_suite.suite import DOMAINS
 
 if TYPE_CHECKING:
     from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv as FrankaKitchenEnv
+    from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv as FrankaMicrowaveTableEnv
     from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv as FrankaOpenCabinetEnv
 
 _CLASSES = {domain.env.rpartition(":")[2]: domain.env for domain in DOMAINS.values()}
 
 __all__ = ["IDS", "KITCHEN_ID", "OPEN_CABINET_ID", "TASK_IDS", *_CLASSES]
 
-# Ids by domain, and by domain and task.
 IDS: dict[str, str]
-TASK_IDS: dict[tuple[str, str], str]
+"""Ids for any task of a domain, by the domain's name."""
 
-KITCHEN_ID, OPEN_CABINET_ID = DOMAINS["kitchen"].env_id, DOMAINS["open_cabinet"].env_id
+TASK_IDS: dict[tuple[str, str], str]
+"""Ids of single tasks, by the names of domain and task."""
+
+KITCHEN_ID = DOMAINS["kitchen"].env_id
+"""Id for any task of the kitchen: `KitchenSuite/FrankaKitchen-v1`."""
+
+OPEN_CABINET_ID = DOMAINS["open_cabinet"].env_id
+"""Id for any drawer of open_cabinet: `KitchenSuite/FrankaOpenCabinet-v1`."""
 
 
 def __getattr__(name: str) -> Any:

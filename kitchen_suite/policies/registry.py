@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from kitchen_suite.tasks.base import SuiteTask
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
+"""Returns the action for a time step of the suite's environment."""
 
-# Builds the policy for one episode from the environment and a generator of the episode's own.
 PolicyBuilder = Callable[..., Policy]
+"""Builds the policy for one episode from the environment and a generator of the episode's own."""
 
 # Packages that the extra `experts` installs.
 _EXPERT_PACKAGES = ("daqp", "mink")
@@ -118,6 +119,7 @@ def _load_trained(path: Path, digest: str | None) -> StoredPolicy:
 POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
     {"random": random, "zero": zero, "expert": expert, "trained": trained}
 )
+"""The builders of the policies that a name alone selects, such as `random`."""
 
 _WITH_OPTIONS = ("expert", "trained")
 

@@ -129,12 +129,13 @@ _FURTHER = {
 }
 
 GOALS: Mapping[str, Goal] = MappingProxyType({**_ORIGINAL, **_FURTHER, **reverse_goals({**_ORIGINAL, **_FURTHER})})
+"""The goals of all twenty tasks of the kitchen, by the task's name with spaces."""
 
 # Handles whose sites the hand cannot reach: the left door is moved at the lower end of its bar, and at its edge.
 OUT_OF_REACH = frozenset({"left_handle"})
 
-# The tasks where none are asked for: those of the reference.
 DEFAULT_TASKS = tuple(_ORIGINAL)
+"""The default of `tasks_to_complete`: the seven tasks of the reference."""
 
 # Pairs of tasks that cannot be asked together, as a prop would have to be in two positions; with the reason.
 _EXCLUSIVE: Mapping[frozenset[str], str] = MappingProxyType(

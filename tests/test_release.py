@@ -1,0 +1,134 @@
+"""The checklist of a release, `.ci/release.py`, and the files that it compares."""
+
+import importlib.util
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import kitchen_suite
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def release():
+    spec = importlib.util.spec_from_file_location("release", ROOT / ".ci" / "release.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def repository(tmp_path):
+    """A committed repository that is ready to be released."""
+    (tmp_path / "kitchen_suite").mkdir()
+    (tmp_path / "kitchen_suite" / "__init__.py").write_text('"""A package."""\n\n__version__ = "1.2.3"\n')
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 - 2027-01-31\n\n- All.\n\n## 1.2.2 - 2026-12-31\n")
+    (tmp_path / "CITATION.cff").write_text("title: Kitchen Suite\nversion: 1.2.3\nlicense: Apache-2.0\n")
+    git(tmp_path, "init", "--quiet")
+    git(tmp_path, "add", "--all")
+    git(tmp_path, "commit", "--quiet", "--message=all")
+    return tmp_path
+
+
+def git(folder, *arguments):
+    identity = ("-c", "user.name=a", "-c", "user.email=a@b", "-c", "core.hooksPath=/dev/null")
+    subprocess.run(["git", *identity, *arguments], cwd=folder, check=True)
+
+
+def test_a_repository_that_is_ready_passes(release, repository):
+    assert release.check_version(repository) == "1.2.3"
+    assert release.check_changelog(repository) == "## 1.2.3 - 2027-01-31"
+
+
+def test_a_version_that_is_tagged_already_is_a_problem(release, repository):
+    git(repository, "tag", "v1.2.3")
+    with pytest.raises(release.ReleaseError, match=r"there is a tag v1.2.3 already"):
+        release.check_version(repository)
+
+
+def test_an_uncommitted_file_is_a_problem(release, repository):
+    (repository / "more.txt").touch()
+    with pytest.raises(release.ReleaseError, match=r"(?s)not committed:.*more\.txt"):
+        release.check_version(repository)
+
+
+def test_a_citation_of_another_version_is_a_problem(release, repository):
+    (repository / "CITATION.cff").write_text("title: Kitchen Suite\nversion: 1.2.2\n")
+    with pytest.raises(release.ReleaseError, match=r"CITATION.cff does not have the version 1.2.3"):
+        release.check_version(repository)
+
+
+@pytest.mark.parametrize(
+    ("heading", "message"), [("1.2.3 - unreleased", "no date"), ("1.2.2 - 2026-12-31", "newest heading")]
+)
+def test_a_changelog_without_the_version_or_its_date_is_a_problem(release, repository, heading, message):
+    (repository / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")
+    with pytest.raises(release.ReleaseError, match=message):
+        release.check_changelog(repository)
+
+
+def test_distributions_that_miss_a_file_are_a_problem(release):
+    with pytest.raises(release.ReleaseError, match=r"a.whl has no \.npz, NOTICE"):
+        release._check_contents(Path("a.whl"), ["a/py.typed", "a/x.xml", "a/LICENSE"], release._IN_WHEEL)
+
+
+def test_trying_before_building_is_a_problem(release, repository):
+    with pytest.raises(release.ReleaseError, match="run the step `build` first"):
+        release.try_distributions(repository)
+
+
+def refuse(release, monkeypatch, *conflicts):
+    """Lets pip's resolver refuse what contains a pair of extras."""
+    pairs = [set(pair) for pair in conflicts]
+    monkeypatch.setattr(release, "_resolves", lambda root, names: not any(pair <= set(names) for pair in pairs))
+
+
+def test_a_conflict_of_extras_is_named(release, monkeypatch):
+    refuse(release, monkeypatch, ("ray", "docs"))
+    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: docs and ray$"):
+        release.check_extras()
+
+
+def test_a_known_conflict_of_extras_is_no_problem(release, monkeypatch):
+    refuse(release, monkeypatch, ("ray", "docs"))
+    monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
+    assert release.check_extras().endswith("; docs and ray not together (other versions of a library)")
+
+
+def test_a_further_conflict_beside_a_known_one_is_a_problem(release, monkeypatch):
+    refuse(release, monkeypatch, ("ray", "docs"), ("ray", "train"))
+    monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
+    with pytest.raises(release.ReleaseError, match=r"cannot be installed together: ray and train$"):
+        release.check_extras()
+
+
+def test_the_exit_status_counts_problems(release, monkeypatch, capsys):
+    def fail():
+        raise release.ReleaseError("no such thing")
+
+    monkeypatch.setattr(release, "STEPS", {"first": lambda: "done", "second": fail})
+    assert release.main([]) == 1
+    assert capsys.readouterr().out == "[ok] first: done\n[FAILED] second: no such thing\n1 of 2 steps failed\n"
+    assert release.main(["first"]) == 0
+    with pytest.raises(SystemExit) as stop:
+        release.main(["third"])
+    assert stop.value.code == 2
+
+
+def test_the_citation_has_the_version_of_the_package(release):
+    assert release.version() == kitchen_suite.__version__
+    assert f"\nversion: {kitchen_suite.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_hooks_run_the_commands_of_the_checks():
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    checks = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    for command, arguments in (
+        ("ruff check", " ."),
+        ("ruff format", " --check ."),
+        ("mypy --config-file setup.cfg", ""),
+    ):
+        assert command in hooks
+        assert f"{command}{arguments}" in checks
