@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 from docstrings import attributes
 from entity_tables import markdown
 from evaluation_tables import with_interval
-from imitation_results import CELLS, DIGESTS
+from imitation_results import CELLS
 
 from kitchen_suite import suite
 from kitchen_suite.training.imitation.hyperparameters import (
@@ -73,20 +73,10 @@ def result_table() -> str:
     return markdown(header, rows)
 
 
-def digest_table() -> str:
-    """Returns the table of the digests of the sets."""
-    rows = [
-        (f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["episodes"], row["digest"])
-        for row in json.loads(DIGESTS.read_text(encoding="utf-8"))
-    ]
-    return markdown(("`--preset`", "`--variations`", "`--num_episodes`", "SHA-256 of all arrays"), rows)
-
-
 IMITATION_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
     {
         "presets": preset_table,
         "imitation_hyperparameters": hyperparameter_table,
         "imitation_results": result_table,
-        "digests": digest_table,
     }
 )
