@@ -1,4 +1,4 @@
-"""The tables of rewards and success on the page of the kitchen: `REWARD_TABLES`."""
+"""The table of rewards and success on the page of the kitchen: `REWARD_TABLES`."""
 
 import json
 from collections.abc import Callable
@@ -7,8 +7,7 @@ from typing import Any
 
 from entity_tables import markdown
 
-_BENCHMARKS = Path(__file__).parent / "benchmarks"
-_RESULTS, _FAILED = _BENCHMARKS / "kitchen_rewards.json", _BENCHMARKS / "failed_returns.json"
+_RESULTS = Path(__file__).parent / "benchmarks" / "kitchen_rewards.json"
 
 
 def reward_table() -> str:
@@ -40,24 +39,4 @@ def _row(result: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def failed_table() -> str:
-    """Returns the table of the greatest returns without success that `failed_returns.py` has found."""
-    expert = {row["task"]: row for row in json.loads(_RESULTS.read_text(encoding="utf-8"))}
-    found = {(row["task"], row["reward"]): row for row in json.loads(_FAILED.read_text(encoding="utf-8"))}
-    rows = []
-    for task in dict.fromkeys(task for task, _ in found):
-        dense, gain = found[task, "dense"], found[task, "dense_gain"]
-        rows.append(
-            (
-                f"`{task}`",
-                f"{dense['greatest_return']:.1f} of {dense['episodes']:,}",
-                f"{expert[task]['dense_return']:.1f}",
-                f"{gain['greatest_return']:.3f} of {gain['episodes']:,}",
-                f"{expert[task]['gain_return']:.3f}",
-            )
-        )
-    header = ("task", "`dense`: greatest, of failed episodes", "expert", "`dense_gain`: greatest, of failed", "expert")
-    return markdown(header, rows)
-
-
-REWARD_TABLES: dict[str, Callable[[], str]] = {"kitchen_rewards": reward_table, "failed_returns": failed_table}
+REWARD_TABLES: dict[str, Callable[[], str]] = {"kitchen_rewards": reward_table}

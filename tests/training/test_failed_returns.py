@@ -26,7 +26,3 @@ def test_a_case_has_the_greatest_return_of_the_episodes_that_failed(tmp_path, mo
     # Cases with a row are not measured again.
     monkeypatch.setattr(script, "measure", lambda *case: pytest.fail(f"{case} is measured again"))
     script.main()
-    tables = importlib.import_module("reward_tables")
-    monkeypatch.setattr(tables, "_FAILED", script.RESULTS)
-    (line,) = tables.failed_table().splitlines()[2:]
-    assert f"{rows[0]['greatest_return']:.1f} of {rows[0]['episodes']}" in line
