@@ -1,7 +1,7 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.robots.franka import Franka
 from kitchen_suite.tasks import sensing
 from kitchen_suite.tasks.instructions import InstructedTask
+from kitchen_suite.tasks.learned import LearnedTask
 from kitchen_suite.tasks.mdp import MEDIAN, ActionMode
 from kitchen_suite.tasks.measured import Completions, MeasuredTask, Metrics
 from kitchen_suite.tasks.observed import ObservedTask
@@ -27,11 +28,7 @@ from kitchen_suite.tasks.varied_task import VariedTask
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-# Number of axes of an observed picture.
-_PICTURE_AXES = 3
-
-
-class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, VariedTask, ObservedTask):
+class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -85,42 +82,6 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, VariedTask, Observed
     def sensing(self) -> Any:
         """Variation of sensing in the present episode, a `sensing.Sensing`; `()` if there is none."""
         return self._sensing
-
-    @property
-    @abc.abstractmethod
-    def observation_size(self) -> int:
-        """Number of elements of the flat observation, goals included."""
-
-    @property
-    def state_size(self) -> int:
-        """Number of elements at the beginning of the flat observation that are no goals and no requests of tasks."""
-        return self.observation_size
-
-    @property
-    def task_names(self) -> tuple[str, ...]:
-        """Names of the tasks that episodes may ask for; empty if the task has no parts."""
-        return ()
-
-    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
-        """Returns the inputs `(m,)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.
-
-        Args:
-          observation: of a dm_env time step.
-          tasks: names, in the order of the policy.
-        """
-        del tasks
-        flat = [np.ravel(array) for array in observation.values() if np.ndim(array) < _PICTURE_AXES]
-        return np.concatenate(flat)[: self.state_size]
-
-    @property
-    def policy_key(self) -> str:
-        """Name of trained policies for the task; equal for tasks that differ neither in goals nor in rewards."""
-        return type(self).__name__
-
-    @property
-    def general_policy_keys(self) -> tuple[str, ...]:
-        """Names of trained policies for more than the task, which can be asked for the task alone."""
-        return ()
 
     @property
     def episode_metrics(self) -> Metrics:
