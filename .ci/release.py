@@ -23,7 +23,11 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 
 # Pairs of extras that cannot be installed together, with the reason.
-KNOWN_CONFLICTS: Mapping[frozenset[str], str] = {}
+_PILLOW = "mjviser needs pillow 12, moviepy an older one"
+KNOWN_CONFLICTS: Mapping[frozenset[str], str] = {
+    frozenset({"clients", "web"}): _PILLOW,
+    frozenset({"browser", "clients"}): _PILLOW,
+}
 
 _HEADING = re.compile(r"^## (\S+) - (\S+)$", re.MULTILINE)
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
