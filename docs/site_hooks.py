@@ -3,6 +3,7 @@
 They make the pages of the reference, and adapt to MkDocs what the pages have for GitHub.
 """
 
+import posixpath
 import re
 import shutil
 import sys
@@ -55,7 +56,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.src_uri in _WIDE_PAGES:
         page.meta["hide"] = ["navigation", "toc"]
     sources = {file.src_uri for file in files if file.inclusion.is_included()}
-    folder = "" if page.file.src_uri in _TOP_PAGES.values() else "docs/"
+    is_top = page.file.src_uri in _TOP_PAGES.values()
+    folder = "" if is_top else posixpath.join("docs", posixpath.dirname(page.file.src_uri))
     code = {}
 
     def without_code(match: re.Match[str]) -> str:
@@ -79,7 +81,8 @@ def _link(text: str, target: str, folder: str, sources: Set[str]) -> str:
     name = _TOP_PAGES.get(full, full.removeprefix("docs/"))
     if name not in sources:
         return text
-    return f"[{_title(full) if text == path else text}]({name}{mark}{anchor})"
+    address = posixpath.relpath(name, folder.removeprefix("docs").strip("/") or ".")
+    return f"[{_title(full) if text == path else text}]({address}{mark}{anchor})"
 
 
 def _title(page: str) -> str:
