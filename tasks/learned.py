@@ -1,4 +1,4 @@
-"""What policies read of a task, and the names under which they are found."""
+"""Inputs of trained policies, and the names of the policies for a task."""
 
 import abc
 from collections.abc import Mapping, Sequence

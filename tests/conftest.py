@@ -3,6 +3,7 @@
 import ctypes.util
 import gc
 import os
+import socket
 
 import pytest
 
@@ -33,3 +34,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if count := config.stash.get(_DESELECTED, 0):
         terminalreporter.write_line(f"WARNING: {count} rendering tests were left out; {_ADVICE}", yellow=True)
+
+
+@pytest.fixture
+def port():
+    """A port of this machine that no program uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

@@ -95,7 +95,7 @@ def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
 
     recorded = msgspec.msgpack.decode(payload)
     messages = recorded.pop("messages")
-    head = bytes([0x80 | (len(recorded) + 1)])  # A map of so many keys.
+    head = bytes([0x80 | (len(recorded) + 1)])  # MessagePack: a map with this number of keys.
     for key, value in (*recorded.items(), ("messages", None)):
         head += msgspec.msgpack.encode(key) + (b"" if value is None else msgspec.msgpack.encode(value))
     return head + b"\xdd" + len(messages).to_bytes(4, "big"), [msgspec.msgpack.encode(each) for each in messages]

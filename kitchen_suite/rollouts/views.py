@@ -1,4 +1,4 @@
-"""What shows episodes that are played in a single environment: films and web pages."""
+"""Films and web pages of the episodes of a single environment."""
 
 import contextlib
 from collections.abc import Callable, Iterator

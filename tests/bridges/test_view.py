@@ -35,13 +35,6 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monk
     assert err == "kitchen-view: kitchen-view needs viser and mjviser: pip install 'kitchen-suite[web]'\n"
 
 
-@pytest.fixture
-def port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 @pytest.mark.web
 @pytest.mark.parametrize(
     "flag", ["--domain_name=moon", "--task_name=moon", "--policy=moon", "--camera=moon", "--port=80"]
@@ -73,7 +66,7 @@ def process(port):
 
 
 class Browser:
-    """What a page knows: the values of its widgets by their labels, and the panel's text."""
+    """A page's copy of the panel: values of widgets by their labels, and the text."""
 
     def __init__(self, port):
         import viser

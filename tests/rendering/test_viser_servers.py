@@ -2,7 +2,6 @@
 
 import http.client
 import importlib.util
-import socket
 from pathlib import Path
 
 import pytest
@@ -53,13 +52,6 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(monkeypatch)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"a page needs mjviser and viser: pip install 'kitchen-suite\[web\]'"):
         viser_servers.check_extra("a page")
-
-
-@pytest.fixture
-def port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.mark.web
