@@ -17,7 +17,7 @@ import tarfile
 import tempfile
 import venv
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -112,20 +112,19 @@ def build_site(root: Path = ROOT) -> str:
 
 
 def check_extras(root: Path = ROOT) -> str:
-    """Checks by pip's resolver that all extras can be installed together, but for the known conflicts."""
-    names = extras(root)
-    apart = {name for pair in KNOWN_CONFLICTS for name in pair}
-    together = [name for name in names if name not in apart]
-    if _resolves(root, together):
-        refused = [pair for pair in _pairs(names) if pair & apart and not _resolves(root, sorted(pair))]
-    else:
-        refused = [pair for pair in _pairs(names) if not _resolves(root, sorted(pair))]
-        if not refused:
-            raise ReleaseError(f"{', '.join(together)} cannot be installed together, though any two of them can")
-    if unknown := [" and ".join(sorted(pair)) for pair in refused if pair not in KNOWN_CONFLICTS]:
-        raise ReleaseError(f"cannot be installed together: {'; '.join(unknown)}")
-    conflicts = [f"{' and '.join(sorted(pair))} not together ({KNOWN_CONFLICTS[pair]})" for pair in refused]
-    return "; ".join([f"together: {', '.join(together)}", *conflicts])
+    """Checks by pip's resolver that all extras can be installed together, but for the known conflicts.
+
+    Pairs that are known to conflict are not tried: pip searches for very long before it refuses them.
+    """
+    sets = _largest_sets(extras(root))
+    for names in sets:
+        if _resolves(root, names):
+            continue
+        if refused := [" and ".join(pair) for pair in itertools.combinations(names, 2) if not _resolves(root, [*pair])]:
+            raise ReleaseError(f"cannot be installed together: {'; '.join(refused)}")
+        raise ReleaseError(f"{', '.join(names)} cannot be installed together, though any two of them can")
+    conflicts = [f"{' and '.join(sorted(pair))} not together ({reason})" for pair, reason in KNOWN_CONFLICTS.items()]
+    return "; ".join([*(f"together: {', '.join(names)}" for names in sets), *conflicts])
 
 
 def extras(root: Path = ROOT) -> list[str]:
@@ -145,8 +144,11 @@ STEPS: Mapping[str, Callable[[], str]] = {
 }
 
 
-def _pairs(names: list[str]) -> Iterator[frozenset[str]]:
-    return map(frozenset, itertools.combinations(names, 2))
+def _largest_sets(names: list[str]) -> list[list[str]]:
+    """Returns the largest sets of names that contain no pair with a known conflict."""
+    choices = {frozenset(left_out) for left_out in itertools.product(*KNOWN_CONFLICTS)}
+    least = [each for each in choices if not any(other < each for other in choices)]
+    return sorted([name for name in names if name not in left_out] for left_out in least)
 
 
 def _resolves(root: Path, names: list[str]) -> bool:

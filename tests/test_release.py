@@ -94,7 +94,12 @@ def test_a_conflict_of_extras_is_named(release, monkeypatch):
 def test_a_known_conflict_of_extras_is_no_problem(release, monkeypatch):
     refuse(release, monkeypatch, ("ray", "docs"))
     monkeypatch.setattr(release, "KNOWN_CONFLICTS", {frozenset({"ray", "docs"}): "other versions of a library"})
-    assert release.check_extras().endswith("; docs and ray not together (other versions of a library)")
+    *together, conflict = release.check_extras().split("; ")
+    assert conflict == "docs and ray not together (other versions of a library)"
+    sets = [set(text.removeprefix("together: ").split(", ")) for text in together]
+    everything = set(release.extras())
+    assert sorted(everything - names == {"ray"} for names in sets) == [False, True]
+    assert sorted(everything - names == {"docs"} for names in sets) == [False, True]
 
 
 def test_a_further_conflict_beside_a_known_one_is_a_problem(release, monkeypatch):
