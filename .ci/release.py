@@ -120,7 +120,8 @@ def check_extras(root: Path = ROOT) -> str:
     for names in sets:
         if _resolves(root, names):
             continue
-        if refused := [" and ".join(pair) for pair in itertools.combinations(names, 2) if not _resolves(root, [*pair])]:
+        pairs = itertools.combinations(sorted(names), 2)
+        if refused := [" and ".join(pair) for pair in pairs if not _resolves(root, [*pair])]:
             raise ReleaseError(f"cannot be installed together: {'; '.join(refused)}")
         raise ReleaseError(f"{', '.join(names)} cannot be installed together, though any two of them can")
     conflicts = [f"{' and '.join(sorted(pair))} not together ({reason})" for pair, reason in KNOWN_CONFLICTS.items()]
