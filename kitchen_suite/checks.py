@@ -1,6 +1,7 @@
 """Checks of arguments; the error messages name the argument, its value and the values allowed."""
 
 import difflib
+import importlib.util
 import inspect
 import math
 import numbers
@@ -27,6 +28,21 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
     if value not in choices:
         raise ValueError(f"{name} {value!r} does not exist{_hint(value, choices)}")
     return value
+
+
+def installed(packages: Iterable[str], what: str, extra: str) -> None:
+    """Checks that packages can be imported.
+
+    Args:
+      packages: names of modules.
+      what: needs them; begins the message.
+      extra: that installs them.
+
+    Raises:
+      ImportError: some are missing; the message has the pip command.
+    """
+    if missing := [name for name in packages if not importlib.util.find_spec(name)]:
+        raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
 
 
 def _hint(value: str, choices: Collection[str]) -> str:

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import functools
-import importlib.util
 import pkgutil
 import sys
 import textwrap
@@ -147,8 +146,7 @@ class Command:
 
     def _prepare(self, settings: Any) -> Job:
         packages, extra = self.needs
-        if missing := [name for name in packages if not importlib.util.find_spec(name)]:
-            raise ImportError(f"{self.name} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
+        checks.installed(packages, self.name, extra)
         gl.prepare(rendering=self.renders(settings))
         return pkgutil.resolve_name(self.job)(settings)
 

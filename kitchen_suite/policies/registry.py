@@ -8,7 +8,6 @@ import ast
 import contextlib
 import dataclasses
 import functools
-import importlib.util
 import pkgutil
 import sys
 import traceback
@@ -153,7 +152,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
     if key == "expert":
-        _check_expert_packages(name)
+        checks.installed(_EXPERT_PACKAGES, f"policy {name!r}", "experts")
     if key == "trained":
         build = _trained_builder(digest)
     if options and key not in _WITH_OPTIONS:
@@ -204,12 +203,6 @@ def missing_observables(name: str, task: "SuiteTask") -> list[str]:
     from kitchen_suite.policies import experts
 
     return experts.expert_class(task).missing_in(task)
-
-
-def _check_expert_packages(name: str) -> None:
-    """Raises an ImportError with the pip command if the extra `experts` is missing."""
-    if missing := [package for package in _EXPERT_PACKAGES if not importlib.util.find_spec(package)]:
-        raise ImportError(f"policy {name!r} needs {' and '.join(missing)}: pip install 'kitchen-suite[experts]'")
 
 
 def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:

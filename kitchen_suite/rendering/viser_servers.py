@@ -3,13 +3,14 @@
 import contextlib
 import functools
 import http
-import importlib.util
 import io
 import socket
 import types
 import urllib.parse
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
+
+from kitchen_suite import checks
 
 if TYPE_CHECKING:
     import viser
@@ -24,8 +25,7 @@ _PACKAGES = ("mjviser", "viser")
 
 def check_extra(what: str) -> None:
     """Raises an ImportError if the extra `web` is missing, which `what` needs."""
-    if missing := [name for name in _PACKAGES if importlib.util.find_spec(name) is None]:
-        raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[web]'")
+    checks.installed(_PACKAGES, what, "web")
 
 
 @contextlib.contextmanager
