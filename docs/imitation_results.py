@@ -14,6 +14,7 @@ needs the extras `experts` and `train`. `docs/build.py tables` makes tables of t
 """
 
 import json
+import platform
 import shutil
 import subprocess
 import sys
@@ -25,6 +26,7 @@ import evaluation_tables
 
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.versions import installed_versions
 
 RESULTS = Path(__file__).parent / "benchmarks" / "imitation"
 DIGESTS = Path(__file__).parent / "benchmarks" / "demonstrations.json"
@@ -101,13 +103,14 @@ def record(folder: Path, preset: str, variations: str = VARIATIONS) -> tuple[Pat
 
 
 def write_digests(folder: Path) -> None:
-    """Writes the digests of all sets, with the start varied and as it is in the original."""
+    """Writes the digests of all sets, with the start varied and as it is in the original, and what they depend on."""
     rows = []
     for preset, (count, _) in SETS.items():
         for variations in (VARIATIONS, ""):
             _, digest = record(folder, preset, variations)
             rows.append({"preset": preset, "variations": variations, "episodes": count, "digest": digest})
-    DIGESTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    result = {"versions": installed_versions(), "machine": platform.machine(), "sets": rows}
+    DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
