@@ -20,11 +20,14 @@ PRINTED = {
     "record_and_replay": r"2 of 2 episodes are equal",
     "own_task": r"step 30: 0\.0[01]\d m away, reward 0\.9\d+",
     "imitate": r"success: (0\.[5-9]|1\.0)",
+    "imitate_pictures": r"p1 +100\.0 %.*",
+    "scripted_policy": r"success rate +100% \(2 of 2\)",
 }
 MARKS = {
     "pixels": [pytest.mark.rendering],
     "record_and_replay": [pytest.mark.thorough],
     "imitate": [pytest.mark.clients],
+    "imitate_pictures": [pytest.mark.clients, pytest.mark.rendering, pytest.mark.slow],
 }
 
 
@@ -34,6 +37,7 @@ MARKS = {
 def test_an_example_runs(name, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [f"{name}.py"])
+    monkeypatch.syspath_prepend(EXAMPLES)
     # The script may set it; monkeypatch then restores it.
     monkeypatch.setenv("MINARI_DATASETS_PATH", os.environ.get("MINARI_DATASETS_PATH", ""))
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
@@ -44,7 +48,7 @@ def test_every_example_is_run_is_short_and_is_in_the_index():
     scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
     index = (EXAMPLES.parent / "examples.md").read_text(encoding="utf-8")
     assert set(scripts) == set(PRINTED) == set(re.findall(r"\]\(examples/(\w+)\.py\)", index))
-    assert all(len(text.splitlines()) < 60 for text in scripts.values())
+    assert all(len(text.splitlines()) < 80 for text in scripts.values())
 
 
 @pytest.mark.clients

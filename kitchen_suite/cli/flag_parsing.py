@@ -76,7 +76,8 @@ def _json_object(text: str) -> dict[str, Any]:
     try:
         value = json.loads(text)
     except (RecursionError, ValueError) as error:
-        raise ValueError(f"not JSON: {error}") from error
+        hint = f'; for the JSON in that file write "$(cat {text})"' if text.endswith(".json") else ""
+        raise ValueError(f"not JSON: {error}{hint}") from error
     if not isinstance(value, dict):
         raise ValueError("must be a JSON object")
     return value

@@ -143,6 +143,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
     is_call = "(" in name
+    if name.endswith(".npz"):
+        raise ValueError(f"policy {name!r} is a file, not a name: write trained(file={name!r})")
     if ":" in name and not is_call:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
@@ -225,7 +227,7 @@ def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
                 return name, {str(option.arg): ast.literal_eval(option.value) for option in options}
     raise ValueError(
         f"policy {text!r} is not well-formed: it must be a name, or a name with options such as "
-        "expert(speed=0.8, jitter=0.02)"
+        "expert(speed=0.8, jitter=0.02) or trained(file='policy.npz'), with strings in quotes"
     )
 
 

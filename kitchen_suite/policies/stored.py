@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -94,7 +95,9 @@ class StoredPolicy(abc.ABC):
 
     @property
     def _trained_for(self) -> str:
-        return f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+        task = f"it was trained for {self.metadata.get('domain_name')} {self.metadata.get('task_name')}"
+        arguments = self.metadata.get("task_kwargs")
+        return f"{task} with the task_kwargs {json.dumps(arguments)}" if arguments else task
 
     def _check(self, task: "SuiteTask", *, observed: int, expected: int) -> None:
         """Checks that the sizes and the control mode are those of a task.

@@ -210,7 +210,8 @@ def find(name: str, root: Path | None = None) -> Source:
         if (dataset / lerobot_dataset.INFO_FILE).is_file():
             return LeRobotSource(dataset)
     if folder.exists():
-        raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari or LeRobot dataset")
+        hint = f": name its folder, {folder.parent}" if (folder.parent / SPEC_FILE).is_file() else ""
+        raise ValueError(f"{name} holds neither {SPEC_FILE} nor a Minari or LeRobot dataset{hint}")
     if not _DATASET_ID.search(name):
         raise FileNotFoundError(
             f"there is no folder {name}, no LeRobot dataset of that name in {home}, and no Minari dataset has such a "

@@ -26,6 +26,9 @@ _ACTION_LIMIT = 5.0
 # Arguments of all domains on which the meaning of observed numbers depends.
 OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
 
+# Other advice than to pass the same arguments to recording and training.
+_REMEDIES = {"obs_type": "record again without obs_type; the same seeds are the same episodes"}
+
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
@@ -84,7 +87,7 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
         if one != other:
             raise ValueError(
                 f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
-                "pass the same --task_kwargs to both commands"
+                f"{_REMEDIES.get(name, 'pass the same --task_kwargs to both commands')}"
             )
     return recording
 

@@ -101,6 +101,16 @@ def test_nested_options_end_in_no_error_of_pythons_parser(name):
         policies.find(NESTED[name])
 
 
+def test_a_file_in_place_of_a_policy_gets_the_name_to_write():
+    with pytest.raises(ValueError, match=r"is a file, not a name: write trained\(file='runs/policy\.npz'\)"):
+        policies.find("runs/policy.npz")
+
+
+def test_a_file_without_quotes_gets_an_example_with_them():
+    with pytest.raises(ValueError, match=r"or trained\(file='policy\.npz'\), with strings in quotes"):
+        policies.find("trained(file=runs/policy.npz)")
+
+
 def test_an_open_bracket_is_not_taken_for_another_policy():
     with pytest.raises(ValueError, match=r"'expert\(speed=' is not well-formed"):
         policies.find("expert(speed=")

@@ -366,6 +366,14 @@ def test_a_policy_of_another_task_is_a_policy_error(own, other, tmp_path):
         acting(tmp_path / "policy.npz", load(other))
 
 
+def test_the_error_of_another_task_has_the_arguments_of_the_policy(tmp_path):
+    policy = make("kitchen")
+    goals = {"goals": {"microwave": [-0.4]}}
+    policy.with_metadata({**policy.metadata, "task_kwargs": goals}).save(tmp_path / "policy.npz")
+    with pytest.raises(policies.PolicyError, match=r'with the task_kwargs \{"goals": \{"microwave": \[-0\.4\]\}\}'):
+        acting(tmp_path / "policy.npz", load("open_cabinet"))
+
+
 def test_a_file_that_cannot_be_read_is_a_policy_error(tmp_path):
     with pytest.raises(policies.PolicyError, match=r"cannot be built: .*nothing\.npz"):
         acting(tmp_path / "nothing.npz", load("open_cabinet"))

@@ -404,6 +404,7 @@ BAD = {
     "no//where-v0": "'no//where-v0' is no name of a dataset",
     "nowhere-v0": "there is neither a folder nowhere-v0",
     "empty": "empty holds neither recording.json nor a Minari or LeRobot dataset",
+    "runs/episode_000000.npz": "dataset: name its folder, runs",
     "runs more": "unexpected argument 'more'",
     "runs --episodes=some": "episodes must be 'all'",
     "runs --episodes=3-1": "the range 3-1 of episodes is empty",

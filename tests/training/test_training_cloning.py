@@ -200,9 +200,8 @@ def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, 
 
     RecordingFolder.create(tmp_path, spec_of("kitchen", "all", **recorded))
     # A recording without episodes, which is refused only after its arguments have been compared.
-    message = (
-        "holds no episodes yet" if same else "was recorded with .*, but this run has .*: pass the same --task_kwargs"
-    )
+    remedy = "record again without obs_type" if "obs_type" in recorded else "pass the same --task_kwargs"
+    message = "holds no episodes yet" if same else f"was recorded with .*, but this run has .*: {remedy}"
     with pytest.raises(ValueError, match=message):
         load_demonstrations(tmp_path, spec_of("kitchen", "all", **trained))
 

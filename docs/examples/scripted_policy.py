@@ -1,0 +1,38 @@
+"""A scripted policy of one's own, which all commands take: a list of speeds of the hand opens the microwave.
+
+python scripted_policy.py
+kitchen-rollout --policy=scripted_policy:act --task_name=microwave --control_mode=ee_delta_pose --video=microwave.mp4
+"""
+
+import numpy as np
+
+from kitchen_suite.cli import rollout
+
+# Speeds of the hand (x, y, z, rotation vector) and the gripper, and for how many control steps.
+MOVES = [
+    ((0.8, 0.66, -0.48, 0, 0, 0, -1), 16),  # to the handle
+    ((0.8, 0, 0, 0, 0, 0, -1), 7),  # around it
+    ((0, 0, 0, 0, 0, 0, 1), 4),  # close the gripper
+    ((-0.9, 0.25, 0, 0, 0, -0.4, 1), 19),  # pull
+]
+ACTIONS = np.array([action for action, steps in MOVES for _ in range(steps)])
+
+
+class Script:
+    """Plays the list from the first time step of an episode on, and then stays; `timestep.observation` is not used."""
+
+    step = 0
+
+    def __call__(self, timestep):
+        """Returns the action of the present time step."""
+        self.step = 0 if timestep.first() else self.step + 1
+        return ACTIONS[self.step] if self.step < len(ACTIONS) else np.array([0, 0, 0, 0, 0, 0, 1])
+
+
+# It counts the steps of one episode, so kitchen-record and kitchen-evaluate need --num_envs=1.
+act = Script()
+
+if __name__ == "__main__":
+    assert not rollout.main(
+        ["--policy=scripted_policy:act", "--task_name=microwave", "--control_mode=ee_delta_pose", "--num_episodes=2"]
+    )
