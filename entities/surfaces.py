@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from kitchen_suite.entities.appearance import Surface, Texture
+from kitchen_suite.entities.robots import franka
 
 _FOLDER = "kitchen_assets/textures"
 
@@ -63,10 +64,11 @@ _FLOOR = Surface(
 )
 _FRANKA = Surface(
     prefix="franka/",
-    color=(0.95, 0.99, 0.92),
+    color=franka.COLOR,
     geoms=tuple(
         f"franka/{part}_visual" for part in (*(f"link{i}" for i in range(8)), "hand", "left_finger", "right_finger")
     ),
+    shades={f"franka/{part}_visual": shade for part, shade in franka.SHADES.items()},
 )
 _MICROWAVE = (
     Surface(prefix="microwave/", color=(0.2, 0.2, 0.2), materials=("microwave/plastic",)),
@@ -87,8 +89,8 @@ _FRONT_TEXTURES = (
 
 KITCHEN = (
     _FLOOR,
-    Surface(prefix="walls/", color=(0.66, 0.7, 0.8), materials=("walls/paint",), textures=_WALL_TEXTURES),
-    Surface(prefix="walls/base_board_", color=(1, 1, 1), materials=("walls/base_board",)),
+    Surface(prefix="walls/", color=(0.82, 0.8, 0.76), materials=("walls/paint",), textures=_WALL_TEXTURES),
+    Surface(prefix="walls/base_board_", color=(0.9, 0.9, 0.9), materials=("walls/base_board",)),
     Surface(
         prefix="counter/",
         color=(1, 1, 1),
