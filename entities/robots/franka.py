@@ -17,7 +17,6 @@ from kitchen_suite.entities.quantities import DAMPING_SCALE, GAIN_SCALE, displac
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
 
-
 # Of the visual geoms: red, green and blue from 0 to 1.
 COLOR = (0.94, 0.935, 0.92)
 
