@@ -56,10 +56,10 @@ _FLOOR = Surface(
     materials=("tiles",),
     kind="2d",
     textures=(
-        _picture("wood", "wood1", **_per_metre(1, reflectance=0.05)),
-        _picture("grouted_tiles", "white_marble_tile", **_per_metre(1.25, reflectance=0.05)),
-        _checks("checks", 0.7, **_per_metre(1.5, reflectance=0.05)),
-        _picture("concrete", "metal1", **_per_metre(0.5, reflectance=0.05)),
+        _picture("wood", "wood1", **_per_metre(1)),
+        _picture("grouted_tiles", "white_marble_tile", **_per_metre(1.25)),
+        _checks("checks", 0.7, **_per_metre(1.5)),
+        _picture("concrete", "metal1", **_per_metre(0.5)),
     ),
 )
 _FRANKA = Surface(
