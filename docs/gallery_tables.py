@@ -7,8 +7,8 @@ from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 
-# Pictures of tasks that have no film strip of their own.
-_OTHER_PICTURES = {"partial": "expert_complete.png", "open": "microwave_table.png"}
+# Pictures of tasks that have no picture of their own.
+_OTHER_PICTURES = {"partial": "expert_complete.jpg", "open": "microwave_table.jpg"}
 
 _INSTRUCTIONS = {
     **{name.replace(" ", "_"): goal.instructions[0] for name, goal in GOALS.items()},
@@ -25,7 +25,7 @@ def gallery(domain: str) -> str:
 def _entries(domain: str) -> Iterator[str]:
     record = suite.DOMAINS[domain]
     for task, arguments in record.tasks.items():
-        picture = _OTHER_PICTURES.get(task, f"expert_{task}.png")
+        picture = _OTHER_PICTURES.get(task, f"expert_{task}.jpg")
         if "tasks_per_episode" not in arguments:
             asked = _INSTRUCTIONS.get(task) or "; ".join(arguments["tasks_to_complete"])
             yield f"### {task}\n\n{asked[0].upper()}{asked[1:]}. `{record.task_ids[task]}`"

@@ -16,6 +16,8 @@ from kitchen_suite.tasks.pictures import DEFAULT_SIZE
 
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640
+# Pictures are rendered larger by this factor, and reduced: edges of shadows are not smoothed otherwise.
+SMOOTHING = 2
 # Joint positions of the robot [rad, m] and opening of the top drawer [m]: initial state, grasp, open drawer.
 CABINET_STATES = (
     (DEFAULT_POSE, 0.0),
@@ -43,8 +45,8 @@ def write_cabinet_picture() -> None:
             environment.physics.bind(environment.task.scene.robot.joints).qpos = pose
             environment.physics.bind(environment.task.scene.cabinet.drawer_joint("top")).qpos = opening
         cameras = ("overview", "handle", "franka/wrist")
-        columns.append(np.vstack([environment.physics.render(300, 400, camera_id=camera) for camera in cameras]))
-    Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "open_cabinet.png", optimize=True)
+        columns.append(np.vstack([smooth_picture(environment.physics, camera, 300, 400) for camera in cameras]))
+    save_photograph(np.hstack(columns), "open_cabinet")
 
 
 def write_microwave_picture() -> None:
@@ -52,31 +54,41 @@ def write_microwave_picture() -> None:
     environment = suite.load("microwave_table", "open", {"random": 0})
     environment.reset()
     physics, door = environment.physics, environment.task.scene.joints("microwave")
-    columns = [physics.render(300, 400, camera_id=camera) for camera in ("overview", "franka/wrist")]
+    columns = [smooth_picture(physics, camera, 300, 400) for camera in ("overview", "franka/wrist")]
     pose = physics.bind(environment.task.robot.joints).qpos.copy()
     with physics.reset_context():
         physics.bind(environment.task.robot.joints).qpos = pose
         physics.bind(door).qpos = GOAL.value
-    columns.append(physics.render(300, 400, camera_id="overview"))
-    Image.fromarray(np.hstack(columns)).save(DOCS / "pictures" / "microwave_table.png", optimize=True)
+    columns.append(smooth_picture(physics, "overview", 300, 400))
+    save_photograph(np.hstack(columns), "microwave_table")
 
 
 def write_kitchen_pictures() -> None:
     """Renders the kitchen at the start of an episode."""
     environment = suite.load("kitchen", "all", {"random": 0})
     environment.reset()
-    folder = DOCS / "pictures"
-    folder.mkdir(exist_ok=True)
-    model = environment.physics.model
-    for name in (model.camera(i).name for i in range(model.ncam)):
-        picture = environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id=name)
-        Image.fromarray(picture).save(folder / f"kitchen_{name.replace('/', '_')}.png", optimize=True)
+    for name in camera_names(environment.physics):
+        picture = smooth_picture(environment.physics, name, PICTURE_HEIGHT, PICTURE_WIDTH)
+        save_photograph(picture, f"kitchen_{name.replace('/', '_')}")
+    # The picture that the page opens with.
+    save_photograph(smooth_picture(environment.physics, "overview", 720, 960), "kitchen_overview")
     sheet = [
-        environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview"),
+        smooth_picture(environment.physics, "overview", PICTURE_HEIGHT, PICTURE_WIDTH),
         depth_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, camera_id="overview", depth=True)),
         class_picture(environment.physics.render(PICTURE_HEIGHT, PICTURE_WIDTH, "overview", segmentation=True)),
     ]
-    Image.fromarray(np.hstack(sheet)).save(folder / "kitchen_rgb_depth_segmentation.png", optimize=True)
+    Image.fromarray(np.hstack(sheet)).save(DOCS / "pictures" / "kitchen_rgb_depth_segmentation.png", optimize=True)
+
+
+def smooth_picture(physics: mjcf.Physics, camera: str, height: int, width: int) -> np.ndarray:
+    """Returns a picture of a camera with smooth edges."""
+    picture = physics.render(SMOOTHING * height, SMOOTHING * width, camera_id=camera)
+    return np.array(Image.fromarray(picture).reduce(SMOOTHING))
+
+
+def save_photograph(picture: np.ndarray, name: str) -> None:
+    """Writes a picture as a JPEG file."""
+    Image.fromarray(picture).save(DOCS / "pictures" / f"{name}.jpg", quality=90, optimize=True)
 
 
 def depth_picture(depth: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ adds these materials to a scene before it is compiled. Parameters are written to
 
 import dataclasses
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -44,6 +44,7 @@ class Surface:
       color: red, green and blue as built, from 0 to 1; the texture is multiplied by it.
       materials: full names of its materials.
       geoms: full names of its geoms without material.
+      shades: factors of the colour, by full name, of those geoms that are darker than others.
       kind: type of its textures, `cube` or `2d`.
       textures: to choose from, beside that of the materials.
     """
@@ -52,6 +53,7 @@ class Surface:
     color: Vector
     materials: Sequence[str] = ()
     geoms: Sequence[str] = ()
+    shades: Mapping[str, float] = dataclasses.field(default_factory=dict)
     kind: str = "cube"
     textures: Sequence[Texture] = ()
 
@@ -123,22 +125,31 @@ class _Ids:
 
 def _color(surface: Surface) -> Quantity:
     names = (*surface.materials, *surface.variants)
-    materials, geoms = _Ids(_MATERIAL, names), _Ids(_GEOM, surface.geoms)
+    materials, by_shade = _Ids(_MATERIAL, names), _geoms_by_shade(surface)
 
-    def arrays(physics: mjcf.Physics) -> tuple[tuple[NDArray, NDArray[np.int64]], ...]:
+    def arrays(physics: mjcf.Physics) -> Iterator[tuple[NDArray, NDArray[np.int64], float]]:
         model = physics.model.ptr
-        return (model.mat_rgba, materials(physics)), (model.geom_rgba, geoms(physics))
+        yield model.mat_rgba, materials(physics), 1.0
+        for shade, geoms in by_shade.items():
+            yield model.geom_rgba, geoms(physics), shade
 
     def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-        return next((rgba[ids[0], :3] for rgba, ids in arrays(physics) if ids.size), surface.color)
+        return next((rgba[ids[0], :3] / shade for rgba, ids, shade in arrays(physics) if ids.size), surface.color)
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        for rgba, ids in arrays(physics):
+        for rgba, ids, shade in arrays(physics):
             if ids.size:
-                rgba[ids, :3] = value
+                rgba[ids, :3] = shade * value
 
     fields = (*(["mat_rgba"] if names else []), *(["geom_rgba"] if surface.geoms else []))
     return Quantity(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
+
+
+def _geoms_by_shade(surface: Surface) -> dict[float, _Ids]:
+    names: dict[float, list[str]] = {}
+    for name in surface.geoms:
+        names.setdefault(surface.shades.get(name, 1.0), []).append(name)
+    return {shade: _Ids(_GEOM, group) for shade, group in names.items()}
 
 
 def _texture(surface: Surface) -> Quantity:

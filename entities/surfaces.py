@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from kitchen_suite.entities.appearance import Surface, Texture
+from kitchen_suite.entities.robots import franka
 
 _FOLDER = "kitchen_assets/textures"
 
@@ -55,18 +56,19 @@ _FLOOR = Surface(
     materials=("tiles",),
     kind="2d",
     textures=(
-        _picture("wood", "wood1", **_per_metre(1, reflectance=0.05)),
-        _picture("grouted_tiles", "white_marble_tile", **_per_metre(1.25, reflectance=0.05)),
-        _checks("checks", 0.7, **_per_metre(1.5, reflectance=0.05)),
-        _picture("concrete", "metal1", **_per_metre(0.5, reflectance=0.05)),
+        _picture("wood", "wood1", **_per_metre(1)),
+        _picture("grouted_tiles", "white_marble_tile", **_per_metre(1.25)),
+        _checks("checks", 0.7, **_per_metre(1.5)),
+        _picture("concrete", "metal1", **_per_metre(0.5)),
     ),
 )
 _FRANKA = Surface(
     prefix="franka/",
-    color=(0.95, 0.99, 0.92),
+    color=franka.COLOR,
     geoms=tuple(
         f"franka/{part}_visual" for part in (*(f"link{i}" for i in range(8)), "hand", "left_finger", "right_finger")
     ),
+    shades={f"franka/{part}_visual": shade for part, shade in franka.SHADES.items()},
 )
 _MICROWAVE = (
     Surface(prefix="microwave/", color=(0.2, 0.2, 0.2), materials=("microwave/plastic",)),
@@ -87,8 +89,8 @@ _FRONT_TEXTURES = (
 
 KITCHEN = (
     _FLOOR,
-    Surface(prefix="walls/", color=(0.66, 0.7, 0.8), materials=("walls/paint",), textures=_WALL_TEXTURES),
-    Surface(prefix="walls/base_board_", color=(1, 1, 1), materials=("walls/base_board",)),
+    Surface(prefix="walls/", color=(0.82, 0.8, 0.76), materials=("walls/paint",), textures=_WALL_TEXTURES),
+    Surface(prefix="walls/base_board_", color=(0.9, 0.9, 0.9), materials=("walls/base_board",)),
     Surface(
         prefix="counter/",
         color=(1, 1, 1),

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.robots import franka
 from kitchen_suite.entities.viewpoints import camera_prefix
 from kitchen_suite.tasks.varied import Varied, around, between, one_of
 
@@ -39,7 +40,7 @@ PAINT = Palette(
         (0.92, 0.91, 0.88),
         (0.93, 0.88, 0.76),
         (0.75, 0.76, 0.78),
-        (0.66, 0.70, 0.80),
+        (0.82, 0.80, 0.76),
         (0.72, 0.77, 0.68),
         (0.82, 0.75, 0.66),
         (0.70, 0.66, 0.60),
@@ -98,7 +99,7 @@ KETTLE = Palette(
     held_out=((0.70, 0.18, 0.16), (0.85, 0.68, 0.26), (0.25, 0.42, 0.36), (0.24, 0.24, 0.25)),
 )
 ROBOT = Palette(
-    seen=((0.95, 0.99, 0.92), (0.92, 0.92, 0.93), (0.98, 0.95, 0.90)),
+    seen=(franka.COLOR, (0.92, 0.92, 0.93), (0.98, 0.95, 0.90)),
     held_out=((0.40, 0.41, 0.44), (0.86, 0.74, 0.56), (0.62, 0.70, 0.80)),
 )
 GREY = Palette(
@@ -137,7 +138,7 @@ def brightness(
 ROOM = (
     color("floor/", TINT, default=(1, 1, 1)),
     texture("floor/", seen=(0, 1, 2), held_out=(3, 4)),
-    color("franka/", ROBOT, default=(0.95, 0.99, 0.92)),
+    color("franka/", ROBOT, default=franka.COLOR),
     brightness("light/"),
     around("light/warmth", APPEARANCE, seen=0.07, held_out=0.14),
     between("light/ambient", APPEARANCE, default=0.0, seen=(0.0, 0.06), held_out=((0.06, 0.12),)),

@@ -3,6 +3,8 @@
 The entity builds any model of this robot from its `FrankaSpec`.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from dm_control import composer, mjcf
@@ -14,6 +16,12 @@ from kitchen_suite.entities.parameters import SLIDING_FRICTION, Parameter
 from kitchen_suite.entities.quantities import DAMPING_SCALE, GAIN_SCALE, displacement, scale
 from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
 from kitchen_suite.entities.robots.specification import Finger, FrankaSpec, Inertia, JointActuator
+
+# Of the visual geoms: red, green and blue from 0 to 1.
+COLOR = (0.94, 0.935, 0.92)
+
+# Factors of this colour for the parts that are darker, by name. With powers of two, products are exact.
+SHADES: Mapping[str, float] = MappingProxyType({"link7": 0.5, "hand": 0.5, "left_finger": 0.5, "right_finger": 0.5})
 
 
 class Franka(assets.NamedEntity):
@@ -92,7 +100,7 @@ class Franka(assets.NamedEntity):
     def _add_defaults(self) -> None:
         top = self._mjcf_root.default
         visual = top.add("default", dclass="visual")
-        visual.geom.set_attributes(group=1, contype=0, conaffinity=0, type="mesh", rgba=(0.95, 0.99, 0.92, 1), mass=0)
+        visual.geom.set_attributes(group=1, contype=0, conaffinity=0, type="mesh", rgba=(*COLOR, 1), mass=0)
         link = top.add("default", dclass="link")
         link.geom.set_attributes(group=3, contype=1, conaffinity=1, type="mesh", rgba=(0.5, 0.6, 0.7, 1))
         # Conaffinity 0: no contacts among fingers. Geoms of the surroundings have conaffinity 1, so they still collide.
@@ -137,7 +145,7 @@ class Franka(assets.NamedEntity):
         self._add_joint(body, finger.actuator, type="slide", axis=finger.axis)
         # The mesh is that of a left finger.
         orientation = {} if finger.side == "left" else {"quat": (0, 0, 0, 1)}
-        body.add("geom", name=f"{finger.side}_finger_visual", dclass="visual", mesh="finger_visual", **orientation)
+        self._add_visual(body, f"{finger.side}_finger", "finger_visual", **orientation)
         for geom in finger.geoms:
             body.add("geom", dclass="finger", **geom)
 
@@ -147,8 +155,13 @@ class Franka(assets.NamedEntity):
             body, pose = body.add("body", name=part, **pose), {}
         if inertia.inertial:
             body.add("inertial", mass=inertia.mass, **inertia.inertial)
-        body.add("geom", name=f"{part}_visual", dclass="visual", mesh=f"{part}_visual", **pose)
+        self._add_visual(body, part, f"{part}_visual", **pose)
         body.add("geom", name=part, dclass="link", mesh=f"{part}_collision", mass=inertia.mass, **pose)
+
+    def _add_visual(self, body: mjcf.Element, part: str, mesh: str, **pose: Any) -> None:
+        geom = body.add("geom", name=f"{part}_visual", dclass="visual", mesh=mesh, **pose)
+        if shade := SHADES.get(part):
+            geom.rgba = (*(shade * channel for channel in COLOR), 1)
 
     def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **attributes: Any) -> None:
         joint = body.add(

@@ -95,9 +95,9 @@ SENSING = (
 
 APPEARANCE = (
     *looks.ROOM,
-    looks.color("walls/", looks.PAINT, default=(0.66, 0.7, 0.8)),
+    looks.color("walls/", looks.PAINT, default=(0.82, 0.8, 0.76)),
     looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
-    looks.color("walls/base_board_", looks.TINT, default=(1, 1, 1)),
+    looks.color("walls/base_board_", looks.TINT, default=(0.9, 0.9, 0.9)),
     looks.color("counter/", looks.TINT, default=(1, 1, 1)),
     looks.texture("counter/", seen=(0, 1, 2), held_out=(3, 4)),
     looks.color("cabinets/", looks.LACQUER, default=(0.46, 0.5, 0.6)),

@@ -128,7 +128,8 @@ def test_surfaces_have_the_colours_that_were_built(room):
                 room.physics.named.model.mat_rgba[material], np.float32([*surface.color, 1]), material
             )
         for geom in surface.geoms:
-            np.testing.assert_array_equal(room.physics.named.model.geom_rgba[geom][:3], np.float32(surface.color))
+            built = np.float32(surface.color) * np.float32(surface.shades.get(geom, 1.0))
+            np.testing.assert_array_equal(room.physics.named.model.geom_rgba[geom][:3], built, geom)
         np.testing.assert_array_equal(color.get(room.physics), np.float32(surface.color))
 
 
