@@ -18,7 +18,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,8 +82,10 @@ CELLS = (
     *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
 )
 
-# The policy of the whole kitchen has the default networks, and more demonstrations than a cell.
-KITCHEN = Cell("bc", "goal_conditioned", 1500, 1)
+# The policy of the whole kitchen has the default networks, and more demonstrations than a cell: with the start varied,
+# and, by variations, as it is in the original.
+KITCHEN = Cell("bc", "goal_conditioned", 1800, 1)
+KITCHEN_COUNTS = {VARIATIONS: 1500, "": 300}
 KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episodes=50")
 
 
@@ -93,13 +95,21 @@ def call(command: str, *flags: str) -> str:
     return subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def record(folder: Path, preset: str, variations: str = VARIATIONS) -> tuple[Path, str]:
-    """Records a set, or completes it; returns its folder and its digest."""
+def recording(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
+    """Returns the folder of a set; records the set where it is not complete."""
     output = folder / f"{preset}_{variations or 'original'}"
+    if not (output / "complete").exists():
+        record(output, preset, variations)
+        (output / "complete").touch()
+    return output
+
+
+def record(output: Path, preset: str, variations: str) -> str:
+    """Records a set, or completes it; returns its digest."""
     varied = [f"--variations={variations}"] if variations else []
     count, _ = SETS[preset]
     printed = call("record", f"--output={output}", f"--preset={preset}", f"--num_episodes={count}", *varied)
-    return output, printed.split()[-1]
+    return printed.split()[-1]
 
 
 def write_digests(folder: Path) -> None:
@@ -107,25 +117,33 @@ def write_digests(folder: Path) -> None:
     rows = []
     for preset, (count, _) in SETS.items():
         for variations in (VARIATIONS, ""):
-            _, digest = record(folder, preset, variations)
+            digest = record(recording(folder, preset, variations), preset, variations)
             rows.append({"preset": preset, "variations": variations, "episodes": count, "digest": digest})
     result = {"versions": installed_versions(), "machine": platform.machine(), "sets": rows}
     DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
-def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
-    """Trains a cell, or continues; returns the file of the policy, and the minutes."""
+def train(
+    folder: Path, cell: Cell, flags: Sequence[str] = TRAINING, counts: Mapping[str, int] | None = None
+) -> tuple[Path, float]:
+    """Trains a cell, or continues; returns the file of the policy, and the minutes.
+
+    Args:
+      folder: of recordings and runs.
+      cell: to train.
+      flags: of the training.
+      counts: number of demonstrations by variations; those of the cell, with the start varied, when omitted.
+    """
     from kitchen_suite.training import checkpoints
 
-    recording, output = folder / f"{cell.preset}_{VARIATIONS}", folder / cell.name
-    if not (recording / "complete").exists():
-        record(folder, cell.preset)
-        (recording / "complete").touch()
-    _, task = SETS[cell.preset]
+    counts = counts or {VARIATIONS: cell.count}
+    demonstrations = ",".join(str(recording(folder, cell.preset, variations)) for variations in counts)
+    output, (_, task) = folder / cell.name, SETS[cell.preset]
     run = [
         f"--output={output}",
         *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
-        *(f"--algorithm={cell.algorithm}", f"--demonstrations={recording}", f"--num_demonstrations={cell.count}"),
+        *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}"),
+        f"--num_demonstrations={','.join(map(str, counts.values()))}",
         *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
     ]
     call("train", *run, *flags, *(["--resume"] if (output / "training.json").exists() else []))
@@ -166,7 +184,7 @@ def evaluate_shift(folder: Path) -> None:
 
 def ship(folder: Path) -> None:
     """Trains the policy of the whole kitchen, and copies it to the package."""
-    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING)
+    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING, KITCHEN_COUNTS)
     shutil.copyfile(policy, SHIPPED / "kitchen.npz")
 
 

@@ -89,6 +89,10 @@ def _path(text: str) -> Path:
     return Path(text)
 
 
+def _paths(text: str) -> tuple[Path, ...]:
+    return tuple(_path(part) for part in text.split(","))
+
+
 def _integers(text: str) -> tuple[int, ...]:
     return tuple(_integer(part) for part in text.split(","))
 
@@ -100,6 +104,7 @@ _PARSERS: Mapping[Any, tuple[Callable[[str], Any], str]] = MappingProxyType(
         str: (str, "a string"),
         Path: (_path, "a path"),
         Mapping[str, Any]: (_json_object, "a JSON object"),
+        tuple[Path, ...]: (_paths, "paths"),
         tuple[int, ...]: (_integers, "integers"),
     }
 )

@@ -119,8 +119,13 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
         ),
         "hyperparameters": Option("Changes to the domain's hyperparameters, as a JSON object."),
         "algorithm": Option("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations."),
-        "num_demonstrations": Option("Episodes to learn from, the first ones.", minimum=1, maximum=10**9, unset="all"),
-        "demonstrations": Option("Folder written by kitchen-record, cloned before reinforcement learning."),
+        "num_demonstrations": Option(
+            "Episodes to learn from; or a number for each folder.",
+            minimum=1,
+            maximum=10**9,
+            unset="all",
+        ),
+        "demonstrations": Option("Folders of kitchen-record, separated by commas; PPO clones them first."),
         "initial_policy": Option("File of a trained policy to start from.", unset="from scratch"),
         "eval_interval": Option(
             "Control steps between evaluations, each followed by a checkpoint.",

@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class PPOTraining:
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
         self.config = Hyperparameters.for_domain(
-            settings.domain_name, settings.hyperparameters, cloning=settings.demonstrations is not None
+            settings.domain_name, settings.hyperparameters, cloning=bool(settings.demonstrations)
         )
         training = self._make_training_spec()
         self.max_episode_steps = training.max_episode_steps
@@ -117,14 +118,17 @@ class PPOTraining:
         Raises:
           ValueError: their shapes are not those of this task.
         """
-        folder = self._settings.demonstrations
-        if folder is None:
+        folders = self._settings.demonstrations
+        if not folders:
             return None
-        observations, actions = load_demonstrations(folder, self._spec)
+        loaded = zip(*(load_demonstrations(folder, self._spec) for folder in folders), strict=True)
+        observations, actions = map(np.concatenate, loaded)
         space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:
-            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
+            raise ValueError(
+                f"{folders[0]} holds observations and actions of shapes {found}, but this task has {expected}"
+            )
         return observations, actions
 
 

@@ -32,8 +32,8 @@ class TrainSettings(TaskSettings):
     algorithm: str = PPO
     training_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    demonstrations: Path | None = None
-    num_demonstrations: int | None = None
+    demonstrations: tuple[Path, ...] = ()
+    num_demonstrations: tuple[int, ...] = ()
     initial_policy: Path | None = None
     num_steps: int | None = None
     eval_interval: int | None = None

@@ -213,6 +213,30 @@ def test_episodes_that_failed_are_left_out(recording):
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
 
 
+def test_several_recordings_are_learned_from_together(recording):
+    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.training.imitation.demonstrations import load, load_all
+
+    folder, _ = recording
+    spec, tasks = RecordingFolder.open(folder).spec, ["kettle"]
+    one, two = (load(folder, spec, tasks, count) for count in (1, 2))
+    together = load_all([folder, folder], spec, tasks, [1, 2])
+    np.testing.assert_array_equal(together.inputs, np.concatenate([one.inputs, two.inputs]))
+    np.testing.assert_array_equal(together.actions, np.concatenate([one.actions, two.actions]))
+    chunks = together.actions[together.chunks(3)]
+    np.testing.assert_array_equal(chunks[len(one.actions) :], two.actions[two.chunks(3)])
+    np.testing.assert_array_equal(chunks[: len(one.actions)], one.actions[one.chunks(3)])
+    assert len(load_all([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
+    assert len(load_all([folder, folder], spec, tasks, []).actions) == 2 * len(load(folder, spec, tasks).actions)
+
+
+def test_numbers_of_demonstrations_are_as_many_as_folders(run, recording):
+    folder, _ = recording
+    status, _, err = run("--algorithm=bc", f"--demonstrations={folder},{folder}", "--num_demonstrations=1,2,3")
+    assert status == 2
+    assert "num_demonstrations has 3 numbers for 2 folders of demonstrations" in err
+
+
 def test_policies_are_trained_on_positions_alone_where_velocities_were_not_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_d4rl("a.hdf5")

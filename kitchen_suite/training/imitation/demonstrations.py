@@ -37,6 +37,37 @@ class Demonstrations(NamedTuple):
         return np.minimum(np.arange(len(self.actions))[:, np.newaxis] + np.arange(length), self.last[:, np.newaxis])
 
 
+def load_all(
+    folders: Sequence[Path], spec: RecordingSpec, tasks: Sequence[str], counts: Sequence[int]
+) -> Demonstrations:
+    """Reads the successful episodes of recordings; see `load`.
+
+    Args:
+      folders: of the recordings.
+      spec: of the environments that the policy is evaluated in.
+      tasks: names of the tasks whose request the policy observes.
+      counts: number of episodes of each recording, or one number for all; empty for all episodes.
+
+    Raises:
+      OSError: there is no recording, or one of its episodes cannot be read.
+      ValueError: as `load`; or there are not as many numbers as recordings, or these have other elements of the state.
+    """
+    if len(counts) not in (0, 1, len(folders)):
+        raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
+    wanted = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)
+    parts = [load(folder, spec, tasks, count) for folder, count in zip(folders, wanted, strict=True)]
+    for folder, part in zip(folders, parts, strict=True):
+        if part.state_elements != parts[0].state_elements:
+            raise ValueError(f"{folder} and {folders[0]} do not hold the same elements of the state")
+    starts = np.cumsum([0, *(len(part.last) for part in parts[:-1])])
+    return Demonstrations(
+        inputs=np.concatenate([part.inputs for part in parts]),
+        actions=np.concatenate([part.actions for part in parts]),
+        last=np.concatenate([part.last + start for part, start in zip(parts, starts, strict=True)]),
+        state_elements=parts[0].state_elements,
+    )
+
+
 def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
     """Reads the successful episodes that `kitchen-record` has written to a folder.
 

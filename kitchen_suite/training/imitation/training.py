@@ -26,8 +26,8 @@ class ImitationTraining:
           TypeError: a hyperparameter has the wrong type.
           ValueError: a setting is missing, or for PPO alone; or demonstrations or a hyperparameter do not fit.
         """
-        name, folder = settings.algorithm, settings.demonstrations
-        if folder is None:
+        name, folders = settings.algorithm, settings.demonstrations
+        if not folders:
             raise ValueError(f"algorithm {name!r} needs --demonstrations, a folder written by kitchen-record")
         for flag in ("initial_policy", "training_kwargs"):
             if getattr(settings, flag):
@@ -42,7 +42,7 @@ class ImitationTraining:
         self._num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
             self._tasks = suite_env(environment).environment.task.drawn_tasks
-        self._demonstrations = demonstrations.load(folder, spec, self._tasks, settings.num_demonstrations)
+        self._demonstrations = demonstrations.load_all(folders, spec, self._tasks, settings.num_demonstrations)
 
     def make_learner(self, seed: int) -> ImitationLearner:
         return ImitationLearner(
