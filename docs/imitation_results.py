@@ -18,7 +18,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,10 +82,8 @@ CELLS = (
     *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
 )
 
-# The policy of the whole kitchen has the default networks, and more demonstrations than a cell: with the start varied,
-# and, by variations, as it is in the original.
-KITCHEN = Cell("bc", "goal_conditioned", 1800, 1)
-KITCHEN_COUNTS = {VARIATIONS: 1500, "": 300}
+# The policy of the whole kitchen has the default networks, and more demonstrations than a cell.
+KITCHEN = Cell("bc", "goal_conditioned", 1500, 1)
 KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episodes=50")
 
 
@@ -123,27 +121,15 @@ def write_digests(folder: Path) -> None:
     DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
-def train(
-    folder: Path, cell: Cell, flags: Sequence[str] = TRAINING, counts: Mapping[str, int] | None = None
-) -> tuple[Path, float]:
-    """Trains a cell, or continues; returns the file of the policy, and the minutes.
-
-    Args:
-      folder: of recordings and runs.
-      cell: to train.
-      flags: of the training.
-      counts: number of demonstrations by variations; those of the cell, with the start varied, when omitted.
-    """
+def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
+    """Trains a cell, or continues; returns the file of the policy, and the minutes."""
     from kitchen_suite.training import checkpoints
 
-    counts = counts or {VARIATIONS: cell.count}
-    demonstrations = ",".join(str(recording(folder, cell.preset, variations)) for variations in counts)
-    output, (_, task) = folder / cell.name, SETS[cell.preset]
+    demonstrations, output, (_, task) = recording(folder, cell.preset), folder / cell.name, SETS[cell.preset]
     run = [
         f"--output={output}",
         *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
-        *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}"),
-        f"--num_demonstrations={','.join(map(str, counts.values()))}",
+        *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--num_demonstrations={cell.count}"),
         *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
     ]
     call("train", *run, *flags, *(["--resume"] if (output / "training.json").exists() else []))
@@ -184,7 +170,7 @@ def evaluate_shift(folder: Path) -> None:
 
 def ship(folder: Path) -> None:
     """Trains the policy of the whole kitchen, and copies it to the package."""
-    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING, KITCHEN_COUNTS)
+    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING)
     shutil.copyfile(policy, SHIPPED / "kitchen.npz")
 
 
