@@ -179,8 +179,8 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold {size} numbers, got {value!r}")
     if array.shape != (size,):
-        got = f"shape {array.shape}" if array.ndim else f"the number {value!r}"
-        raise ValueError(f"{name} must have shape ({size},), got {got}")
+        number = "" if array.ndim else f", the number {value!r}"
+        raise ValueError(f"{name} must have shape ({size},), got shape {array.shape}{number}")
     if array.dtype != np.float64:
         # Wider types overflow to inf.
         with np.errstate(over="ignore"):

@@ -119,7 +119,7 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
     others = [other.name for other in DOMAINS.values() if task_name in tuple(other.tasks)]
     if others and domain_name not in others:
         raise ValueError(f"task {task_name!r} belongs to domain {others[0]!r}, not {domain_name!r}")
-    return dict(tasks[checks.choice(task_name, tasks.keys(), f"{domain_name} task")])
+    return dict(tasks[checks.choice(task_name, tasks.keys(), f"{domain_name!r} task")])
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:

@@ -143,7 +143,7 @@ def test_every_mode_has_a_formula(domain):
 
 
 BAD = {
-    "--task_name=nothing": "kitchen task 'nothing' does not exist",
+    "--task_name=nothing": "'kitchen' task 'nothing' does not exist",
     '--variation_values={"kettle/mass":1}': "variation_values needs --variations",
     '--variations=dynamics --variation_values={"kettle/mas":1}': "did you mean 'kettle/mass'?",
     '--variations=dynamics --variation_values={"kettle/mass":-1}': "must be",
