@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 from docstrings import attributes
 from entity_tables import markdown
 from evaluation_tables import with_interval
-from imitation_results import CELLS
+from imitation_results import CELLS, DIGESTS
 
 from kitchen_suite import suite
 from kitchen_suite.training.imitation.hyperparameters import (
@@ -73,10 +73,23 @@ def result_table() -> str:
     return markdown(header, rows)
 
 
+def digest_table() -> str:
+    """Returns the table of the digests of the sets of demonstrations, and what they depend on."""
+    result = json.loads(DIGESTS.read_text(encoding="utf-8"))
+    rows = [
+        (f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["episodes"], row["digest"])
+        for row in result["sets"]
+    ]
+    table = markdown(("`--preset`", "`--variations`", "`--num_episodes`", "SHA-256"), rows)
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    return f"{table}\n\nWith {versions}, on {result['machine']}."
+
+
 IMITATION_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
     {
         "presets": preset_table,
         "imitation_hyperparameters": hyperparameter_table,
         "imitation_results": result_table,
+        "digests": digest_table,
     }
 )
