@@ -93,20 +93,17 @@ def call(command: str, *flags: str) -> str:
     return subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def recording(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
-    """Returns the folder of a set; records the set where it is not complete."""
-    output = folder / f"{preset}_{variations or 'original'}"
-    if not (output / "complete").exists():
-        record(output, preset, variations)
-        (output / "complete").touch()
-    return output
+def set_folder(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
+    """Returns the folder of a set; it has a file `complete` once the set has been recorded."""
+    return folder / f"{preset}_{variations or 'original'}"
 
 
-def record(output: Path, preset: str, variations: str) -> str:
+def record(output: Path, preset: str, variations: str = VARIATIONS) -> str:
     """Records a set, or completes it; returns its digest."""
     varied = [f"--variations={variations}"] if variations else []
     count, _ = SETS[preset]
     printed = call("record", f"--output={output}", f"--preset={preset}", f"--num_episodes={count}", *varied)
+    (output / "complete").touch()
     return printed.split()[-1]
 
 
@@ -115,7 +112,7 @@ def write_digests(folder: Path) -> None:
     rows = []
     for preset, (count, _) in SETS.items():
         for variations in (VARIATIONS, ""):
-            digest = record(recording(folder, preset, variations), preset, variations)
+            digest = record(set_folder(folder, preset, variations), preset, variations)
             rows.append({"preset": preset, "variations": variations, "episodes": count, "digest": digest})
     result = {"versions": installed_versions(), "machine": platform.machine(), "sets": rows}
     DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
@@ -125,7 +122,9 @@ def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Pa
     """Trains a cell, or continues; returns the file of the policy, and the minutes."""
     from kitchen_suite.training import checkpoints
 
-    demonstrations, output, (_, task) = recording(folder, cell.preset), folder / cell.name, SETS[cell.preset]
+    demonstrations, output, (_, task) = set_folder(folder, cell.preset), folder / cell.name, SETS[cell.preset]
+    if not (demonstrations / "complete").exists():
+        record(demonstrations, cell.preset)
     run = [
         f"--output={output}",
         *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),

@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,8 @@ class PPOTraining:
         """
         if settings.schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
+        if settings.num_demonstrations:
+            raise ValueError("--num_demonstrations is for the algorithms bc, flow and vqbet; PPO clones all episodes")
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
         self.config = Hyperparameters.for_domain(
@@ -113,22 +116,24 @@ class PPOTraining:
         return policy
 
     def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:
-        """Returns the observations and actions to clone, if any; raises as `load_demonstrations`.
+        """Returns the observations and actions to clone, if any; raises as `_load`."""
+        if not self._settings.demonstrations:
+            return None
+        loaded = zip(*map(self._load, self._settings.demonstrations), strict=True)
+        observations, actions = map(np.concatenate, loaded)
+        return observations, actions
+
+    def _load(self, folder: Path) -> tuple[NDArray, NDArray]:
+        """Returns the observations and actions of a recording; raises as `load_demonstrations`.
 
         Raises:
           ValueError: their shapes are not those of this task.
         """
-        folders = self._settings.demonstrations
-        if not folders:
-            return None
-        loaded = zip(*(load_demonstrations(folder, self._spec) for folder in folders), strict=True)
-        observations, actions = map(np.concatenate, loaded)
+        observations, actions = load_demonstrations(folder, self._spec)
         space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:
-            raise ValueError(
-                f"{folders[0]} holds observations and actions of shapes {found}, but this task has {expected}"
-            )
+            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
         return observations, actions
 
 

@@ -279,3 +279,21 @@ def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_le
     clone.start(0)
     clone.learn()
     np.testing.assert_allclose(scaler.running_mean.numpy(), before.numpy(), atol=1e-6)
+
+
+def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_path):
+    from kitchen_suite.training.reinforcement import PPOTraining
+    from kitchen_suite.training.settings import TrainSettings
+
+    spec, options = spec_of("open_cabinet", "top_drawer"), {"hyperparameters": {"num_envs": 2}, "num_threads": 1}
+    settings = TrainSettings(output=tmp_path, task_name="top_drawer", demonstrations=(demonstrations,) * 2, **options)
+    training = PPOTraining(settings, spec)
+    training.close()
+    for found, one in zip(training._load_demonstrations(), samples, strict=True):
+        np.testing.assert_array_equal(found, np.concatenate([one, one]))
+
+
+def test_ppo_takes_no_number_of_demonstrations(demonstrations, tmp_path, capsys):
+    flags = [f"--demonstrations={demonstrations}", "--num_demonstrations=2", f"--output={tmp_path / 'run'}"]
+    assert train.main(flags) == 2
+    assert "--num_demonstrations is for the algorithms bc, flow and vqbet" in capsys.readouterr().err
