@@ -1,4 +1,4 @@
-"""The table of rewards and success on the page of the kitchen: `REWARD_TABLES`."""
+"""The tables of rewards and success on the page of the kitchen: `REWARD_TABLES`."""
 
 import json
 from collections.abc import Callable
@@ -7,7 +7,13 @@ from typing import Any
 
 from entity_tables import markdown
 
-_RESULTS = Path(__file__).parent / "benchmarks" / "kitchen_rewards.json"
+from kitchen_suite.tasks import DEFAULT_TASKS
+
+_BENCHMARKS = Path(__file__).parent / "benchmarks"
+
+
+def _read(name: str) -> list[dict[str, Any]]:
+    return json.loads((_BENCHMARKS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def reward_table() -> str:
@@ -21,7 +27,7 @@ def reward_table() -> str:
         "`dense`: expert, standing still",
         "`dense_gain`: expert, standing still",
     )
-    return markdown(header, map(_row, json.loads(_RESULTS.read_text(encoding="utf-8"))))
+    return markdown(header, map(_row, _read("kitchen_rewards")))
 
 
 def _row(result: dict[str, Any]) -> tuple[str, ...]:
@@ -39,4 +45,25 @@ def _row(result: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-REWARD_TABLES: dict[str, Callable[[], str]] = {"kitchen_rewards": reward_table}
+def failed_table() -> str:
+    """Returns the table of failed episodes that `failed_returns.py` has measured, beside the expert's returns."""
+    failed = {(row["task"], row["reward"]): row for row in _read("failed_returns")}
+    expert = {row["task"]: row for row in _read("kitchen_rewards")}
+    rows = [
+        (
+            f"`{task}`",
+            *_failed_cells(failed[task, "dense"], expert[task]["dense_return"]),
+            *_failed_cells(failed[task, "dense_gain"], expert[task]["gain_return"]),
+        )
+        for task in DEFAULT_TASKS
+    ]
+    measures = ("failed episodes", "their greatest return", "least return of the expert")
+    return markdown(("task", *(f"`{reward}`: {name}" for reward in ("dense", "dense_gain") for name in measures)), rows)
+
+
+def _failed_cells(failed: dict[str, Any], expert_return: float) -> tuple[str, ...]:
+    greatest = failed["greatest_return"]
+    return str(failed["episodes"]), "none" if greatest is None else f"{greatest:.3g}", f"{expert_return:.3g}"
+
+
+REWARD_TABLES: dict[str, Callable[[], str]] = {"kitchen_rewards": reward_table, "failed_returns": failed_table}

@@ -59,7 +59,9 @@ FLAGS: dict[str, tuple[str, ...]] = {
     EARLIER: (f"--hyperparameters={json.dumps(_EARLIER)}",),
     # About ten minutes: some of these tasks may not be learned.
     **dict.fromkeys(FURTHER, ("--num_steps=600000",)),
+    # About forty minutes.
     ONE: (
+        "--num_steps=3300000",
         "--target_success=0.98",
         "--eval_interval=150000",
         "--eval_episodes=140",

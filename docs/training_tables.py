@@ -14,8 +14,11 @@ _RESULTS = Path(__file__).parent / "benchmarks"
 
 _ONE = "random_1"
 
+# Fractions of episodes with at least 1 to 7 tasks completed.
+_RATES = tuple(f"p{number}" for number in range(1, 8))
 
-def _rows(name: str = "training") -> list[dict[str, Any]]:
+
+def _rows(name: str = "training") -> Any:
     return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
@@ -40,6 +43,16 @@ def network_table() -> str:
     return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
 
 
+def sequence_table() -> str:
+    """Returns the table of sequences of tasks, before and after training on them, from `docs/sequence_results.py`."""
+    rows = []
+    for path in sorted((_RESULTS / "sequences").glob("*.json")):
+        result, (policy, length) = _rows(f"sequences/{path.stem}"), path.stem.split("_")
+        rates = [f"{result[name]:.3g}" if name in result else "" for name in _RATES]
+        rows.append((policy, length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
+    return markdown(("training on sequences", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
+
+
 def speed_table() -> str:
     """Returns the table of the speed of training, and what takes its time, from `docs/training_speed.py`."""
     rows = [
@@ -56,5 +69,10 @@ def speed_table() -> str:
 
 
 TRAINING_TABLES: MappingProxyType[str, Callable[[], str]] = MappingProxyType(
-    {"training_tasks": task_table, "training_network": network_table, "training_speed": speed_table}
+    {
+        "training_tasks": task_table,
+        "training_network": network_table,
+        "training_sequences": sequence_table,
+        "training_speed": speed_table,
+    }
 )
