@@ -97,7 +97,7 @@ def result_table() -> str:
             f"`{name}`",
             result["policy"],
             result["num_episodes"],
-            *(_rate(condition, f"p{number}") for number in range(1, _MOST + 1)),
+            *(rate(condition, f"p{number}") for number in range(1, _MOST + 1)),
             with_interval(condition, "mean_tasks"),
             with_interval(condition, "success"),
             _score(result, condition),
@@ -135,7 +135,8 @@ def task_table() -> str:
     return markdown(("protocol", "policy", *tasks), rows)
 
 
-def _rate(condition: Mapping[str, Any], name: str) -> str:
+def rate(condition: Mapping[str, Any], name: str) -> str:
+    """Returns a number of a result; nothing if it has none of that name."""
     return f"{condition[name]:.3g}" if name in condition else ""
 
 

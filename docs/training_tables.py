@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from entity_tables import markdown
+from evaluation_tables import rate
 
 from kitchen_suite.tasks import DEFAULT_TASKS
 
@@ -45,10 +46,11 @@ def network_table() -> str:
 
 def sequence_table() -> str:
     """Returns the table of sequences of tasks, before and after training on them, from `docs/sequence_results.py`."""
+    paths = [path for policy in ("before", "after") for path in sorted(_RESULTS.glob(f"sequences/{policy}_*.json"))]
     rows = []
-    for path in sorted((_RESULTS / "sequences").glob("*.json")):
+    for path in paths:
         result, (policy, length) = _rows(f"sequences/{path.stem}"), path.stem.split("_")
-        rates = [f"{result[name]:.3g}" if name in result else "" for name in _RATES]
+        rates = [rate(result, name) for name in _RATES]
         rows.append((policy, length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
     return markdown(("training on sequences", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
 
