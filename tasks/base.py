@@ -34,9 +34,11 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
+      truncates: whether the last step truncated the episode, whatever the environment's time limit.
     """
 
     domain_name: str | None = None
+    truncates = False
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     _random: np.random.RandomState
     _state: Any = None
@@ -233,10 +235,11 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
-        return self._terminates
+        return self._terminates or self.truncates
 
     def get_discount(self, physics: mjcf.Physics) -> float:
-        return 0.0 if self.should_terminate_episode(physics) else 1.0
+        del physics
+        return 0.0 if self._terminates else 1.0
 
     def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
@@ -263,5 +266,5 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         """Stores a state, and shows it."""
         self._state = state
         # composer asks twice.
-        self._terminates = bool(self.mdp.terminates(state))
+        self._terminates, self.truncates = bool(self.mdp.terminates(state)), bool(self.mdp.truncates(state))
         self._show(physics)

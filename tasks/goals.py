@@ -132,6 +132,12 @@ class Progress(NamedTuple):
         return np.logical_or.reduce((self.completion_steps == self.step) & self.completed, axis=-1)
 
     @property
+    def steps_since_completion(self) -> NDArray[np.int64]:
+        """`(...)`, control steps since a task was completed for the first time, or since the reset."""
+        last = np.maximum.reduce(self.completion_steps, axis=-1, initial=0)
+        return self.step[..., 0] - last
+
+    @property
     def all_completed(self) -> NDArray[np.bool_]:
         """`(...)`, whether all tasks have been completed."""
         return np.minimum.reduce(self.completion_steps, axis=-1) > 0

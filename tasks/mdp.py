@@ -202,6 +202,11 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def terminates(self, state: State) -> NDArray[np.bool_]:
         """Returns whether `(...)` the last step terminated the episode."""
 
+    def truncates(self, state: State) -> NDArray[np.bool_] | bool:
+        """Returns whether `(...)` the last step truncated the episode, whatever its time limit; by default never."""
+        del state
+        return False
+
     @abc.abstractmethod
     def info(self, state: State) -> dict[str, NDArray]:
         """Returns the infos on the task: fresh arrays `(...)` or `(..., n)`."""

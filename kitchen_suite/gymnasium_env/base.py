@@ -230,13 +230,14 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
         self._bind_random_state()
         timestep = self._environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
-        if terminated := timestep.last():
+        if timestep.last():
             # The next step continues the episode, as in FrankaKitchen-v1.
             self._environment.continue_episode()
-        truncated = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
+        terminated = timestep.last() and timestep.discount == 0.0
+        at_limit = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
         self._render_window()
         reward = 0.0 if timestep.first() else float(timestep.reward)
-        return self._get_obs(timestep.observation), reward, terminated, truncated, self._info()
+        return self._get_obs(timestep.observation), reward, terminated, at_limit or self._task.truncates, self._info()
 
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""

@@ -123,6 +123,12 @@ def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
     return np.array([one.get("episode_step", 0) for one in infos.ravel()]).reshape(shape)
 
 
+def steps_since_completion(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Returns the steps since the last `completion_steps` of the infos of a batch, or since the reset."""
+    last = [max(0, *np.ravel(one.get("completion_steps", 0))) for one in broadcast_infos(info, shape).ravel()]
+    return episode_steps(info, shape) - np.array(last).reshape(shape)
+
+
 def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
     """Returns an array of infos of the batch's shape; a single info holds for the whole batch.
 

@@ -79,6 +79,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         reward: str = "sparse",
         tasks_per_episode: int | Sequence[int] | None = None,
         tasks_in_turn: bool = False,
+        max_task_steps: int | None = None,
         feedback: str | None = None,
         sleep: bool = False,
         goal_format: str = "dict",
@@ -109,6 +110,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             reset draws which of `tasks_to_complete`, and their order. `reset(options={"requested_tasks": names})` asks
             for given ones, in the order of the names. Every episode asks for all when omitted.
           tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed.
+          max_task_steps: control steps after which an episode truncates unless a task has been completed, counted from
+            the reset, and again from each task completed for the first time. No such limit when omitted.
           feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
             (the default), `true` or `target`; see `KitchenTask`.
           sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
@@ -141,6 +144,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "reward": reward,
             "tasks_per_episode": tasks_per_episode,
             "tasks_in_turn": tasks_in_turn,
+            "max_task_steps": max_task_steps,
             "feedback": feedback,
             "sleep": sleep,
         }
@@ -255,13 +259,17 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return _item(completed & self._task.mdp.terminate_on_tasks_completed)
 
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
-        """Returns whether a step truncates, by the info's `episode_step`.
+        """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
 
         False where `gymnasium.make` counts the steps. Arguments and errors as of `compute_reward`.
         """
         achieved, _ = self._flatten_goals(achieved_goal, desired_goal)
+        shape, task_limit = achieved.shape[:-1], self._task.mdp.max_task_steps
         limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
-        return _item(goal_rewards.episode_steps(info, achieved.shape[:-1]) >= limit)
+        truncated = goal_rewards.episode_steps(info, shape) >= limit
+        if task_limit is not None:
+            truncated |= goal_rewards.steps_since_completion(info, shape) >= task_limit
+        return _item(truncated)
 
     def _flatten_goals(self, achieved: Goal, desired: Goal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         flat = goal_rewards.flatten

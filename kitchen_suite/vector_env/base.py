@@ -199,7 +199,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         with self._all_or_nothing():
             restarting = self._restarting()
             rewards, terminations, diverged = self._episodes.step(applied, ~restarting)
-            truncations = (self._episodes.steps >= self._step_limit) & ~restarting
+            truncations = ((self._episodes.steps >= self._step_limit) | self._episodes.truncates()) & ~restarting
             self._ended = terminations | truncations
             self._episodes.start(restarting | diverged)
             infos = batching.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}

@@ -153,6 +153,10 @@ class BatchEpisodes:
         self.has_moved |= stepping
         return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
 
+    def truncates(self) -> NDArray[np.bool_] | bool:
+        """Returns whether `(n,)` the last step truncated an episode, whatever the time limit."""
+        return self._mdp.truncates(self.state)
+
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
         if not self._mdp.action_mode.draws:

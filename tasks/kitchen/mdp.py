@@ -43,6 +43,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       remove_task_when_completed: whether a task is rewarded only once.
       task_draw: how many of the tasks an episode asks for; None for all.
       tasks_in_turn: whether the next of them is asked only once the one before has been completed.
+      max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
     """
 
     sensors: KitchenSensors
@@ -55,6 +56,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     remove_task_when_completed: bool
     task_draw: TaskDraw | None = None
     tasks_in_turn: bool = False
+    max_task_steps: int | None = None
 
     @property
     def noise_draws(self) -> int:
@@ -173,6 +175,11 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed
+
+    def truncates(self, state: KitchenState) -> NDArray[np.bool_] | bool:
+        if self.max_task_steps is None:
+            return False
+        return state.progress.steps_since_completion >= self.max_task_steps
 
     def all_completed(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns whether `(...)` all tasks that the episode asks for have been completed."""

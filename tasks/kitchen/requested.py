@@ -67,6 +67,28 @@ class TaskDraw:
         return order_of(chosen[np.argsort(place[chosen], kind="stable")], weights.size)
 
 
+def checked_in_turn(tasks_in_turn: object, tasks_per_episode: object) -> bool:
+    """Returns the argument `tasks_in_turn`.
+
+    Raises:
+      TypeError: it is no bool.
+      ValueError: it is true, but every episode asks for all tasks.
+    """
+    if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
+        raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
+    return bool(tasks_in_turn)
+
+
+def checked_limit(max_task_steps: int | None) -> int | None:
+    """Returns the argument `max_task_steps`.
+
+    Raises:
+      TypeError: it is no integer.
+      ValueError: it is less than 1.
+    """
+    return None if max_task_steps is None else checks.integer(max_task_steps, "max_task_steps", minimum=1)
+
+
 def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Returns the order `(count,)` that asks for the tasks of some indices, in their sequence."""
     order = np.full(count, -1)

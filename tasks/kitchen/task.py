@@ -25,7 +25,7 @@ from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, Start, start
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
 from kitchen_suite.tasks.kitchen.observables import KitchenObservables
 from kitchen_suite.tasks.kitchen.progress import KitchenProgress
-from kitchen_suite.tasks.kitchen.requested import TaskDraw
+from kitchen_suite.tasks.kitchen.requested import TaskDraw, checked_in_turn, checked_limit
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
 from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict, from_dict
@@ -49,7 +49,7 @@ class KitchenTask(KitchenProgress):
       Always the same except for the observation noise, and for the tasks asked with `tasks_per_episode`.
     Reward: at each step, the number of tasks complete after it, among those still to be completed; or a dense one.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
-      the time limit.
+      the time limit, and after `max_task_steps` without a completed task.
     Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise; with
       `tasks_per_episode` the tasks asked.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
@@ -74,6 +74,7 @@ class KitchenTask(KitchenProgress):
         reward: str = "sparse",
         tasks_per_episode: int | Sequence[int] | None = None,
         tasks_in_turn: bool = False,
+        max_task_steps: int | None = None,
         control_mode: str = "joint_velocity",
         **options: Any,
     ) -> None:
@@ -97,6 +98,8 @@ class KitchenTask(KitchenProgress):
             the end and the infos. Every episode asks for all when omitted.
           tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed;
             observation and instruction show one task, and only this one can be completed. Needs `tasks_per_episode`.
+          max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
+            first time; counted from the reset, and again from each completion. No such limit when omitted.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
             `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
@@ -130,7 +133,8 @@ class KitchenTask(KitchenProgress):
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
             task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
-            tasks_in_turn=_checked_in_turn(tasks_in_turn, tasks_per_episode),
+            tasks_in_turn=checked_in_turn(tasks_in_turn, tasks_per_episode),
+            max_task_steps=checked_limit(max_task_steps),
         )
         super().__init__(scene, **observables)
         self._scene = scene
@@ -284,15 +288,3 @@ class KitchenTask(KitchenProgress):
         self._observables.noise[:] = self._state.noise
         if self._visualize_reward:
             self._highlighting.update(self._state.progress.within)
-
-
-def _checked_in_turn(tasks_in_turn: object, tasks_per_episode: object) -> bool:
-    """Returns the argument `tasks_in_turn`.
-
-    Raises:
-      TypeError: it is no bool.
-      ValueError: it is true, but every episode asks for all tasks.
-    """
-    if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
-        raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
-    return bool(tasks_in_turn)
