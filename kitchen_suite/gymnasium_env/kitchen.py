@@ -261,7 +261,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def compute_truncated(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> bool | NDArray[np.bool_]:
         """Returns whether a step truncates, by the info's `episode_step` and `completion_steps`.
 
-        False where `gymnasium.make` counts the steps. Arguments and errors as of `compute_reward`.
+        It does not know a time limit that `gymnasium.make` counts. Arguments and errors as of `compute_reward`.
         """
         achieved, _ = self._flatten_goals(achieved_goal, desired_goal)
         shape, task_limit = achieved.shape[:-1], self._task.mdp.max_task_steps
