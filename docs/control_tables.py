@@ -1,11 +1,10 @@
 """The tables of the page on control modes: `CONTROL_TABLES`."""
 
 import inspect
-import json
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
+from benchmark_results import read_results
 from dm_env import specs
 from entity_tables import markdown
 
@@ -14,7 +13,6 @@ from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES as KITCHEN_MODES
 from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES as MICROWAVE_TABLE_MODES
 
-_RESULTS = Path(__file__).parent / "benchmarks"
 _MODES = {"kitchen": KITCHEN_MODES, "open_cabinet": OFFSET_MODES, "microwave_table": MICROWAVE_TABLE_MODES}
 # Elements by mode: the specs have the names of single joints.
 _ELEMENTS = {
@@ -71,7 +69,7 @@ def tracking_table() -> str:
             *(f"{1e3 * row[key]:.1f}" if key in row else "" for key in ("lateral", "shortfall")),
             f"{row['rotation']:.2f}" if "rotation" in row else "",
         )
-        for row in _result("control_modes_tracking")
+        for row in read_results("control_modes_tracking")
     ]
     header = ("domain", "mode", "drift [mm]", "drift [°]", "off the line [mm]", "short of its end [mm]", "rotation [°]")
     return markdown(header, rows)
@@ -81,13 +79,9 @@ def speed_table() -> str:
     """Returns the table of speeds, from the result of `docs/control_modes.py speed`."""
     rows = [
         (f"`{row['control_mode']}`", f"{row['median']:.2f}", "{:.2f} to {:.2f}".format(*row["quartiles"]))
-        for row in _result("control_modes_speed")
+        for row in read_results("control_modes_speed")
     ]
     return markdown(("mode", "speed relative to `joint_velocity`", "quartiles"), rows)
-
-
-def _result(name: str) -> list[dict]:
-    return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 CONTROL_TABLES: dict[str, Callable[[], str]] = {

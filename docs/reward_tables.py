@@ -1,19 +1,12 @@
 """The tables of rewards and success on the page of the kitchen: `REWARD_TABLES`."""
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
+from benchmark_results import read_results
 from entity_tables import markdown
 
 from kitchen_suite.tasks import DEFAULT_TASKS
-
-_BENCHMARKS = Path(__file__).parent / "benchmarks"
-
-
-def _read(name: str) -> list[dict[str, Any]]:
-    return json.loads((_BENCHMARKS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def reward_table() -> str:
@@ -27,7 +20,7 @@ def reward_table() -> str:
         "`dense`: expert, standing still",
         "`dense_gain`: expert, standing still",
     )
-    return markdown(header, map(_row, _read("kitchen_rewards")))
+    return markdown(header, map(_row, read_results("kitchen_rewards")))
 
 
 def _row(result: dict[str, Any]) -> tuple[str, ...]:
@@ -47,8 +40,8 @@ def _row(result: dict[str, Any]) -> tuple[str, ...]:
 
 def failed_table() -> str:
     """Returns the table of failed episodes that `failed_returns.py` has measured, beside the expert's returns."""
-    failed = {(row["task"], row["reward"]): row for row in _read("failed_returns")}
-    expert = {row["task"]: row for row in _read("kitchen_rewards")}
+    failed = {(row["task"], row["reward"]): row for row in read_results("failed_returns")}
+    expert = {row["task"]: row for row in read_results("kitchen_rewards")}
     rows = [
         (
             f"`{task}`",

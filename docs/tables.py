@@ -2,11 +2,11 @@
 
 import dataclasses
 import functools
-import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
+from benchmark_results import read_results
 from control_tables import CONTROL_TABLES
 from dm_control import mjcf
 from dm_env import specs
@@ -249,7 +249,7 @@ TABLES: dict[str, Callable[[], str]] = {
 
 def benchmark_table(name: str) -> str:
     """Returns the tables of a result of `kitchen-benchmark --json`, as kept in docs/benchmarks/."""
-    return benchmark_report.markdown(json.loads((DOCS / "benchmarks" / f"{name}.json").read_text(encoding="utf-8")))
+    return benchmark_report.markdown(read_results(name))
 
 
 TABLES |= {

@@ -1,26 +1,19 @@
 """The tables of the page on training, from the results in docs/benchmarks/."""
 
-import json
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from benchmark_results import RESULTS, read_results
 from entity_tables import markdown
 from evaluation_tables import rate
 
 from kitchen_suite.tasks import DEFAULT_TASKS
 
-_RESULTS = Path(__file__).parent / "benchmarks"
-
 _ONE = "random_1"
 
 # Fractions of episodes with at least 1 to 7 tasks completed.
 _RATES = tuple(f"p{number}" for number in range(1, 8))
-
-
-def _rows(name: str = "training") -> Any:
-    return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def _measures(row: dict[str, Any]) -> Iterable[str]:
@@ -32,7 +25,7 @@ def task_table() -> str:
     """Returns the table of the runs of single tasks."""
     rows = [
         (f"`{row['task']}`", *_measures(row), f"{row['success'][0]} of {row['episodes']}")
-        for row in _rows()
+        for row in read_results("training")
         if row["task"] != _ONE
     ]
     return markdown(("task", "seed", "control steps", "minutes", "processor minutes", "successes"), rows)
@@ -40,16 +33,16 @@ def task_table() -> str:
 
 def network_table() -> str:
     """Returns the table of the runs of one network for the seven tasks; a row for each run, a column for each task."""
-    rows = [(*_measures(row), *row["success"]) for row in _rows() if row["task"] == _ONE]
+    rows = [(*_measures(row), *row["success"]) for row in read_results("training") if row["task"] == _ONE]
     return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
 
 
 def sequence_table() -> str:
     """Returns the table of sequences of tasks, before and after training on them, from `docs/sequence_results.py`."""
-    paths = [path for policy in ("before", "after") for path in sorted(_RESULTS.glob(f"sequences/{policy}_*.json"))]
+    paths = [path for policy in ("before", "after") for path in sorted(RESULTS.glob(f"sequences/{policy}_*.json"))]
     rows = []
     for path in paths:
-        result, (policy, length) = _rows(f"sequences/{path.stem}"), path.stem.split("_")
+        result, (policy, length) = read_results(f"sequences/{path.stem}"), path.stem.split("_")
         rates = [rate(result, name) for name in _RATES]
         rows.append((policy, length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
     return markdown(("training on sequences", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
@@ -65,7 +58,7 @@ def speed_table() -> str:
             f"{row['environments']:.0%}",
             f"{row['update']:.0%}",
         )
-        for row in _rows("training_speed")
+        for row in read_results("training_speed")
     ]
     return markdown(("hyperparameters", "threads", "control steps per second", "environments", "update"), rows)
 

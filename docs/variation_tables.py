@@ -2,11 +2,10 @@
 
 import collections
 import functools
-import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
+from benchmark_results import read_results
 from entity_tables import markdown
 from numpy.typing import NDArray
 
@@ -19,7 +18,6 @@ from kitchen_suite.tasks.sensing import sensing_parameters
 from kitchen_suite.tasks.variations import Bands, Choice
 from kitchen_suite.tasks.varied import GROUPS, Distribution, Varied
 
-_RESULTS = Path(__file__).parent / "benchmarks"
 _SURFACES = {
     "kitchen": surfaces.KITCHEN,
     "open_cabinet": surfaces.OPEN_CABINET,
@@ -116,7 +114,7 @@ def expert_table() -> str:
             f"{row['success']} of {row['episodes']} ({100 * row['success'] / row['episodes']:.1f} %)",
             row["refused_layouts"],
         )
-        for row in _result("variations_experts")
+        for row in read_results("variations_experts")
     ]
     return markdown(("domain", "task", "groups", "split", "successes", "refusals"), rows)
 
@@ -131,7 +129,7 @@ def layout_table() -> str:
             row["draws"],
             f"{row['refused']} ({100 * row['refused'] / row['draws']:.1f} %)",
         )
-        for row in _result("variations_layouts")
+        for row in read_results("variations_layouts")
     ]
     return markdown(("domain", "task", "split", "episodes", "first layout refused"), rows)
 
@@ -145,7 +143,7 @@ def speed_table() -> str:
             f"{row['median']:.3f}",
             "{:.3f} to {:.3f}".format(*row["quartiles"]),
         )
-        for row in _result("variations_speed")
+        for row in read_results("variations_speed")
     ]
     return markdown(("domain", "groups", "speed", "quartiles"), rows)
 
@@ -155,10 +153,6 @@ def _group_names(groups: str | Sequence[str]) -> str:
     if {*names} == {*GROUPS}:
         return "all"
     return ", ".join(f"`{name}`" for name in names) or "none"
-
-
-def _result(name: str) -> list[dict]:
-    return json.loads((_RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 VARIATION_TABLES: dict[str, Callable[[], str]] = {
