@@ -1,10 +1,10 @@
-"""Trains the network for one task at a time on sequences of tasks, and measures it.
+"""Trains a network on sequences of tasks, and measures it beside the network for one task at a time.
 
 python docs/sequence_results.py FOLDER
 
-Training starts from the policy `seven_in_turn`: episodes ask for the seven tasks in an order drawn at each reset, each
-where the one before has ended (`tasks_in_turn`). `kitchen-evaluate` plays sequences of four and of seven tasks with the
-policy before and after; its JSON is written to docs/benchmarks/sequences/. FOLDER keeps the run and the finished
+Episodes ask for one to seven tasks in an order drawn at each reset, each where the one before has ended
+(`tasks_in_turn`). `kitchen-evaluate` plays sequences of four and of seven tasks with this policy, `sequences`, and with
+`seven_in_turn`, `single`; its JSON is written to docs/benchmarks/sequences/. FOLDER keeps the run and the finished
 episodes: the same command continues after an interrupt. It needs the extra `train`. `docs/build.py tables` makes a
 table of the results.
 """
@@ -15,28 +15,39 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from training_results import LITTLE_AJAR, ONE_NETWORK
+
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.tasks import DEFAULT_TASKS
 
 RESULTS = Path(__file__).parent / "benchmarks" / "sequences"
 
-INITIAL = SHIPPED / "seven_in_turn.npz"
+SINGLE = SHIPPED / "seven_in_turn.npz"
 SEED = 1
 
-IN_TURN = '--task_kwargs={"tasks_in_turn": true}'
+IN_TURN = {"tasks_in_turn": True}
 
 # Tasks in an episode that is evaluated.
 LENGTHS = (4, 7)
 EPISODES = 200
 
-# Episodes are as long as those evaluated. Unlike in training from scratch, the network explores less, and learns from
-# larger batches, at rates that keep the divergence of an update small: else the policy forgets tasks.
-HYPERPARAMETERS = {"num_envs": 128, "rollouts": 64, "hidden": [256, 128], "exploration": 0.3, "averaging": 0.9}
-HYPERPARAMETERS |= {"learning_rate": 2e-4, "kl_target": 0.015}
+# Each object whose task is not asked has been moved to its goal or not; an episode ends where the network is stuck.
+EITHER = {"choice": [0.0, 1.0]}
+STARTS = {
+    "max_episode_steps": 280,
+    "max_task_steps": 100,
+    "variations": {"tasks/done": [EITHER] * len(DEFAULT_TASKS), **LITTLE_AJAR},
+}
 TRAINING = (
-    *("--domain_name=kitchen", "--task_name=random_7", IN_TURN, '--training_kwargs={"max_episode_steps": 280}'),
-    *(f"--initial_policy={INITIAL}", f"--hyperparameters={json.dumps(HYPERPARAMETERS)}"),
-    *("--num_steps=4500000", "--eval_interval=250000", "--eval_episodes=50"),
+    "--domain_name=kitchen",
+    "--task_name=all",
+    f"--task_kwargs={json.dumps({'tasks_per_episode': [1, 7], **IN_TURN})}",
+    f"--training_kwargs={json.dumps(STARTS)}",
+    f"--hyperparameters={json.dumps(ONE_NETWORK)}",
+    "--num_steps=4500000",
+    "--eval_interval=250000",
+    "--eval_episodes=50",
 )
 
 
@@ -54,8 +65,17 @@ def evaluate(folder: Path, name: str, policy: Path, length: int) -> None:
     if written.exists():
         return
     resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
-    flags = (f"--policy=trained(file={str(policy)!r})", "--protocol=beso", f"--task_name=random_{length}", IN_TURN)
-    call("evaluate", *flags, f"--num_episodes={EPISODES}", f"--output={output}", f"--json={written}", *resume)
+    call(
+        "evaluate",
+        f"--policy=trained(file={str(policy)!r})",
+        "--protocol=beso",
+        f"--task_name=random_{length}",
+        f"--task_kwargs={json.dumps(IN_TURN)}",
+        f"--num_episodes={EPISODES}",
+        f"--output={output}",
+        f"--json={written}",
+        *resume,
+    )
 
 
 def call(command: str, *flags: str) -> None:
@@ -71,10 +91,10 @@ def main(arguments: Sequence[str]) -> int:
     folder = Path(arguments[0])
     RESULTS.mkdir(exist_ok=True)
     for length in LENGTHS:
-        evaluate(folder, "before", INITIAL, length)
+        evaluate(folder, "single", SINGLE, length)
     policy = train(folder)
     for length in LENGTHS:
-        evaluate(folder, "after", policy, length)
+        evaluate(folder, "sequences", policy, length)
     return 0
 
 

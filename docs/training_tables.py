@@ -15,6 +15,9 @@ _ONE = "random_1"
 # Fractions of episodes with at least 1 to 7 tasks completed.
 _RATES = tuple(f"p{number}" for number in range(1, 8))
 
+# Networks that `docs/sequence_results.py` has measured.
+_TRAINED_ON = {"single": "one task at a time", "sequences": "sequences"}
+
 
 def _measures(row: dict[str, Any]) -> Iterable[str]:
     """Returns the cells of a run's seed, control steps and times."""
@@ -38,14 +41,14 @@ def network_table() -> str:
 
 
 def sequence_table() -> str:
-    """Returns the table of sequences of tasks, before and after training on them, from `docs/sequence_results.py`."""
-    paths = [path for policy in ("before", "after") for path in sorted(RESULTS.glob(f"sequences/{policy}_*.json"))]
+    """Returns the table of sequences of tasks, by what a network was trained on, from `docs/sequence_results.py`."""
+    paths = [path for policy in _TRAINED_ON for path in sorted(RESULTS.glob(f"sequences/{policy}_*.json"))]
     rows = []
     for path in paths:
         result, (policy, length) = read_results(f"sequences/{path.stem}"), path.stem.split("_")
         rates = [rate(result, name) for name in _RATES]
-        rows.append((policy, length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
-    return markdown(("training on sequences", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
+        rows.append((_TRAINED_ON[policy], length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
+    return markdown(("trained on", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
 
 
 def speed_table() -> str:

@@ -1,4 +1,4 @@
-"""docs/sequence_results.py trains the network for one task at a time on sequences, and evaluates it."""
+"""docs/sequence_results.py trains a network on sequences, and evaluates it beside that for one task at a time."""
 
 import importlib
 import json
@@ -28,20 +28,20 @@ def script(tmp_path, monkeypatch):
     return script
 
 
-def test_sequences_are_evaluated_before_and_after_training_and_only_once(script, tmp_path, monkeypatch):
+def test_both_networks_are_evaluated_in_sequences_and_only_once(script, tmp_path, monkeypatch):
     assert script.main([str(tmp_path / "runs")]) == 0
     results = {path.stem: json.loads(path.read_text("utf-8")) for path in script.RESULTS.iterdir()}
-    assert sorted(results) == ["after_4", "after_7", "before_4", "before_7"]
+    assert sorted(results) == ["sequences_4", "sequences_7", "single_4", "single_7"]
     for name, result in results.items():
         assert result["num_episodes"] == 2
         assert result["task_kwargs"]["tasks_in_turn"] is True
         length = int(name[-1])
         assert f"p{length}" in result
         assert f"p{length + 1}" not in result
-    # The policy for one task at a time completes the first task that is asked.
-    assert results["before_4"]["p1"] == results["before_7"]["p1"] == 1.0
+    # The network for one task at a time completes the first task that is asked.
+    assert results["single_4"]["p1"] == results["single_7"]["p1"] == 1.0
     digests = {name: result["policy_sha256"] for name, result in results.items()}
-    assert digests["before_4"] == digests["before_7"] != digests["after_4"] == digests["after_7"]
+    assert digests["single_4"] == digests["single_7"] != digests["sequences_4"] == digests["sequences_7"]
 
     # A second run trains no further, and evaluates nothing again.
     commands = []
