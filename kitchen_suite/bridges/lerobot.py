@@ -44,7 +44,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
           ValueError: the environments have another autoreset mode or observation type.
         """
-        vector_checks.same_step(environments.metadata["autoreset_mode"])
+        vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
         self._observations = LeRobotObservations(environments.template_env)
         self.spec, self.render_mode = environments.spec, environments.render_mode

@@ -168,7 +168,7 @@ def _check_supported(environments: SuiteVectorEnv) -> None:
     Raises:
       ValueError: the autoreset mode, the observation space or the action space is another.
     """
-    vector_checks.same_step(environments.metadata["autoreset_mode"])
+    vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
     space = environments.single_observation_space
     if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):
         raise ValueError("Stable-Baselines3 does not support nested observations: pass goal_format='flat'")

@@ -20,7 +20,7 @@ class BatchStep(NamedTuple):
       observations: of the vectorised observation space.
       rewards: `(n,)`, of the last step.
       is_first: `(n,)`, whether the last call was a reset.
-      is_playing: `(n,)`, whether an episode is in progress; elsewhere the action is not recorded.
+      is_playing: `(n,)`, whether an episode is in progress; elsewhere observations and actions mean nothing.
     """
 
     observations: Any

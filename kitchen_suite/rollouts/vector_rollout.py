@@ -88,11 +88,13 @@ class VectorRollout:
                 needs_reset |= [running is None for running in self._running]
             for i in np.flatnonzero(needs_reset).tolist():
                 self._running[i] = self._next(i, waiting)
-            if not any(self._running):
+            is_playing = np.array([running is not None for running in self._running])
+            if not is_playing.any():
                 return
             started = time.perf_counter()
-            self._reset(needs_reset)
-            needs_reset, diverged = self._step()
+            # The first reset has to be of all environments; later, those without an episode to play are left out.
+            self._reset(needs_reset if self._history.is_empty else needs_reset & is_playing)
+            needs_reset, diverged = self._step(is_playing)
             self._share(time.perf_counter() - started)
             for i in np.flatnonzero(needs_reset).tolist():
                 if running := self._running[i]:
@@ -109,11 +111,7 @@ class VectorRollout:
         return _Running(index, seed, self._history.present)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
-        """Starts episodes in the environments of the mask.
-
-        An environment without a waiting episode is idle: it is reset and stepped like the others, since all are stepped
-        together, but its steps are not read.
-        """
+        """Starts episodes in the environments of the mask."""
         self._is_first = mask
         if not mask.any():
             return
@@ -122,11 +120,10 @@ class VectorRollout:
         self._observations, infos = self._environments.reset(seed=seeds, options={"reset_mask": mask})
         self._history.add_reset(self._observations, infos, mask)
 
-    def _step(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _step(self, is_playing: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step; returns in which environments the episode has ended, and the physics has diverged."""
-        is_playing = np.array([running is not None for running in self._running])
         actions = self._controller.act(BatchStep(self._observations, self._rewards, self._is_first, is_playing))
-        result = self._environments.step(actions)
+        result = self._environments.step_some(actions, is_playing)
         self._observations, self._rewards, terminations, truncations, infos = result
         diverged = infos.pop("physics_error", np.zeros(len(self._running), bool))
         self._history.add_step(self._observations, infos, (actions, self._rewards, terminations, truncations))
@@ -148,6 +145,11 @@ class _History:
         self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
         self._steps: collections.deque[tuple[NDArray, ...]] = collections.deque()
         self._forgotten = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing has been added yet."""
+        return not self._rows
 
     @property
     def present(self) -> int:

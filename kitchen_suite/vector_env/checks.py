@@ -59,10 +59,10 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
     return [None if one is None else checks.integer(one, "seed", minimum=0) for one in each]
 
 
-def same_step(mode: AutoresetMode) -> None:
-    """Raises a ValueError unless environments start the next episode in the step that ends one."""
-    if mode != AutoresetMode.SAME_STEP:
-        raise ValueError(f"autoreset_mode must be 'SameStep', got {mode.value!r}")
+def autoreset_mode(mode: AutoresetMode, required: AutoresetMode) -> None:
+    """Raises a ValueError unless an autoreset mode is the one that is required."""
+    if mode != required:
+        raise ValueError(f"autoreset_mode must be {required.value!r}, got {mode.value!r}")
 
 
 def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str] = ()) -> NDArray[np.bool_]:
@@ -81,14 +81,23 @@ def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str]
     chosen = checks.reset_options(options, (RESET_MASK, VARIATION, VARIATION_VALUES, *own), elsewhere=(STATE,))
     if RESET_MASK not in chosen:
         return np.full(count, True)
-    mask = chosen[RESET_MASK]
-    if not isinstance(mask, np.ndarray) or mask.dtype != bool:
-        raise TypeError(f"reset_mask must be an array of bools, got {mask!r}")
-    if mask.shape != (count,):
-        raise ValueError(f"reset_mask must have shape ({count},), got shape {mask.shape}")
-    if not mask.any():
-        raise ValueError("reset_mask must choose at least one environment")
-    return mask
+    return checked_mask(chosen[RESET_MASK], count, RESET_MASK)
+
+
+def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
+    """Returns a mask `(count,)` of environments.
+
+    Raises:
+      TypeError: it is no array of bools.
+      ValueError: it has the wrong shape or is False everywhere.
+    """
+    if not isinstance(value, np.ndarray) or value.dtype != bool:
+        raise TypeError(f"{name} must be an array of bools, got {value!r}")
+    if value.shape != (count,):
+        raise ValueError(f"{name} must have shape ({count},), got shape {value.shape}")
+    if not value.any():
+        raise ValueError(f"{name} must choose at least one environment")
+    return value
 
 
 def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:

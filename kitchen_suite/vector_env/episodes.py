@@ -128,7 +128,7 @@ class BatchEpisodes:
 
         Args:
           actions: `(n, k)`, as they are applied.
-          stepping: `(n,)`, episodes that make the step; the others stay as they are until they are started again.
+          stepping: `(n,)`, episodes that make the step; the others are not simulated, and have to be started again.
 
         Returns:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.

@@ -110,16 +110,16 @@ def test_every_condition_of_a_protocol_is_scored(run, tmp_path):
 
 
 def test_diverged_episodes_count_as_failures_and_are_named(run, tmp_path, monkeypatch):
-    step, count = vector_base.SuiteVectorEnv.step, 0
+    step, count = vector_base.SuiteVectorEnv.step_some, 0
 
-    def diverge(self, actions):
+    def diverge(self, actions, mask):
         nonlocal count
         count += 1
-        observations, rewards, terminations, truncations, infos = step(self, actions)
+        observations, rewards, terminations, truncations, infos = step(self, actions, mask)
         diverged = np.array([False, count == 2, False])
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
-    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step", diverge)
+    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step_some", diverge)
     status, out, err = run("--num_episodes=3", "--num_envs=3", "--seed=7", "--output=runs", "--json=a.json")
     assert (status, err) == (0, "")
     assert "the physics diverged in 1 episode, counted as failures that completed nothing: seeds [8]\n" in out

@@ -456,17 +456,17 @@ def test_a_recording_is_refused_by_a_rollout(run, capsys, tmp_path):
 
 
 def test_an_episode_whose_physics_diverges_is_left_out_and_named(run, monkeypatch):
-    step = vector_base.SuiteVectorEnv.step
+    step = vector_base.SuiteVectorEnv.step_some
     count = 0
 
-    def diverge(self, actions):
+    def diverge(self, actions, mask):
         nonlocal count
         count += 1
-        observations, rewards, terminations, truncations, infos = step(self, actions)
+        observations, rewards, terminations, truncations, infos = step(self, actions, mask)
         diverged = np.array([False, count == 2, False])
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
-    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step", diverge)
+    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step_some", diverge)
     status, out, err = run("--output=runs", "--num_episodes=6", "--num_envs=3", *SHORT)
     assert (status, err) == (1, "kitchen-record: the physics diverged in 1 episodes, left out: seeds [1]\n")
     assert "\nepisodes              5\n" in out

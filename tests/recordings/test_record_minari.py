@@ -160,14 +160,14 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
 
 
 def test_episodes_that_diverged_are_not_in_the_dataset(run, monkeypatch):
-    step = SuiteVectorEnv.step
+    step = SuiteVectorEnv.step_some
 
-    def diverge(self, actions):
-        observations, rewards, terminations, truncations, infos = step(self, actions)
+    def diverge(self, actions, mask):
+        observations, rewards, terminations, truncations, infos = step(self, actions, mask)
         diverged = np.array([seed == 6 for seed in self.np_random_seed])
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
-    monkeypatch.setattr(SuiteVectorEnv, "step", diverge)
+    monkeypatch.setattr(SuiteVectorEnv, "step_some", diverge)
     for _ in range(2):
         status, out, err = run(f"--dataset={ID}")
         assert (status, err) == (1, "kitchen-record: the physics diverged in 1 episodes, left out: seeds [6]\n")

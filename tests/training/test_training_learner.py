@@ -238,14 +238,14 @@ def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
     from kitchen_suite.training.evaluation import evaluate, network_controller
 
     evaluated = environments(2, AutoresetMode.DISABLED)
-    step = type(evaluated).step
+    step = type(evaluated).step_some
 
-    def diverge(self, actions):
-        observations, rewards, terminations, truncations, infos = step(self, actions)
+    def diverge(self, actions, mask):
+        observations, rewards, terminations, truncations, infos = step(self, actions, mask)
         diverged = np.full(2, True)
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
-    monkeypatch.setattr(type(evaluated), "step", diverge)
+    monkeypatch.setattr(type(evaluated), "step_some", diverge)
     metrics = evaluate(network_controller(random_policy()), evaluated, [1, 2])
     evaluated.close()
     assert set(metrics) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}

@@ -73,6 +73,17 @@ def pair(env_id, mode, **settings):
     return many(env_id, mode, **settings), singles
 
 
+@pytest.fixture
+def vector_pair():
+    """Two equal vectorised environments without autoreset, after the same reset."""
+    envs = [many(KITCHEN_ID, "Disabled") for _ in range(2)]
+    for env in envs:
+        env.reset(seed=2)
+    yield envs
+    for env in envs:
+        env.close()
+
+
 def assert_equal_for_ever(ours, theirs, actions):
     """Plays both; returns how many episodes terminated and how many were truncated."""
 
@@ -276,3 +287,70 @@ def test_control_steps_are_counted_over_all_episodes_of_a_run():
     assert env.total_steps.tolist() == [4, 0]
     env.begin_run()
     assert env.total_steps.tolist() == [0, 0]
+
+
+def test_a_step_of_some_environments_is_that_of_all(vector_pair):
+    some, every = vector_pair
+    actions = kitchen_actions()
+    mask = np.array([True, False, True])
+    for step in range(3):
+        observations, rewards, terminated, truncated, infos = some.step_some(actions[step], mask)
+        expected = every.step(actions[step])
+        for i in np.flatnonzero(mask):
+            assert_same(observations["observation"][i], expected[0]["observation"][i])
+            assert (rewards[i], infos["episode_step"][i]) == (expected[1][i], step + 1)
+    # The other one has made no step, and makes none before a reset.
+    assert infos["episode_step"][1] == 0
+    assert (rewards[1], terminated[1], truncated[1]) == (0.0, False, False)
+    for stepped in (np.full(COUNT, True), ~mask):
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+            some.step_some(actions[3], stepped)
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+        some.step(actions[3])
+    for env in (some, every):
+        env.reset(seed=7, options={"reset_mask": ~mask})
+    assert_same(some.step(actions[3]), every.step(actions[3]))
+
+
+def test_environments_whose_episodes_have_ended_wait_while_others_step():
+    env, first = many(KITCHEN_ID, "Disabled", max_episode_steps=2), np.array([True, False, False])
+    env.reset(seed=1)
+    for _ in range(2):
+        *_, truncated, _ = env.step(np.zeros((COUNT, 9)))
+    assert truncated.all()
+    env.reset(options={"reset_mask": first})
+    *_, truncated, infos = env.step_some(np.zeros((COUNT, 9)), first)
+    assert (truncated.tolist(), infos["episode_step"].tolist()) == ([False] * COUNT, [1, 2, 2])
+
+
+def test_actions_of_environments_that_wait_need_no_meaning():
+    env, first = many(KITCHEN_ID, "Disabled", control_mode="ee_pose"), np.array([True, False, False])
+    env.reset(seed=1)
+    poses = np.zeros((COUNT, *env.single_action_space.shape))
+    # Without the quaternion of an orientation, which `step` refuses.
+    with pytest.raises(ValueError, match="quaternion"):
+        env.step(poses)
+    poses[0, 3] = 1.0
+    assert env.step_some(poses, first)[-1]["episode_step"].tolist() == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "message"),
+    [
+        ([True] * COUNT, TypeError, "mask must be an array of bools"),
+        (np.array([True]), ValueError, "mask must have shape"),
+        (np.full(COUNT, False), ValueError, "mask must choose at least one"),
+    ],
+)
+def test_a_mask_of_steps_that_is_refused_changes_nothing(vector_pair, mask, error, message):
+    some, every = vector_pair
+    with pytest.raises(error, match=message):
+        some.step_some(kitchen_actions()[0], mask)
+    assert_same(some.step(kitchen_actions()[0]), every.step(kitchen_actions()[0]))
+
+
+def test_only_without_autoreset_some_environments_step():
+    env = many(OPEN_CABINET_ID, "NextStep")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="autoreset_mode must be 'Disabled', got 'NextStep'"):
+        env.step_some(np.zeros((COUNT, 8)), np.full(COUNT, True))
