@@ -62,8 +62,8 @@ FLAGS: dict[str, tuple[str, ...]] = {
     # About five minutes on two processors; most seeds reach the target before.
     DRAWER: ("--num_steps=4500000",),
     EARLIER: (f"--hyperparameters={json.dumps(_EARLIER)}",),
-    # About ten minutes: some of these tasks may not be learned.
-    **dict.fromkeys(FURTHER, ("--num_steps=600000",)),
+    # About five minutes on two processors: some of these tasks may not be learned.
+    **dict.fromkeys(FURTHER, ("--num_steps=400000",)),
     # About forty minutes.
     ONE: (
         "--num_steps=3300000",
