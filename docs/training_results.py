@@ -69,7 +69,7 @@ FLAGS: dict[str, tuple[str, ...]] = {
         "--num_steps=3300000",
         "--target_success=0.98",
         "--eval_interval=150000",
-        "--eval_episodes=140",
+        "--eval_episodes=280",
         f"--hyperparameters={json.dumps(ONE_NETWORK)}",
         f"--training_kwargs={json.dumps({'variations': LITTLE_AJAR})}",
     ),
