@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from docs_blocks import blocks_of, run
 
 pytestmark = pytest.mark.clients
 
@@ -110,3 +111,25 @@ def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, mon
     assert results.main([str(tmp_path), "ship"]) == 0
     shipped = {path.name: path.read_text() for path in results.SHIPPED.iterdir()}
     assert shipped == {"kettle.npz": "2", "seven_in_turn.npz": "seven 2"}
+
+
+def test_the_page_has_the_flags_of_the_one_network(tmp_path):
+    script = importlib.import_module("training_results")
+    task = f"--task_name={script.ONE} --output"
+    (block,) = (block for block in blocks_of(PAGE.with_name("training.md")) if task in block.code)
+    program = tmp_path / "programs" / "kitchen-train"
+    program.parent.mkdir()
+    program.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    program.chmod(0o755)
+    shown, used = _values(run(block, tmp_path, program.parent).splitlines()), _values(script.FLAGS[script.ONE])
+    for name in ("--domain_name", "--task_name", "--output"):
+        del shown[name]
+    # The page sets no limit.
+    del used["--num_steps"]
+    assert shown == used
+
+
+def _values(flags):
+    """Returns flags by name; those with JSON are decoded."""
+    pairs = (flag.split("=", 1) for flag in flags)
+    return {name: json.loads(value) if value[0] == "{" else value for name, value in pairs}
