@@ -29,7 +29,7 @@ from kitchen_suite import suite
 from kitchen_suite.benchmarks import tracking
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import KITCHEN_ID
-from kitchen_suite.tasks.control_modes import poses
+from kitchen_suite.tasks import rotations
 
 DOCS = Path(__file__).parent
 RESULTS, PICTURES = DOCS / "benchmarks", DOCS / "pictures"
@@ -158,7 +158,7 @@ def render_frames() -> None:
             del physics
             for position, orientation in shown:
                 for axis in range(3):
-                    add_arrow(scene, position, position + poses.rotated(orientation, 0.35 * np.eye(3)[axis]), axis)
+                    add_arrow(scene, position, position + rotations.rotated(orientation, 0.35 * np.eye(3)[axis]), axis)
 
         camera = MovableCamera(environment.physics, 480, 480, max_geom=2000, scene_callback=draw)
         camera.set_pose((hand[0] + base[0]) / 2.0, *view)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
-from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS as DRAWER_INSTRUCTIONS
+from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 
 # Pictures of tasks that have no picture of their own.
 _OTHER_PICTURES = {"partial": "expert_complete.jpg", "open": "microwave_table.jpg"}

@@ -11,11 +11,7 @@ from evaluation_tables import with_interval
 from imitation_results import CELLS, DIGESTS
 
 from kitchen_suite import suite
-from kitchen_suite.training.imitation.hyperparameters import (
-    FlowHyperparameters,
-    ImitationHyperparameters,
-    TokenHyperparameters,
-)
+from kitchen_suite.training.imitation.methods import FlowHyperparameters, ImitationHyperparameters, TokenHyperparameters
 
 # Classes of hyperparameters by algorithm; the first has those that all have.
 _CLASSES: dict[str, type[ImitationHyperparameters]] = {

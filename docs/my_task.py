@@ -9,11 +9,11 @@ import numpy as np
 import kitchen_suite
 from kitchen_suite import suite
 from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
-from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
+from kitchen_suite.entities.scenes import build_microwave_table_scene
+from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
 from kitchen_suite.tasks.microwave_table.mdp import PARTS, OpenReward
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
-from kitchen_suite.vector_env.microwave_table import FrankaMicrowaveTableVectorEnv
+from kitchen_suite.vector_env.cabinets import FrankaMicrowaveTableVectorEnv
 
 
 class GentleReward(OpenReward):

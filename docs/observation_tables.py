@@ -9,7 +9,7 @@ from entity_tables import markdown
 from gymnasium import spaces
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.extra_observables import offered
+from kitchen_suite.tasks.observables import offered
 
 # What each camera is for; those of the robot are the same in all domains.
 _PURPOSES = MappingProxyType(

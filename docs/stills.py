@@ -11,8 +11,8 @@ from kitchen_suite.entities.joints import addresses
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.microwave_table.task import GOAL
+from kitchen_suite.tasks.observables import DEFAULT_SIZE
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
-from kitchen_suite.tasks.pictures import DEFAULT_SIZE
 
 DOCS = Path(__file__).parent
 PICTURE_HEIGHT, PICTURE_WIDTH = 480, 640

@@ -23,13 +23,14 @@ from variation_tables import VARIATION_TABLES
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import report as benchmark_report
 from kitchen_suite.entities import CabinetConfig
-from kitchen_suite.tasks import GOALS, Randomization, variations
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks import GOALS, Randomization
+from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
-from kitchen_suite.tasks.open_cabinet import grasp_reward as drawer_grasp_reward
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
+from kitchen_suite.tasks.open_cabinet import reward as drawer_grasp_reward
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
-from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS as DRAWER_INSTRUCTIONS
+from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
+from kitchen_suite.tasks.variations import distributions
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
 DOCS = Path(__file__).parent
@@ -50,7 +51,7 @@ def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, st
 def observation_table() -> str:
     """Returns the table of the 59 elements of the kitchen's observation."""
     kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
-    noise_scale = noise.scale(robot_ratio=0.01, object_ratio=0.0005)
+    noise_scale = observation.scale(robot_ratio=0.01, object_ratio=0.0005)
     parts = (
         ("franka/joint_positions", kitchen.robot.joints, False),
         ("franka/joint_velocities", kitchen.robot.joints, True),
@@ -189,7 +190,7 @@ def cabinet_randomization_table() -> str:
 
 def distribution_table() -> str:
     """Returns the table of the distributions that JSON describes, with their arguments."""
-    rows = [(f"`{name}`", ", ".join(each.arguments)) for name, each in variations.DISTRIBUTIONS.items()]
+    rows = [(f"`{name}`", ", ".join(each.arguments)) for name, each in distributions.DISTRIBUTIONS.items()]
     return markdown(("distribution", "arguments"), [*rows, ("`choice`", "the values, each with the same probability")])
 
 

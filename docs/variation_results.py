@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.varied import GROUPS, SPLITS
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 RESULTS = Path(__file__).parent / "benchmarks"
 

@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from kitchen_suite import suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.varied import SPLITS
+from kitchen_suite.tasks.variations.distributions import SPLITS
 
 PICTURES = Path(__file__).parent / "pictures"
 HEIGHT, WIDTH = 180, 240

@@ -10,13 +10,12 @@ from entity_tables import markdown
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.entities import surfaces
-from kitchen_suite.entities.props.burners import BURNERS
-from kitchen_suite.tasks import appearance
-from kitchen_suite.tasks.kitchen.done import DONE, done_parameter
-from kitchen_suite.tasks.sensing import sensing_parameters
-from kitchen_suite.tasks.variations import Bands, Choice
-from kitchen_suite.tasks.varied import GROUPS, Distribution, Varied
+from kitchen_suite.entities import appearance as surfaces
+from kitchen_suite.entities.props import BURNERS
+from kitchen_suite.tasks.episode import sensing_parameters
+from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
+from kitchen_suite.tasks.variations import appearance
+from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution, Varied
 
 _SURFACES = {
     "kitchen": surfaces.KITCHEN,

@@ -14,8 +14,8 @@ import numpy as np
 
 from kitchen_suite import policies, suite
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rendering.scene_recorder import SceneRecorder
 from kitchen_suite.rendering.web_page import WebPage
+from kitchen_suite.rendering.web_scenes import SceneRecorder
 
 STEPS = 280
 

@@ -1,9 +1,10 @@
 """Entities: the Franka, the props of kitchen and open_cabinet, and the arenas; each usable and viewable alone."""
 
 import kitchen_suite.rendering.choice  # noqa: F401
-from kitchen_suite.entities.props.cabinet import Cabinet
-from kitchen_suite.entities.props.cabinet_config import CabinetConfig
-from kitchen_suite.entities.props.kitchen import (
+from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, PANDA
+from kitchen_suite.entities.props import (
     Counter,
     HingeCabinet,
     Hood,
@@ -14,12 +15,14 @@ from kitchen_suite.entities.props.kitchen import (
     SlideCabinet,
     Walls,
 )
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
-from kitchen_suite.entities.robots.panda import PANDA
-from kitchen_suite.entities.scenes.kitchen import KitchenArena, build_kitchen_scene
-from kitchen_suite.entities.scenes.open_cabinet import OpenCabinetArena, OpenCabinetScene, build_open_cabinet_scene
-from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.entities.scenes import (
+    KitchenArena,
+    OpenCabinetArena,
+    OpenCabinetScene,
+    Scene,
+    build_kitchen_scene,
+    build_open_cabinet_scene,
+)
 
 __all__ = [
     "KITCHEN_FRANKA",

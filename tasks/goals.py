@@ -14,7 +14,7 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.instructions import checked, joined
 
 

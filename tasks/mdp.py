@@ -1,18 +1,104 @@
 """The interface of the tasks' Markov decision processes, which single and vectorised environments call alike."""
 
 import abc
+import functools
 import inspect
+import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import mujoco
 import numpy as np
 from dm_control import mjcf
 from dm_env import specs
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.tasks.simulation import Columns, Simulation
+from kitchen_suite.entities.franka import Franka
+
+
+class Reward(Protocol):
+    """A reward function; which values of a step it takes is the domain's own.
+
+    Attributes:
+      terms: names of the terms, which sum to the reward.
+    """
+
+    @property
+    def terms(self) -> tuple[str, ...]: ...
+
+    def __call__(self, *values: Any, **named: Any) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of a step by name."""
+
+
+def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Returns the reward `(...)`, the sum of its terms."""
+    return functools.reduce(operator.add, terms.values())
+
+
+Columns = NDArray[np.int64] | slice
+
+
+class Simulation(Protocol):
+    """Access to the fields of MuJoCo's data; arrays have a leading axis for each of many simulations."""
+
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+        """Returns columns `(..., k)` of a field: a copy, except for a slice, which is a live view.
+
+        A field of vectors, such as `xpos`, gives `(..., k, 3)`.
+
+        Args:
+          field: such as `qpos`.
+          columns: indices along the field's first axis, that of joints, bodies or sites.
+          order: memory order of a copy; `F` is faster where it is computed with column by column.
+        """
+
+    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+        """Sets columns `(..., k)` of a field."""
+
+
+def columns(indices: NDArray[np.int64]) -> Columns:
+    """Returns consecutive indices as a slice, which reads several times as fast, and others as they are."""
+    start, stop = int(indices[0]), int(indices[-1]) + 1
+    return slice(start, stop) if np.array_equal(indices, np.arange(start, stop)) else indices
+
+
+class PhysicsSimulation:
+    """The physics of a composer environment, while its model stays compiled; no leading axis."""
+
+    def __init__(self, physics: mjcf.Physics) -> None:
+        self._data = physics.data.ptr
+
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+        del order
+        return getattr(self._data, field)[columns]
+
+    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+        getattr(self._data, field)[columns] = values
+
+
+class BatchSimulation:
+    """The simulations of a batch; leading axis `(n,)`."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+        self._fields: dict[str, NDArray[np.float64]] = {}
+
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+        values = self._field(field)
+        if isinstance(columns, slice):
+            return values[:, columns]
+        return values.take(columns, axis=1) if order == "C" else values.T.take(columns, axis=0).T
+
+    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+        self._field(field)[:, columns] = values
+
+    def _field(self, name: str) -> NDArray[np.float64]:
+        """A field `(n, ...)` over all simulations; a live view."""
+        if name not in self._fields:
+            self._fields[name] = self._batch.bind(name)
+        return self._fields[name]
+
 
 Reading = TypeVar("Reading")
 Reading_co = TypeVar("Reading_co", covariant=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.joints import joint_types
-from kitchen_suite.entities.scenes.scene import Scene
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, goal_distances
 
 # Names of the criteria, the default first.

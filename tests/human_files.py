@@ -7,7 +7,7 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 
 # As D4RL has them: indices of the positions of a task's joints among the first 30 numbers of an observation.
 ELEMENTS = {

@@ -28,7 +28,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"

@@ -4,6 +4,7 @@ import concurrent.futures
 import itertools
 import multiprocessing
 import resource
+import signal
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks import child
 from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, DrawActions, VectorEnvFactory
 from kitchen_suite.benchmarks.speed import throughput
+from kitchen_suite.rendering import gl
+
+
+def prepare() -> None:
+    """Imports dm_control without a GL library, and lets Ctrl-C, which the command reports, end the process silently."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    gl.prepare(rendering=False)
+
 
 _MEBIBYTE = 2**20
 _SOAK_SAMPLES = 20
@@ -50,7 +58,7 @@ def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs
     executor = concurrent.futures.ProcessPoolExecutor(
         1,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=child.prepare,
+        initializer=prepare,
     )
     with executor:
         return executor.submit(memory_in_use, build, draw_actions, num_envs).result()

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.environment import Environment
-from kitchen_suite.rendering import light_meshes
+from kitchen_suite.rendering import quality
 
 HIGH, FAST, LIGHT = "high", "fast, without light meshes", "fast"
 
@@ -127,9 +127,9 @@ def suite_renderers(load: Callable[[str], Environment], size: int) -> dict[str, 
       size: width and height of the images [pixels].
     """
     environments = {HIGH: load("high")}
-    with mock.patch.object(light_meshes, "is_large", return_value=False):
+    with mock.patch.object(quality, "is_large", return_value=False):
         environments[FAST] = load("fast")
-    if not light_meshes.missing_packages():
+    if not quality.missing_packages():
         environments[LIGHT] = load("fast")
     return {name: _renderer(environment, size) for name, environment in environments.items()}
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.control_modes import poses
+from kitchen_suite.tasks import rotations
 
 # Modes with an action that leaves the end effector where it is, and those that can follow a line.
 HOLDING_MODES = ("joint_delta", "ee_delta_position", "ee_delta_pose", "ee_pose")
@@ -59,7 +59,7 @@ def _pose(bound: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def angle(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Returns the angle between two orientations `(4,)` [degrees]."""
-    return float(np.degrees(poses.length(poses.difference(one, other)).item()))
+    return float(np.degrees(rotations.length(rotations.difference(one, other)).item()))
 
 
 def pose_action(
@@ -67,9 +67,9 @@ def pose_action(
 ) -> NDArray[np.float64]:
     """Returns the action `(8,)` of `ee_pose` for a pose in the world, with an open gripper."""
     base, base_orientation = base_pose(environment)
-    inverse = poses.inverse(base_orientation)
+    inverse = rotations.inverse(base_orientation)
     return np.concatenate(
-        [poses.rotated(inverse, position - base), poses.product(inverse, orientation), [OPEN_GRIPPER]]
+        [rotations.rotated(inverse, position - base), rotations.product(inverse, orientation), [OPEN_GRIPPER]]
     )
 
 
@@ -159,7 +159,7 @@ def follow_line(environment: Environment, control_mode: str, axis: int, sign: in
     for number in range(count + REST_STEPS):
         start.move(direction * LINE_SPEED if number < count else np.zeros(3))
         present, turned = end_effector_pose(environment)
-        offsets.append(axes @ poses.rotated(poses.inverse(base), present - position))
+        offsets.append(axes @ rotations.rotated(rotations.inverse(base), present - position))
         angles.append(angle(turned, orientation))
     commanded = np.minimum(np.arange(1, count + REST_STEPS + 1), count) * LINE_SPEED * timestep
     return Line(np.array(offsets), commanded, np.array(angles))
@@ -177,7 +177,7 @@ class _Mover:
         environment = self._environment
         if self._mode == "ee_pose":
             step = velocity * environment.control_timestep()
-            self._position = self._position + poses.rotated(base_pose(environment)[1], step)
+            self._position = self._position + rotations.rotated(base_pose(environment)[1], step)
             action = pose_action(environment, self._position, self._orientation)
         else:
             action = holding_action(environment, self._mode)

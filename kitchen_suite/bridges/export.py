@@ -5,7 +5,7 @@ import importlib.metadata
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,15 +15,111 @@ import numpy as np
 from dm_env import specs
 
 from kitchen_suite import files
-from kitchen_suite.bridges import export_page
 from kitchen_suite.bridges.export_settings import ExportSettings
-from kitchen_suite.bridges.mjcf_values import write_values
-from kitchen_suite.bridges.model_difference import Difference, greatest_difference
+from kitchen_suite.bridges.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment import Environment
-from kitchen_suite.environment.physics_state import PHYSICS_STATE
-from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.gymnasium_env.varied import VARIATION_VALUES
+from kitchen_suite.environment.environment import PHYSICS_STATE
+from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+
+# File with the licence of the installed meshes and textures.
+LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"
+
+# Works in the folder, and those that its numbers come from.
+LICENCES = (
+    {
+        "of": "meshes and textures, and the parameters of the kitchen's furniture",
+        "source": "FrankaKitchen-v1 of Gymnasium-Robotics, https://github.com/Farama-Foundation/Gymnasium-Robotics",
+        "licence": f"MIT, Copyright 2022 Farama Foundation: {LICENCE_FILE}",
+    },
+    {
+        "of": "the kitchen's meshes and textures within it",
+        "source": "Relay Policy Learning, https://github.com/google-research/relay-policy-learning",
+        "licence": "Apache License 2.0, https://www.apache.org/licenses/LICENSE-2.0, Copyright 2020 Google LLC",
+    },
+    {
+        "of": "the Franka's meshes within it",
+        "source": "https://github.com/vikashplus/franka",
+        "licence": "Apache License 2.0, Copyright Vikash Kumar",
+    },
+    {
+        "of": "the MJCF",
+        "source": "Kitchen Suite, whose file NOTICE names the sources of its parameters",
+        "licence": "Apache License 2.0, Copyright 2026 The Kitchen Suite authors",
+    },
+)
+
+_PAGE = """\
+# {domain_name} {task_name}
+
+A scene exported by `kitchen-export`, which `mujoco` alone loads.
+
+| file | contents |
+| --- | --- |
+| `scene.mjb` | the environment's model, to the bit; for MuJoCo {mujoco} alone |
+| `scene.xml`, `assets/` | MJCF with meshes and textures, whose model differs by at most {difference} |
+| `state.npz` | state of the physics after the reset of seed {seed}, with `mjSTATE_INTEGRATION` |
+| `scene.json` | timesteps, actuators, action, joints, cameras, values of variations, licences |
+
+In fields that the physics depends on, `scene.xml` differs by at most {in_physics}. Its keyframe `{keyframe}` is for
+viewers: MuJoCo normalises quaternions in keyframes, so it may differ from the state in `state.npz`.
+
+## Stepping
+
+A control step of {control_timestep:g} s has {substeps} physics steps of {physics_timestep:g} s, with the same controls.
+
+```python
+import mujoco
+import numpy as np
+
+model = mujoco.MjModel.from_binary_path("scene.mjb")  # or from_xml_path("scene.xml")
+data = mujoco.MjData(model)
+state = np.load("state.npz")["integration"]
+mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+for controls in np.tile(data.qpos[[{robot_qpos}]], (10, 1)):
+    data.ctrl[:] = controls
+    mujoco.mj_step(model, data, {substeps})
+print(data.qpos)
+```
+
+Given the environment's controls, `data.qpos` and `data.qvel` are those of the environment, to the bit, on the same
+MuJoCo and kind of processor.
+
+## Action
+
+Control mode `{control_mode}`: {meaning}
+
+    {formula}
+
+`action` in `scene.json` has its elements and settings. `ctrl` has one target for each actuator, in the order of
+`actuators`.
+
+## Cameras
+
+{cameras}
+
+## Licences
+
+{licences}
+"""
+
+
+def page(record: Mapping[str, Any]) -> str:
+    """Returns the page of a scene with given metadata, those of its JSON file."""
+    action = record["action"]
+    positions = {joint["name"]: joint["qposadr"] for joint in record["joints"]}
+    return _PAGE.format(
+        **{name: record[name] for name in ("domain_name", "task_name", "seed", "keyframe")},
+        **{name: record[name] for name in ("control_timestep", "physics_timestep", "substeps")},
+        **{name: action[name] for name in ("control_mode", "meaning", "formula")},
+        mujoco=record["versions"]["mujoco"],
+        difference=Difference(**record["xml_greatest_difference"]),
+        in_physics=Difference(**record["xml_greatest_difference_in_physics"]),
+        robot_qpos=", ".join(str(positions[actuator["name"]]) for actuator in record["actuators"]),
+        cameras=", ".join(f"`{camera}`" for camera in record["cameras"]),
+        licences="\n".join(f"- {each['of']}: {each['source']}; {each['licence']}" for each in record["licences"]),
+    )
+
 
 XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE = (
     "scene.xml",
@@ -81,7 +177,7 @@ class ExportJob:
             differences = write_scene(folder, self._environment)
             record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
             (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            (folder / PAGE).write_text(export_page.page(record), encoding="utf-8")
+            (folder / PAGE).write_text(page(record), encoding="utf-8")
         print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._spec.seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")
         for name, difference in differences.items():
@@ -113,7 +209,7 @@ class ExportJob:
             ],
             "joints": [_joint(model, i) for i in range(model.njnt)],
             "cameras": [model.camera(i).name for i in range(model.ncam)],
-            "licences": export_page.LICENCES,
+            "licences": LICENCES,
         }
 
 
@@ -165,7 +261,7 @@ def _licence_texts() -> dict[str, str]:
     """Returns the texts of the licences of meshes and textures by file name."""
     found = importlib.metadata.distribution("gymnasium-robotics").files or ()
     texts = [path.read_text(encoding="utf-8") for path in found if path.name == "LICENSE"]
-    return {export_page.LICENCE_FILE: texts[0]} if texts else {}
+    return {LICENCE_FILE: texts[0]} if texts else {}
 
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:

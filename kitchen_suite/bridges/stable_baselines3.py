@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from kitchen_suite.vector_env import checks as vector_checks
-from kitchen_suite.vector_env.attributes import SHARED_ATTRIBUTES
-from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SuiteVectorEnv
 
 Indices = int | Iterable[int] | None
 

@@ -19,7 +19,7 @@ COMMAND = Command(
     name="kitchen-convert",
     description=__doc__,
     settings=ConvertSettings,
-    job="kitchen_suite.recordings.convert_job:ConvertJob",
+    job="kitchen_suite.recordings.human_data:ConvertJob",
     positional="source",
 )
 main, console_main = COMMAND.main, COMMAND.console_main

@@ -19,7 +19,7 @@ COMMAND = Command(
     name="kitchen-view",
     description=__doc__,
     settings=ViewSettings,
-    job="kitchen_suite.bridges.view_job:ViewJob",
+    job="kitchen_suite.bridges.viewer:ViewJob",
     renders=lambda settings: str(settings.task_kwargs.get("obs_type")).startswith("pixels"),
     needs=(("viser", "mjviser"), "web"),
 )

@@ -12,7 +12,7 @@ from kitchen_suite import checks
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.task import SuiteTask
 
 # Arguments of tasks that the builders set.
 SET_BY_BUILDERS = ("scene",)
@@ -153,9 +153,8 @@ def check_task_options(
     Raises:
       TypeError: there is no such argument.
     """
-    from kitchen_suite.tasks.observed import ObservedTask
-    from kitchen_suite.tasks.pictures import Pictures
-    from kitchen_suite.tasks.varied_task import VariedTask
+    from kitchen_suite.tasks.observables import ObservedTask, Pictures
+    from kitchen_suite.tasks.variations.variations import VariedTask
 
     takers: list[Callable[..., Any]] = [builder, task, VariedTask, ObservedTask, Pictures.build, *modes.values()]
     checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))

@@ -36,7 +36,7 @@ def microwave_table(
       TypeError: an argument of the wrong type, or an unknown one.
       ValueError: see `MicrowaveTableTask`; or the time limit is not positive and finite.
     """
-    from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+    from kitchen_suite.entities.scenes import build_microwave_table_scene
     from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, MicrowaveTableTask
 
     check_task_options(task_options, microwave_table, MicrowaveTableTask, CONTROL_MODES)
@@ -55,8 +55,8 @@ MICROWAVE_TABLE = Domain(
     build=microwave_table,
     tasks=MappingProxyType({"open": {}}),
     env_id="KitchenSuite/FrankaMicrowaveTable-v1",
-    env="kitchen_suite.gymnasium_env.microwave_table:FrankaMicrowaveTableEnv",
-    vector_env="kitchen_suite.vector_env.microwave_table:FrankaMicrowaveTableVectorEnv",
+    env="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
+    vector_env="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
     episode_steps=500,
     state_options=("gripper", *CONTROL_OPTIONS),
     cloning_options=("gripper", *CONTROL_OPTIONS),

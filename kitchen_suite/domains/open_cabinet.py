@@ -63,8 +63,8 @@ OPEN_CABINET = Domain(
     build=open_cabinet,
     tasks=MappingProxyType({f"{drawer}_drawer": {"drawer": drawer} for drawer in ("top", "bottom")}),
     env_id="KitchenSuite/FrankaOpenCabinet-v1",
-    env="kitchen_suite.gymnasium_env.open_cabinet:FrankaOpenCabinetEnv",
-    vector_env="kitchen_suite.vector_env.open_cabinet:FrankaOpenCabinetVectorEnv",
+    env="kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
+    vector_env="kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
     episode_steps=700,
     task_id="KitchenSuite/{}-v1",
     # Averaged weights: from one update to the next, the success of the policy itself swings by several percent.

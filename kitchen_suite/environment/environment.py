@@ -9,18 +9,96 @@ from typing import Any
 import dm_env
 import mujoco
 import numpy as np
-from dm_control import composer
+from dm_control import composer, mjcf
+from dm_control.mujoco import Camera
+from dm_control.mujoco.wrapper import MjData
 from dm_control.rl import control
 from dm_env import specs
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment import random_state as random_states
-from kitchen_suite.environment.composer_internals import check_private_names
-from kitchen_suite.environment.observation_updater import UnbufferedUpdater, is_unbuffered
-from kitchen_suite.environment.physics import Physics
-from kitchen_suite.environment.physics_state import PhysicsState
-from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.environment.composer import UnbufferedUpdater, check_private_names, is_unbuffered
+from kitchen_suite.rendering import gl
+from kitchen_suite.tasks.task import SuiteTask
+
+
+class Physics(mjcf.Physics):
+    """`mjcf.Physics` that keeps the scenes it renders.
+
+    Where nothing can be rendered, `render` raises a RuntimeError that names the remedy.
+    """
+
+    def render(
+        self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
+    ) -> NDArray:
+        """Returns an image as `mjcf.Physics.render` does.
+
+        dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
+        scenes of the model's cameras are kept until the GL context is freed.
+        """
+        if camera_id == -1 or options.get("scene_callback"):
+            return super().render(height, width, camera_id, *arguments, **options)
+        options.pop("scene_callback", None)
+        key = (height, width, camera_id)
+        if key not in self._cameras:
+            self._cameras[key] = Camera(self, height, width, camera_id)
+        # A copy, since a camera draws all its images into the same array.
+        return np.array(self._cameras[key].render(*arguments, **options))
+
+    def free_context(self) -> None:
+        """Frees the GL context; the next picture makes another."""
+        if self._contexts:
+            self._free_rendering_contexts()
+
+    def _make_rendering_contexts(self) -> None:
+        with gl.making_dm_control_context(self):
+            super()._make_rendering_contexts()
+
+    def _free_rendering_contexts(self) -> None:
+        self._cameras.clear()
+        super()._free_rendering_contexts()
+
+    def _reload_from_data(self, data: MjData) -> None:
+        # Not in the constructor, which copies do without.
+        self._cameras: dict[tuple[int, int, int | str], Camera] = {}
+        super()._reload_from_data(data)
+
+
+PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
+
+# Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
+_BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
+
+
+class PhysicsState:
+    """Reads and writes the state of simulations of one model.
+
+    Forces on bodies that hold only visual geoms are no part of it: a scene without visuals has no such bodies.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Finds the elements of MuJoCo's state vector that the scene has with and without visuals."""
+        self._model = model
+        self._is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
+        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(_BODY_FORCES) - 1))
+        forces = self._is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
+        forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
+
+    def read(self, data: mujoco.MjData) -> NDArray[np.float64]:
+        """Returns the state."""
+        state = np.empty(self._is_shared.size)
+        mujoco.mj_getState(self._model, data, state, PHYSICS_STATE)
+        return state[self._is_shared]
+
+    def write(self, data: mujoco.MjData, state: NDArray[np.float64]) -> None:
+        """Sets a state, with zero forces on bodies that hold only visual geoms."""
+        whole = np.zeros(self._is_shared.size)
+        whole[self._is_shared] = state
+        mujoco.mj_setState(self._model, data, whole, PHYSICS_STATE)
+
 
 check_private_names()
 

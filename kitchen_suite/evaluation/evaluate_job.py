@@ -6,21 +6,163 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from dm_control.rl.control import PhysicsError
+
 from kitchen_suite import files
-from kitchen_suite.evaluation import report
-from kitchen_suite.evaluation.episode_page import EpisodePage
-from kitchen_suite.evaluation.episode_results import EpisodeResult, score_episodes
+from kitchen_suite.benchmarks.report import Table
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
-from kitchen_suite.evaluation.plan import make_plan
+from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
+from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.evaluation.settings import EvaluateSettings
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
-from kitchen_suite.rollouts.controllers import PolicyController
+from kitchen_suite.rendering import cameras
+from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.page import Page, PageStep
 from kitchen_suite.rollouts.report import EpisodeBar, print_line
-from kitchen_suite.rollouts.runners import even_count
+from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
-from kitchen_suite.rollouts.vector_rollout import EndedEpisode, VectorRollout
+from kitchen_suite.rollouts.vector_rollout import EndedEpisode, PolicyController, VectorRollout, even_count
 from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# Scores that are means in a unit of their own; all others are rates.
+_MEANS = {
+    "mean_tasks": "mean tasks",
+    "mean_progress": "mean progress",
+    "control_steps": "control steps",
+    "score": "score",
+    "d4rl_score": "D4RL score",
+}
+
+
+def heading(description: Mapping[str, Any]) -> str:
+    """Returns the line above the scores: what is evaluated, and on which episodes."""
+    each = " of each condition" if len(description["conditions"]) > 1 else ""
+    return (
+        f"{description['domain_name']}, policy {description['policy']}, protocol {description['protocol']}: "
+        f"{_episodes(description['num_episodes'])}{each}, seeds from {description['seed']}"
+    )
+
+
+def condition(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
+    """Returns the tables of a condition: its scores with intervals, and the rates of single tasks if there are any.
+
+    Args:
+      name: of the condition.
+      task_name: its task.
+      num_episodes: number of its episodes.
+      scores: as `episode_results.score_episodes` returns them.
+    """
+    title = task_name if name == task_name else f"{name} ({task_name})"
+    intervals = scores["intervals"]
+    rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
+    if "order_entropy" in scores:
+        rows.append(("order entropy [bit]", f"{scores['order_entropy']:.2f}", ""))
+    parts = [Table((title, _episodes(num_episodes), "95 % interval"), rows).format("simple")]
+    if "task_rates" in scores:
+        tasks = [
+            (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
+            for task, row in scores["task_rates"].items()
+        ]
+        parts.append(Table(("task", "completed", "95 % interval", "where asked"), tasks).format("simple"))
+    if diverged := scores["diverged_seeds"]:
+        episodes = _episodes(len(diverged))
+        parts.append(
+            f"the physics diverged in {episodes}, counted as failures that completed nothing: seeds {diverged}"
+        )
+    return "\n\n".join(parts)
+
+
+def summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
+    """Returns the table of all conditions: a row for each, without intervals."""
+    keys = list(dict.fromkeys(key for each in scores.values() for key in each["intervals"]))
+    rows = [
+        (name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each))
+        for name, each in scores.items()
+    ]
+    return Table(("condition", *map(_label, keys), "order entropy [bit]"), rows).format("simple")
+
+
+def _episodes(count: int) -> str:
+    return f"{count} episode" + ("s" if count > 1 else "")
+
+
+def _entropy(scores: Mapping[str, Any]) -> str:
+    return f"{scores['order_entropy']:.2f}" if "order_entropy" in scores else ""
+
+
+def _label(key: str) -> str:
+    return _MEANS.get(key, key)
+
+
+def _text(key: str, value: float) -> str:
+    return f"{value:.4g}" if key in _MEANS else _percent(value)
+
+
+def _interval(key: str, interval: list[float] | None) -> str:
+    if interval is None:
+        return "none"
+    low, high = (_text(key, bound) for bound in interval)
+    return f"{low} to {high}"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.1f} %"
+
+
+class EpisodePage:
+    """Plays the first episodes of each condition again, one by one, for a web page, if one is asked for.
+
+    An episode depends on nothing but its seed: these are the episodes that were evaluated.
+    """
+
+    def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
+        """Checks that the page can be made.
+
+        Raises:
+          ImportError: the extra is missing.
+          ValueError: there is no such camera.
+        """
+        self._settings, self._plan = settings, plan
+        self._count = min(settings.web_episodes, plan.num_episodes)
+        self._page = Page(settings, num_episodes=self._count * len(plan.specs))
+        if settings.web:
+            with contextlib.closing(plan.first.make_environment()) as environment:
+                cameras.find_camera(suite_env(environment).environment.physics, settings.camera)
+
+    def write(self) -> None:
+        """Plays the episodes, and writes the page.
+
+        Raises:
+          OSError: the page cannot be written.
+          PolicyError: the policy raised an exception, or returned a bad action.
+        """
+        if self._settings.web is None:
+            return
+        with self._page.open() as show:
+            for name, spec in self._plan.specs.items():
+                self._play(f"{name}, " if len(self._plan.specs) > 1 else "", spec, show)
+
+    def _play(self, prefix: str, spec: RecordingSpec, show: PageStep) -> None:
+        """Plays the episodes of a condition, whose names begin with a prefix."""
+        rollout = SingleRollout(spec, visuals=True, **_light(spec))
+        environment = suite_env(rollout.environment).environment
+
+        def watch(buffer: EpisodeBuffer) -> None:
+            if not buffer.steps:
+                buffer.name = prefix + buffer.name
+            show(buffer, environment)
+
+        with contextlib.closing(rollout.environment):
+            for index in range(self._count):
+                # The page has an episode until its physics diverges.
+                with contextlib.suppress(PhysicsError):
+                    rollout.play(index, spec.seed + index, watch)
+
+
+def _light(spec: RecordingSpec) -> dict[str, str]:
+    """Returns the argument with which meshes are light, unless the episodes' pictures are of another quality."""
+    return {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
 
 
 class EvaluateJob:
@@ -57,7 +199,7 @@ class EvaluateJob:
           PolicyError: the policy raised an exception, or returned a bad action.
         """
         plan = self._plan
-        print_line(report.heading(plan.description))
+        print_line(heading(plan.description))
         scores: dict[str, dict[str, Any]] = {}
         successes = sum(result.success for result in self._results.values())
         with EpisodeBar(len(self._seeds), len(self._results), successes) as bar:
@@ -65,9 +207,9 @@ class EvaluateJob:
                 self._play(name, spec, bar)
                 results = [self._results[name, index] for index in range(plan.num_episodes)]
                 scores[name] = score_episodes(results, plan.score)
-                print_line(f"\n{report.condition(name, spec.task_name, plan.num_episodes, scores[name])}")
+                print_line(f"\n{condition(name, spec.task_name, plan.num_episodes, scores[name])}")
         if len(scores) > 1:
-            print_line(f"\n{report.summary(scores)}")
+            print_line(f"\n{summary(scores)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
                 partial.write_text(json.dumps(self._as_json(scores), indent=1) + "\n", encoding="utf-8")

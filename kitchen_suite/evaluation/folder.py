@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
-from kitchen_suite.evaluation.episode_results import EpisodeResult
+from kitchen_suite.evaluation.results import EpisodeResult
 
 DESCRIPTION_FILE = "evaluation.json"
 EPISODES_FILE = "episodes.jsonl"

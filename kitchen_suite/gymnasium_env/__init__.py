@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from kitchen_suite.suite import DOMAINS
 
 if TYPE_CHECKING:
+    from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv as FrankaMicrowaveTableEnv
+    from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv as FrankaOpenCabinetEnv
     from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv as FrankaKitchenEnv
-    from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv as FrankaMicrowaveTableEnv
-    from kitchen_suite.gymnasium_env.open_cabinet import FrankaOpenCabinetEnv as FrankaOpenCabinetEnv
 
 _CLASSES = {domain.env.rpartition(":")[2]: domain.env for domain in DOMAINS.values()}
 

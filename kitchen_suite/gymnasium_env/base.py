@@ -1,22 +1,204 @@
 """The base of the suite's Gymnasium environments: seeds, states, copies, rendering."""
 
 import abc
+import copy
+import dataclasses
+import math
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
 
 import gymnasium
 import numpy as np
+from dm_env import specs
+from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import layouts, rendering
-from kitchen_suite.gymnasium_env.choices import CHOICES, split_choices
-from kitchen_suite.gymnasium_env.control import action_space
-from kitchen_suite.gymnasium_env.copied import CopiedEnv
-from kitchen_suite.gymnasium_env.instructed import InstructedEnv
-from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations
-from kitchen_suite.gymnasium_env.varied import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, VariedEnv, request
+from kitchen_suite.gymnasium_env import observations, rendering
+from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
+from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.variations.variations import VariedTask
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ControlSettings:
+    """Arguments of the Gymnasium environments that choose what the action means.
+
+    See docs/control_modes.md for all modes, and for the arguments that belong to each.
+
+    Attributes:
+      control_mode: meaning of the action, such as `ee_delta_pose`; the domain's own when None.
+      linear_speed: speed that a unit of action stands for in the modes of the end effector [m/s].
+      angular_speed: angular speed that a unit of action stands for in `ee_delta_pose` [rad/s].
+      joint_speed: joint speed that a unit of action stands for in `joint_delta` [rad/s].
+      frame: `base` or `hand`: the axes of changes in the modes of the end effector.
+    """
+
+    control_mode: str | None = None
+    linear_speed: float | None = None
+    angular_speed: float | None = None
+    joint_speed: float | None = None
+    frame: str | None = None
+
+    def task_options(self) -> dict[str, Any]:
+        """Returns the arguments of the task."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
+
+
+def action_space(spec: specs.Array) -> spaces.Box:
+    """Returns the space of actions of a spec, in single precision."""
+    bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-np.inf, np.inf)
+    low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+class CopiedEnv(gymnasium.Env):
+    """An environment that is copied by its arguments and its state."""
+
+    @abc.abstractmethod
+    def get_state(self) -> dict[str, Any]:
+        """Returns the state on which later steps depend."""
+
+    @abc.abstractmethod
+    def set_state(self, state: Mapping[str, Any]) -> Any:
+        """Sets a state that `get_state` returned."""
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        """Stores the arguments, from which copies are built."""
+        self = super().__new__(cls)
+        self._arguments = copy.deepcopy((args, kwargs))
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "arguments": self._arguments,
+            "state": self.get_state(),
+            "seed": self._np_random_seed,
+            "spec": self.spec,
+        }
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self._arguments = args, kwargs = state["arguments"]
+        type(self).__init__(self, *args, **kwargs)
+        self.spec = state["spec"]
+        bit_generator = getattr(np.random, state["state"]["random"]["bit_generator"])
+        self.np_random = np.random.Generator(bit_generator())
+        self.set_state(state["state"])
+        self._np_random_seed = state["seed"]
+
+
+class InstructedEnv:
+    """An environment with the instructions of its task.
+
+    Attributes:
+      task: the instruction, under the name of LeRobot's environments and data sets.
+      task_description: the instruction, under the other name that LeRobot reads.
+    """
+
+    _environment: Environment
+
+    @property
+    def instruction(self) -> str:
+        """The task's sentence; the empty string if the task has none."""
+        return self._environment.task.instruction
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """The task's sentence, then paraphrases of it."""
+        return self._environment.task.instructions
+
+    task = task_description = instruction
+
+
+# Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
+VARIATION, VARIATION_VALUES = "variation", "variation_values"
+STATE, RESET_MASK = "state", "reset_mask"
+
+# Key of infos that hold strings.
+VARIATION_SPLIT = "variation_split"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VariationSettings:
+    """Arguments of the Gymnasium environments that choose what varies from episode to episode.
+
+    See docs/variations.md for all parameters.
+
+    Attributes:
+      variations: names of groups, such as `start`, alone, in a sequence or joined by commas; or distributions by
+        parameter, also as JSON describes them. Nothing varies when None.
+      variation_split: `seen` or `held_out`: which distributions the groups have.
+    """
+
+    variations: Any = None
+    variation_split: str = "seen"
+
+    def task_options(self) -> dict[str, Any]:
+        """Returns the arguments of the task that differ from its defaults."""
+        values = ((field.name, getattr(self, field.name), field.default) for field in dataclasses.fields(self))
+        return {name: value for name, value, default in values if value is not default}
+
+
+def space_of(task: VariedTask) -> spaces.Dict:
+    """Returns the space of the parameters that vary in a task, by name."""
+    boxes: dict[str, spaces.Space] = {
+        name: spaces.Box(varied.low, varied.high, varied.default.shape, np.float64)
+        for name, varied in task.wanted_variations.items()
+    }
+    return spaces.Dict(boxes)
+
+
+def request(task: SuiteTask, options: Mapping[str, Any]) -> None:
+    """Makes a task's next reset follow the options of a reset.
+
+    Raises as `VariedTask.variation_request` and `OptionedTask.reset_request`; the task is unchanged then.
+    """
+    own = task.reset_request(options)
+    chosen = task.variation_request(options.get(VARIATION), options.get(VARIATION_VALUES))
+    task.request_variation(chosen)
+    task.request_reset(own)
+
+
+class VariedEnv:
+    """An environment with the variations of its task."""
+
+    _environment: Environment
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """Ranges of the parameters that vary, by name; empty if nothing varies."""
+        return space_of(self._environment.task)
+
+    @property
+    def variation_values(self) -> dict[str, Any]:
+        """Values of these parameters in the present episode, in fresh arrays."""
+        return self._environment.task.variation_values
+
+    @property
+    def variation_split(self) -> str:
+        """`seen` or `held_out`."""
+        return self._environment.task.variation_split
+
+
+# Classes whose attributes are keyword arguments of every environment.
+CHOICES = (ObservationSettings, ControlSettings, VariationSettings)
+
+# Their values where they are omitted.
+DEFAULTS: Mapping[str, Any] = MappingProxyType(
+    {field.name: field.default for kind in CHOICES for field in dataclasses.fields(kind)}
+)
+
+
+def split_choices(choices: Mapping[str, Any]) -> tuple[ObservationSettings, ControlSettings, VariationSettings]:
+    """Returns what arguments choose of observation, control mode and variations; each is an attribute of `CHOICES`."""
+    observation, control, variation = (
+        {field.name: choices[field.name] for field in dataclasses.fields(kind) if field.name in choices}
+        for kind in CHOICES
+    )
+    return ObservationSettings(**observation), ControlSettings(**control), VariationSettings(**variation)
+
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -131,7 +313,7 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
     def _default_camera_config(self) -> dict[str, Any]:
         """Returns the attributes of the free camera."""
 
-    def _make_goals(self) -> layouts.Goals | None:
+    def _make_goals(self) -> observations.Goals | None:
         """Returns the layout of the goals; None in a domain without goals."""
         return None
 
@@ -293,3 +475,46 @@ def suite_env(environment: gymnasium.Env) -> SuiteEnv:
     inner = environment.unwrapped
     assert isinstance(inner, SuiteEnv)
     return inner
+
+
+class FlatEnv(SuiteEnv):
+    """An environment whose observation is one array, and whose infos are arrays of shape `()`.
+
+    Infos are those of the task's MDP, and `episode_step`, the number of control steps.
+    """
+
+    def __init__(self, *, action_limit: float | None, task_options: Mapping[str, Any], **settings: Any) -> None:
+        """Builds the environment.
+
+        Args:
+          action_limit: bound of the action space of `joint_offset`, to which actions are clipped; without bounds when
+            None. The other control modes have bounds of their own.
+          task_options: arguments of the domain's builder.
+          **settings: further arguments of `SuiteEnv`.
+
+        Raises:
+          TypeError: an argument of the wrong type, or an unknown one.
+          ValueError: an unknown name, or a number out of range.
+        """
+        limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
+        super().__init__(task_options=task_options, **settings)
+        (self._action_size,) = self._environment.action_spec().shape
+        # Modes with bounds of their own need no other.
+        has_bounds = isinstance(self._environment.action_spec(), specs.BoundedArray)
+        self._action_limit = math.inf if has_bounds else limit
+        if not has_bounds:
+            self.action_space = spaces.Box(-limit, limit, (self._action_size,), np.float32)
+
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Makes one control step; see `SuiteEnv.step`."""
+        if self._action_limit < math.inf:
+            # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
+            action = self.clip_actions(checks.vector(action, self._action_size, "action"))
+        return super().step(action)
+
+    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
+        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
+
+    def _get_info(self) -> dict[str, Any]:
+        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env import goal_rewards, layouts
-from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_env import observations
+from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
 from kitchen_suite.gymnasium_env.observations import ObservationConfig
-from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
-from kitchen_suite.tasks.kitchen.requested import REQUESTED
-from kitchen_suite.tasks.kitchen.state import KitchenState
+from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.tasks.success import Thresholds
 
 with contextlib.redirect_stderr(io.StringIO()):
@@ -58,7 +58,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
     observed = ObservationConfig(
-        obs_types=layouts.GOAL_LAYOUTS,
+        obs_types=observations.GOAL_LAYOUTS,
         default_cameras=("workspace",),
         robot_keys=("franka/joint_positions", "franka/joint_velocities"),
         dtype=np.float64,
@@ -193,9 +193,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         mdp = self._task.mdp
         return {REQUESTED: mdp.shown_mask(state).astype(np.float64)} if mdp.task_draw else {}
 
-    def _make_goals(self) -> layouts.Goals:
+    def _make_goals(self) -> observations.Goals:
         mask = spaces.Box(0.0, 1.0, (len(self._goals.tasks),), np.float64)
-        return layouts.Goals(
+        return observations.Goals(
             space=self._goal_space(),
             lay_out=self._lay_goals_out,
             by_key=self._goals_by_key,

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.policies.residual_network import ResidualNetwork, checked
-from kitchen_suite.policies.scales import Scales
+from kitchen_suite.policies.networks import ResidualNetwork, Scales, checked
 from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.task import SuiteTask
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

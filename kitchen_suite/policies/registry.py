@@ -21,12 +21,36 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies import policy_files
+from kitchen_suite.policies import stored
+from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.policies.trained import shipped
+from kitchen_suite.policies.trained import TrainedPolicy, shipped
+
+# Files of PPO do not name their algorithm.
+_DEFAULT = "ppo"
+
+_CLASSES: Mapping[str, Any] = MappingProxyType(
+    {_DEFAULT: TrainedPolicy, **{each.algorithm: each for each in (ClonedPolicy, FlowPolicy, TokenPolicy)}}
+)
+
+
+def load(path: Path) -> StoredPolicy:
+    """Reads a policy.
+
+    Raises:
+      OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
+      ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
+    """
+    arrays, metadata = stored.read(path)
+    try:
+        algorithm = checks.choice(metadata.get("algorithm", _DEFAULT), _CLASSES, "algorithm")
+        return _CLASSES[algorithm].from_arrays(arrays, metadata)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{stored.problem(path)}: {error}") from error
+
 
 if TYPE_CHECKING:
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.task import SuiteTask
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
 """Returns the action for a time step of the suite's environment."""
@@ -109,7 +133,7 @@ def _trained_builder(digest: str | None) -> PolicyBuilder:
 
 def _load_trained(path: Path, digest: str | None) -> StoredPolicy:
     """Reads a trained policy; raises a ValueError if its file has another SHA-256 than `digest`, if that is given."""
-    policy = policy_files.load(path)
+    policy = load(path)
     if digest is not None and files.file_digest(path) != digest:
         raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
     return policy

@@ -15,7 +15,7 @@ import kitchen_suite
 from kitchen_suite import files
 
 if TYPE_CHECKING:
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.task import SuiteTask
 
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1

@@ -14,7 +14,7 @@ from kitchen_suite.policies import stored
 from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
-    from kitchen_suite.tasks.base import SuiteTask
+    from kitchen_suite.tasks.task import SuiteTask
 
 # First parts of the names of each layer's arrays.
 _LAYER = ("weight", "bias")

@@ -5,25 +5,38 @@ observed, with their noise: the control mode `joint_velocity`.
 """
 
 import abc
+import collections
+import dataclasses
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tabulate
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from kitchen_suite import files
-from kitchen_suite.entities import Scene
+from kitchen_suite.entities import Scene, build_kitchen_scene
 from kitchen_suite.recordings import sources
-from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.recordings.minari_dataset import minari_root
+from kitchen_suite.recordings.settings import ConvertSettings
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
+from kitchen_suite.tasks.kitchen import observation
+from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.kitchen.observation import KitchenReading
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, in_order, order_of
+from kitchen_suite.tasks.task import Metrics
 
 # Numbers of an observation and of an action of the kitchen.
-STATE_SIZE, ACTION_SIZE = noise.AMPLITUDES.size, 9
+STATE_SIZE, ACTION_SIZE = observation.AMPLITUDES.size, 9
 
 # Positions of the robot and of the objects in an observation; D4RL's first 30 numbers are both, one after the other.
-ROBOT, OBJECTS = noise.SLICES[0], noise.SLICES[2]
+ROBOT, OBJECTS = observation.SLICES[0], observation.SLICES[2]
 POSITIONS = np.r_[ROBOT, OBJECTS]
 
 # D4RL's observations are the positions, then goals in the same layout, 0 where there is none.
@@ -222,3 +235,146 @@ def _check_actions(actions: NDArray, steps: int, what: str) -> None:
             f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s; absolute "
             "positions, as Diffusion Policy has them, are not converted"
         )
+
+
+def convert(task: KitchenTask, index: int, shown: Demonstration) -> tuple[EpisodeArrays, Metrics, list[str]]:
+    """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
+
+    Rewards, completions and infos are those that the task's MDP computes from the recorded positions.
+
+    Args:
+      task: the kitchen's, with `tasks_per_episode`.
+      index: number of the episode.
+      shown: the demonstration.
+
+    Returns:
+      The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
+    """
+    achieved, mdp = _achieved(task, shown), task.mdp
+    order = _completion_order(task, achieved)
+    noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT]
+    readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
+    state = mdp.asked(mdp.initial_state(readings[0], noise), order)
+    buffer = EpisodeBuffer(_observation(task, state, shown.observations[0]), _info(task, state, 0))
+    for step, action in enumerate(shown.actions, start=1):
+        reading = readings[step]
+        state = mdp.step(state, action=action, target=reading.positions, reading=reading, draws=noise)
+        is_last = step == len(shown.actions)
+        buffer.add(
+            np.asarray(action, np.float32),
+            _observation(task, state, shown.observations[step]),
+            float(mdp.reward(state)),
+            False,
+            is_last,
+            _info(task, state, step),
+        )
+    completed = task.tasks_in(order)
+    instruction = task.instructions_in(order)[0] if completed else ""
+    episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
+    return episode, {**task.metrics(episode.last_info), "success": bool(completed)}, completed
+
+
+def _achieved(task: KitchenTask, shown: Demonstration) -> NDArray[np.float64]:
+    """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
+    objects = shown.observations[:, OBJECTS]
+    parts = []
+    for name in task.task_names:
+        goal = GOALS[name]
+        parts.append(shown.achieved.get(name, objects[:, task.scene.elements(goal.prop, goal.joints)]))
+    return np.concatenate(parts, axis=1)
+
+
+def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Returns the order `(n,)` in which the tasks are first complete after a step; -1 for those that never are."""
+    mdp = task.mdp
+    within = mdp.success.within(achieved, mdp.goals.distances(achieved))[1:]
+    first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
+    return order_of(in_order(first), first.size)
+
+
+def _observation(task: KitchenTask, state: KitchenState, observed: NDArray[np.float64]) -> dict[str, Any]:
+    """Returns the observation as `FrankaKitchen` lays it out."""
+    goals = task.mdp.goals
+    return {
+        "observation": observed,
+        "achieved_goal": goals.split(state.achieved),
+        "desired_goal": goals.split(goals.desired),
+        REQUESTED: task.mdp.shown_mask(state).astype(np.float64),
+    }
+
+
+def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
+    info = task.mdp.info(state)
+    return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
+
+
+# Any number of the seven tasks is asked; episodes go on after their last completion.
+_TASK = "all"
+_TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
+
+# Stands for the policy in the recording.
+_POLICY = "human"
+
+
+class ConvertJob:
+    """Converts demonstrations to a recording."""
+
+    failures = (OSError,)
+    usage_errors = (ValueError,)
+
+    def __init__(self, settings: ConvertSettings) -> None:
+        """Opens the data, and starts the recording.
+
+        Raises:
+          ImportError: an extra is missing.
+          OSError: the data cannot be read, or the folder cannot be written to.
+          ValueError: the data have another layout, or the folder holds another recording.
+        """
+        self._settings = settings
+        base = RecordingSpec.make(
+            domain_name="kitchen",
+            task_name=_TASK,
+            task_kwargs=_TASK_KWARGS,
+            policy="zero",
+            seed=0,
+            seeding="gymnasium",
+            max_episode_steps=None,
+        )
+        # The MDP needs no physics.
+        self._task = KitchenTask(build_kitchen_scene(visuals=False), **_TASK_KWARGS)
+        with minari_root(settings.data_path):
+            self._data = open_data(settings.source, self._task.scene)
+        if not len(self._data):
+            raise ValueError(f"{settings.source} holds no episodes of two or more observations")
+        origin = {"format": self._data.format, "source": settings.source}
+        spec = dataclasses.replace(base, policy=_POLICY, origin=origin)
+        self._folder = RecordingFolder.claim(settings.output, spec)
+        self._finished = 0
+
+    def progress(self) -> str:
+        return f"after {self._finished} of {len(self._data)} episodes; the same command completes the recording"
+
+    def run(self) -> bool:
+        """Converts the episodes; prints how many there are, and which tasks they complete."""
+        tasks: collections.Counter[str] = collections.Counter()
+        numbers: collections.Counter[int] = collections.Counter()
+        goals: set[str] = set()
+        steps = 0
+        with minari_root(self._settings.data_path):
+            for index, shown in enumerate(tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)):
+                episode, metrics, completed = convert(self._task, index, shown)
+                self._folder.save(episode, EpisodeStats.of(episode, metrics))
+                tasks.update(completed)
+                numbers[len(completed)] += 1
+                goals |= {*shown.goals}
+                steps += episode.steps
+                self._finished += 1
+        print(f"{self._finished} episodes of {self._settings.source} ({self._data.format}), {steps} control steps")
+        print(f"goals of the data: {', '.join(sorted(goals)) or 'none of the suite'}\n")
+        by_task = [(task, tasks[task]) for task in self._task.task_names]
+        print(tabulate.tabulate(by_task, ("task", "episodes that complete it"), tablefmt="simple"), "\n")
+        print(tabulate.tabulate(sorted(numbers.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
+        if not self._data.has_velocities:
+            print("velocities were not recorded: policies that are trained on these episodes act on positions alone")
+        print(f"recording in {self._settings.output}")
+        return True

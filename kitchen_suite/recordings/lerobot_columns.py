@@ -14,7 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.gymnasium_env.layouts import picture_key
+from kitchen_suite.gymnasium_env.observations import picture_key
 from kitchen_suite.recordings.settings import OBS_TYPES
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
 

@@ -18,12 +18,7 @@ import numpy as np
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.recordings.datasets import DatasetPlan
-from kitchen_suite.recordings.lerobot_columns import (
-    LeRobotObservations,
-    dataset_features,
-    digest,
-    frames_per_second,
-)
+from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features, digest, frames_per_second
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec

@@ -16,9 +16,9 @@ from kitchen_suite.recordings.settings import RecordSettings
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
-from kitchen_suite.rollouts.runners import VectorRunner, even_count, play_many
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.measured import Metrics
+from kitchen_suite.rollouts.vector_rollout import VectorRunner, even_count, play_many
+from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 

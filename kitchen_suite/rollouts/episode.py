@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.tasks.measured import Metrics
+from kitchen_suite.tasks.task import Metrics
 
 STEP_ARRAYS = ("action", "reward", "termination", "truncation")
 

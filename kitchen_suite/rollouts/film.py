@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, video
 from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.page import Page
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.settings import FilmSettings
 
@@ -85,3 +86,31 @@ class Film:
     def _render(self) -> NDArray[np.uint8]:
         settings = self._settings
         return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)
+
+
+class Views:
+    """The film and the web page of a command, each if it is asked for."""
+
+    def __init__(
+        self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
+    ) -> None:
+        """Checks that they can be made; arguments are those of `Film`.
+
+        Raises:
+          ImportError: an extra is missing.
+          ValueError: there is no such camera, or the pictures are too large.
+        """
+        self._environment = environment
+        self._film = Film(settings, environment, num_episodes=num_episodes, max_steps=max_steps)
+        self._page = Page(settings, num_episodes=settings.web_episodes)
+
+    @contextlib.contextmanager
+    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+        """Yields a function that shows the present step."""
+        with self._film.open() as film_step, self._page.open() as page_step:
+
+            def show(buffer: EpisodeBuffer) -> None:
+                film_step(buffer)
+                page_step(buffer, self._environment)
+
+            yield show

@@ -11,7 +11,7 @@ from typing import Any
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.measured import Metrics
+from kitchen_suite.tasks.task import Metrics
 
 SPEC_FILE = "recording.json"
 _PATTERN = "episode_*.npz"

@@ -8,8 +8,8 @@ from typing import Any
 from kitchen_suite import files
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, viser_servers
-from kitchen_suite.rendering.scene_recorder import SceneRecorder
 from kitchen_suite.rendering.web_page import WebPage
+from kitchen_suite.rendering.web_scenes import SceneRecorder
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.settings import PageSettings

@@ -14,13 +14,13 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
+from kitchen_suite.rollouts.film import Views
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
-from kitchen_suite.rollouts.runners import SingleRunner
 from kitchen_suite.rollouts.settings import RolloutSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.rollouts.views import Views
+from kitchen_suite.rollouts.vector_rollout import SingleRunner
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 

@@ -1,18 +1,99 @@
 """The loop that plays episodes in vectorised environments, each from its own seed."""
 
 import collections
+import contextlib
 import dataclasses
 import itertools
+import math
 import time
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
+import dm_env
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.rollouts.controllers import BatchStep, Controller
+from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
+from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator
 from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+
+class BatchStep(NamedTuple):
+    """Observations and rewards of all environments after a step or a reset.
+
+    Attributes:
+      observations: of the vectorised observation space.
+      rewards: `(n,)`, of the last step.
+      is_first: `(n,)`, whether the last call was a reset.
+      is_playing: `(n,)`, whether an episode is in progress; elsewhere observations and actions mean nothing.
+    """
+
+    observations: Any
+    rewards: NDArray[np.float64]
+    is_first: NDArray[np.bool_]
+    is_playing: NDArray[np.bool_]
+
+
+class Controller(Protocol):
+    """Chooses the actions of all environments."""
+
+    def start(self, i: int, seed: int) -> None:
+        """Prepares for an episode of a seed in environment `i`."""
+
+    def act(self, step: BatchStep) -> NDArray:
+        """Returns the actions `(n, ...)`."""
+
+
+class PolicyController:
+    """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
+
+    def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
+        """Prepares to build policies.
+
+        Args:
+          environments: in which they act.
+          build_policy: builds the policy of an episode.
+        """
+        self._environments, self._build_policy = environments, build_policy
+        assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
+        self._space = environments.single_action_space
+        self._policies: dict[int, Policy] = {}
+
+    def start(self, i: int, seed: int) -> None:
+        self._policies[i] = self._build_policy(self._environments.template_env.environment, policy_generator(seed))
+
+    def act(self, step: BatchStep) -> NDArray:
+        actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
+        # Policies act on the time steps of dm_env, in rollouts as in recordings.
+        observations = self._environments.suite_observations()
+        for i in np.flatnonzero(step.is_playing).tolist():
+            actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
+        return actions
+
+    def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
+        timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
+        # Clipped here, so that the recorded action is the applied one.
+        action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)
+        if np.abs(action).max() > np.finfo(self._space.dtype).max:
+            raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
+        return action
+
+
+class NetworkController:
+    """Acts by a function of the observations of all environments at once."""
+
+    def __init__(self, network: Callable[[Any], NDArray]) -> None:
+        """Takes a function from vectorised observations to actions `(n, ...)`."""
+        self._network = network
+
+    def start(self, i: int, seed: int) -> None:
+        del i, seed
+
+    def act(self, step: BatchStep) -> NDArray:
+        return self._network(step.observations)
 
 
 @dataclasses.dataclass
@@ -215,3 +296,52 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
     merged = old.copy()
     merged[mask] = new[mask]
     return merged
+
+
+def play_many(
+    spec: RecordingSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
+) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
+    """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
+
+    Args:
+      spec: specification of the episodes.
+      waiting: numbers and seeds of episodes; it may grow while they are played.
+      num_envs: number of environments.
+      num_threads: number of threads that step them.
+    """
+    with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
+        controller = PolicyController(environments, spec.find_policy())
+        for index, episode in VectorRollout(environments, controller).play(waiting):
+            yield index, episode.collect() if episode else None
+
+
+def even_count(num_episodes: int, num_envs: int) -> int:
+    """Returns the number of environments, at most `num_envs`, of which all play episodes to the end."""
+    rounds = math.ceil(num_episodes / num_envs)
+    return math.ceil(num_episodes / rounds)
+
+
+class SingleRunner:
+    """Plays its episodes one after the other."""
+
+    def __init__(self, spec: RecordingSpec) -> None:
+        self._rollout = SingleRollout(spec)
+        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+
+    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays]:
+        self._waiting.extend(more)
+        index, seed = self._waiting.popleft()
+        return index, self._rollout.play(index, seed)
+
+
+class VectorRunner:
+    """Plays many of its episodes at once."""
+
+    def __init__(self, spec: RecordingSpec, num_envs: int, num_threads: int) -> None:
+        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+        self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
+
+    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:
+        """Returns the next episode to end, None if its physics has diverged."""
+        self._waiting.extend(more)
+        return next(self._episodes)

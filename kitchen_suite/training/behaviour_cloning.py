@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import choices
+from kitchen_suite.gymnasium_env import base
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
@@ -96,7 +96,7 @@ def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
     environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
     parameter = inspect.signature(environment).parameters.get(name)
-    default = {name: parameter.default if parameter else choices.DEFAULTS[name]}
+    default = {name: parameter.default if parameter else base.DEFAULTS[name]}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
 

@@ -1,16 +1,75 @@
 """Proximal policy optimisation (PPO), in plain PyTorch."""
 
 import collections
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, cast
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from kitchen_suite.training.batch import Batch, advantages
+from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.networks import Policy
-from kitchen_suite.training.standardisation import RunningScaler
+from kitchen_suite.training.networks import CLIP, Policy, RunningScaler, build_network
+
+
+class Batch:
+    """Control steps of all environments, time first.
+
+    Attributes:
+      observations: `(t, n, m)`, before each step.
+      actions: `(t, n, k)`, in units of the policy's scale.
+      log_densities: `(t, n)`, logarithms of the densities of the actions.
+      rewards: `(t, n)`, scaled.
+      ended: `(t, n)`, whether a step ended an episode.
+      next_observations: `(n, m)`, after the last step.
+    """
+
+    def __init__(self, steps: int, count: int, observation_size: int, action_size: int) -> None:
+        """Allocates the tensors for `steps` of `count` environments."""
+        self.observations = torch.empty(steps, count, observation_size)
+        self.actions = torch.empty(steps, count, action_size)
+        self.log_densities, self.rewards = torch.empty(steps, count), torch.empty(steps, count)
+        self.ended = torch.empty(steps, count, dtype=torch.bool)
+        self.next_observations = torch.empty(count, observation_size)
+        self._truncated: list[tuple[int, int, torch.Tensor]] = []
+
+    def clear(self) -> None:
+        """Forgets the truncated episodes of the last batch; everything else is overwritten."""
+        self._truncated = []
+
+    def add_truncated(self, step: int, i: int, observation: torch.Tensor) -> None:
+        """Adds the last observation `(m,)` of an episode of environment `i` that a step truncated."""
+        self._truncated.append((step, i, observation))
+
+    def last_observations(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Returns steps `(k,)`, environments `(k,)` and last observations `(k, m)` of the truncated episodes."""
+        steps, indices, observations = zip(*self._truncated, strict=True) if self._truncated else ((), (), ())
+        stacked = torch.stack(observations) if observations else self.observations[:0, 0]
+        return torch.tensor(steps, dtype=torch.long), torch.tensor(indices, dtype=torch.long), stacked
+
+
+def advantages(
+    rewards: torch.Tensor, values: torch.Tensor, ended: torch.Tensor, *, discount: float, gae_lambda: float
+) -> torch.Tensor:
+    """Returns the generalised advantage estimates `(t, n)` (GAE).
+
+    Args:
+      rewards: `(t, n)`; where a step truncated an episode, with the discounted value of its last observation.
+      values: `(t + 1, n)`, of the observations before each step, and after the last one.
+      ended: `(t, n)`, whether a step ended an episode: what follows it belongs to another one.
+      discount: discount factor.
+      gae_lambda: lambda.
+    """
+    goes_on = (~ended).float()
+    errors = rewards + discount * goes_on * values[1:] - values[:-1]
+    estimates, last = torch.empty_like(errors), torch.zeros_like(errors[0])
+    for step in reversed(range(len(errors))):
+        last = errors[step] + discount * gae_lambda * goes_on[step] * last
+        estimates[step] = last
+    return estimates
+
 
 # Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
 _LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
@@ -197,3 +256,81 @@ class Agent:
                 group["lr"] = max(group["lr"] / _RATE_FACTOR, least)
             elif divergence < target / _TOLERANCE:
                 group["lr"] = min(group["lr"] * _RATE_FACTOR, greatest)
+
+
+# Added to the standard deviation of returns.
+_VALUE_EPSILON = 1e-8
+
+
+def build_agent(observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> Agent:
+    """Returns a new agent.
+
+    Args:
+      observation_size: length of the flat observation.
+      action_space: of one environment.
+      config: the hyperparameters.
+
+    Raises:
+      ValueError: the hyperparameter `action_scale` does not fit the action space.
+    """
+    return Agent(
+        Policy(observation_size, _action_scale(action_space, config), config),
+        build_network([observation_size, *config.hidden, 1]),
+        RunningScaler(observation_size, config.standardisation_epsilon),
+        RunningScaler(1, _VALUE_EPSILON),
+        config,
+    )
+
+
+def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Tensor:
+    """Returns the action `(k,)` for network outputs of one.
+
+    Raises:
+      ValueError: its length is not that of an action.
+    """
+    if action_space.shape != (len(config.action_scale),):
+        raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
+    return torch.tensor(config.action_scale)
+
+
+def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
+    """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
+    scaler, policy = agent.observation_scaler, cast(Policy, agent.average.module)
+    layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
+    return TrainedPolicy(
+        mean=_array(scaler.running_mean),
+        deviation=_array(scaler.deviation),
+        clip=CLIP,
+        weights=tuple(_array(layer.weight) for layer in layers),
+        biases=tuple(_array(layer.bias) for layer in layers),
+        action_scale=_array(policy.scale),
+        metadata=metadata,
+    )
+
+
+@torch.no_grad()
+def load_policy(agent: Agent, policy: TrainedPolicy) -> None:
+    """Gives an agent the network of a trained policy, and its standardisation for good; the values are not known.
+
+    Raises:
+      ValueError: the networks have other layers, or other units of actions.
+    """
+    own = export_policy(agent, {})
+    if policy.layers != own.layers:
+        raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
+    if not np.array_equal(policy.action_scale, own.action_scale):
+        raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
+    layers = (layer for layer in agent.policy.network if isinstance(layer, torch.nn.Linear))
+    for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+        layer.weight.copy_(torch.as_tensor(weight))
+        layer.bias.copy_(torch.as_tensor(bias))
+    agent.restart_average()
+    scaler = agent.observation_scaler
+    scaler.running_mean.copy_(torch.as_tensor(policy.mean))
+    scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
+    scaler.freeze()
+
+
+def _array(tensor: torch.Tensor) -> np.ndarray:
+    # A copy: the tensor goes on changing in training.
+    return np.array(tensor.detach().numpy(), np.float32)

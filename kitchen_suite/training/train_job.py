@@ -22,11 +22,9 @@ from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError
-from kitchen_suite.training.learning import Training
-from kitchen_suite.training.reinforcement import PPOTraining
-from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
+from kitchen_suite.training.reinforcement import PPOTraining, make_spec
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason, Training
 from kitchen_suite.training.settings import ALGORITHMS, PPO, TrainSettings
-from kitchen_suite.training.specs import make_spec
 
 # Below the success rate and mean return of any evaluation.
 _NO_RESULT = (-1.0, 0.0)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from kitchen_suite.suite import DOMAINS
 
 if TYPE_CHECKING:
+    from kitchen_suite.vector_env.cabinets import FrankaMicrowaveTableVectorEnv as FrankaMicrowaveTableVectorEnv
+    from kitchen_suite.vector_env.cabinets import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
     from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv
-    from kitchen_suite.vector_env.microwave_table import FrankaMicrowaveTableVectorEnv as FrankaMicrowaveTableVectorEnv
-    from kitchen_suite.vector_env.open_cabinet import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
 
 _CLASSES = {domain.vector_env.rpartition(":")[2]: domain.vector_env for domain in DOMAINS.values()}
 

@@ -1,5 +1,8 @@
 """Many episodes of one task, stepped in one call of MuJoCo's batched stepping."""
 
+import ctypes
+import os
+import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,12 +13,30 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
-from kitchen_suite.tasks import sensing
-from kitchen_suite.tasks.mdp import MEDIAN
-from kitchen_suite.tasks.simulation import BatchSimulation
-from kitchen_suite.tasks.variation_request import VariationRequest
-from kitchen_suite.vector_env import batching
-from kitchen_suite.vector_env.forks import leak_in_forks
+from kitchen_suite.tasks import episode
+from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
+from kitchen_suite.tasks.variations.randomizer import VariationRequest
+from kitchen_suite.vector_env import checks
+
+_batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
+
+
+def leak_in_forks(batch: Batch) -> None:
+    """Leaks a batch in every process forked from now on.
+
+    Its destructor joins its threads, which do not survive a fork: a forked process that destroyed it would never end.
+    """
+    _batches.add(batch)
+
+
+def _leak() -> None:
+    for batch in _batches:
+        # Module globals are destroyed when the interpreter ends, so no Python reference lasts for ever.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leak)
 
 
 class BatchEpisodes:
@@ -54,12 +75,12 @@ class BatchEpisodes:
         model, randomizer = environment.physics.model.ptr, self._task.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
-            self._model_fields[name] = batching.repeat(getattr(model, name), count)
+            self._model_fields[name] = checks.repeat(getattr(model, name), count)
         self.streams = [random_state.Stream(None) for _ in range(count)]
-        self.state: Any = batching.repeat(self._task.state, count)
-        self.command: Any = batching.repeat(self._task.command, count)
-        self._sensing: Any = batching.repeat(self._task.sensing, count)
-        self._variation: Any = batching.repeat(self._task.variation_info, count)
+        self.state: Any = checks.repeat(self._task.state, count)
+        self.command: Any = checks.repeat(self._task.command, count)
+        self._sensing: Any = checks.repeat(self._task.sensing, count)
+        self._variation: Any = checks.repeat(self._task.variation_info, count)
         self._shown_variation: dict[str, Any] | None = None
         self._requests: dict[int, VariationRequest] = {}
         self._own_requests: dict[int, Any] = {}
@@ -107,7 +128,7 @@ class BatchEpisodes:
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
             task = self._task
-            batching.put(arrays, i, (task.state, task.command, task.sensing, task.variation_info))
+            checks.put(arrays, i, (task.state, task.command, task.sensing, task.variation_info))
             if self._extras:
                 self._extra_values[i] = self._extras.values
         for name, values in carried.items():
@@ -137,7 +158,7 @@ class BatchEpisodes:
         target, self.command = mdp.action_mode.control(
             self._simulation, self.state, self.command, actions, self._draw_actions(stepping)
         )
-        applied, self._sensing = sensing.applied(self._sensing, target)
+        applied, self._sensing = episode.applied(self._sensing, target)
         self._simulation.write("ctrl", mdp.sensors.ctrl, applied)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
@@ -146,7 +167,7 @@ class BatchEpisodes:
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
         reading = mdp.sensors.read(self._simulation)
-        draws = sensing.scaled(self._sensing, self._draws)
+        draws = episode.scaled(self._sensing, self._draws)
         state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=draws)
         self.state = state if everyone else self._carry(state, alive)
         self.steps += stepping
@@ -188,7 +209,7 @@ class BatchEpisodes:
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
-        return batching.copied(self._variation)
+        return checks.copied(self._variation)
 
     def shown_variation(self) -> dict[str, Any]:
         """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
@@ -197,8 +218,8 @@ class BatchEpisodes:
         """
         if self._shown_variation is None:
             everyone = np.full(self.steps.shape, True)
-            self._shown_variation = batching.read_only(batching.with_masks(self.variation_info(), everyone))
-        return batching.fresh_dicts(self._shown_variation)
+            self._shown_variation = checks.read_only(checks.with_masks(self.variation_info(), everyone))
+        return checks.fresh_dicts(self._shown_variation)
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""
@@ -207,3 +228,35 @@ class BatchEpisodes:
             getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
         mujoco.mj_forward(model, data)
+
+
+class BatchPictures:
+    """The pictures of many episodes, rendered one after the other by the environment that starts them.
+
+    An episode is rendered again only after it has moved.
+    """
+
+    def __init__(self, environment: Environment, episodes: BatchEpisodes) -> None:
+        """Prepares to take the pictures of the environment's task.
+
+        Args:
+          environment: with the compiled model; nothing else may step it.
+          episodes: that are shown.
+        """
+        self._episodes, count = episodes, episodes.steps.size
+        pictures = environment.task.pictures
+        self._takers = pictures.takers(environment.physics)
+        specs = {key: taker.array_spec for key, taker in pictures.by_name.items()}
+        self._present = {key: np.zeros((count, *spec.shape), spec.dtype) for key, spec in specs.items()}
+
+    def take(self) -> dict[str, NDArray]:
+        """Returns the present pictures `(n, height, width, channels)` by observation key, in fresh arrays."""
+        if not self._takers:
+            return {}
+        moved = self._episodes.has_moved
+        for i in np.flatnonzero(moved).tolist():
+            self._episodes.show(i)
+            for key, take in self._takers.items():
+                self._present[key][i] = take()
+        moved[:] = False
+        return {key: array.copy() for key, array in self._present.items()}

@@ -8,10 +8,10 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
-from kitchen_suite.gymnasium_env.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
 from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
-from kitchen_suite.gymnasium_env.varied import VARIATION_SPLIT
-from kitchen_suite.tasks.kitchen.requested import REQUESTED
+from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Attributes that depend on the tasks asked.

@@ -10,13 +10,80 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.tasks.control_modes import poses
-from kitchen_suite.tasks.control_modes.arm import Arm
-from kitchen_suite.tasks.control_modes.joints import unit_spec
-from kitchen_suite.tasks.control_modes.servos import Gripper
-from kitchen_suite.tasks.mdp import ActionMode
-from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.tasks import rotations
+from kitchen_suite.tasks.control_modes import inverse_kinematics
+from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, ArmServos, Gripper, unit_spec
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns
+
+# Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
+# Longer, and it lags behind; shorter, and the servos' torques reach their limits.
+_LEAST_RESPONSE, _RESPONSE_STEPS = 0.05, 1.25
+
+# Rate at which the null space of the end effector's pose returns to the posture of the reset [1/s].
+_POSTURE_RATE = 0.25
+
+
+class Arm:
+    """Kinematics of the arm in a compiled scene, for one simulation or many.
+
+    Attributes:
+      servos: of its joints.
+    """
+
+    def __init__(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
+        """Looks up joints, end effector and base.
+
+        Args:
+          physics: the compiled scene.
+          robot: the robot; attached to a frame of its own.
+          timestep: length of a control step [s].
+        """
+        self.servos = ArmServos(physics, robot)
+        site, base = robot.end_effector, mjcf.get_attachment_frame(robot.mjcf_model)
+        self._joints = columns(physics.bind(robot.joints[:ARM_SIZE]).element_id)
+        self._site, self._body, self._base = (
+            np.atleast_1d(physics.bind(element).element_id) for element in (site, site.parent, base)
+        )
+        self._site_quat = np.array(physics.bind(site).quat)
+        self._response = max(_LEAST_RESPONSE, _RESPONSE_STEPS * timestep)
+
+    def pose(self, simulation: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns the end effector's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
+        body = simulation.read("xquat", self._body)[..., 0, :]
+        return simulation.read("site_xpos", self._site)[..., 0, :], rotations.product(body, self._site_quat)
+
+    def base_pose(self, simulation: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns the base's position `(..., 3)` [m] and orientation `(..., 4)` in the world."""
+        return simulation.read("xpos", self._base)[..., 0, :], simulation.read("xquat", self._base)[..., 0, :]
+
+    def target(
+        self, simulation: Simulation, error: NDArray[np.float64], posture: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Returns targets `(..., 7)` of the arm's servos that move the end effector towards its target [rad].
+
+        Args:
+          simulation: the physics.
+          error: `(..., 6)`, the target's offset from the end effector in the world: position [m], rotation vector.
+          posture: `(..., 7)`, joint positions to which the null space returns [rad].
+        """
+        servos, present = self.servos, self.servos.positions(simulation)
+        # A joint that stands beyond its limit may stay there.
+        low, high = np.minimum(servos.low - present, 0.0), np.maximum(servos.high - present, 0.0)
+        step = inverse_kinematics.joint_step(
+            inverse_kinematics.jacobian(
+                simulation.read("site_xpos", self._site)[..., 0, :],
+                simulation.read("xanchor", self._joints),
+                simulation.read("xaxis", self._joints),
+            ),
+            error,
+            posture=self._response * _POSTURE_RATE * (posture - present),
+            low=low,
+            high=high,
+        )
+        # All joints then move with the same time constant, and the end effector on a straight line.
+        return servos.target(simulation, present + servos.lag / self._response * step)
+
 
 FRAMES = ("base", "hand")
 
@@ -73,10 +140,10 @@ class EndEffectorMode(ActionMode):
         asked = self._asked(simulation, command, action)
         position, orientation = self._arm.pose(simulation)
         # The pose that is asked for, brought near the actual one.
-        offset = poses.within(asked.position - position, COMMAND_DISTANCE)
-        turn = poses.within(poses.difference(asked.orientation, orientation), COMMAND_ANGLE)
+        offset = rotations.within(asked.position - position, COMMAND_DISTANCE)
+        turn = rotations.within(rotations.difference(asked.orientation, orientation), COMMAND_ANGLE)
         held = PoseCommand(
-            position + offset, poses.product(poses.quaternion(turn), orientation), posture=command.posture
+            position + offset, rotations.product(rotations.quaternion(turn), orientation), posture=command.posture
         )
         arm = self._arm.target(simulation, np.concatenate([offset, turn], axis=-1), command.posture)
         return np.concatenate([arm, self._gripper.target(action[..., -1:])], axis=-1), self._kept(command, held)
@@ -108,7 +175,7 @@ class _DeltaMode(EndEffectorMode):
     ) -> NDArray[np.float64]:
         """Returns vectors `(..., 3)` of the action's frame in the world."""
         frame = self._arm.base_pose(simulation)[1] if self.frame == "base" else command.orientation
-        return poses.rotated(frame, vectors)
+        return rotations.rotated(frame, vectors)
 
 
 class EndEffectorDeltaPosition(_DeltaMode):
@@ -169,7 +236,7 @@ class EndEffectorDeltaPose(_DeltaMode):
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         turn = self._in_world(simulation, command, self.angular_speed * self._timestep * action[..., 3:6])
         moved = self._moved(simulation, command, action)
-        return moved._replace(orientation=poses.product(poses.quaternion(turn), command.orientation))
+        return moved._replace(orientation=rotations.product(rotations.quaternion(turn), command.orientation))
 
 
 class EndEffectorPose(EndEffectorMode):
@@ -183,11 +250,11 @@ class EndEffectorPose(EndEffectorMode):
         return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
 
     def check(self, action: NDArray[np.float64]) -> None:
-        if (least := poses.length(np.clip(action[..., 3:7], -1.0, 1.0)).min()) < _LEAST_NORM:
+        if (least := rotations.length(np.clip(action[..., 3:7], -1.0, 1.0)).min()) < _LEAST_NORM:
             raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {least:g}")
 
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         base, base_orientation = self._arm.base_pose(simulation)
-        position = base + poses.rotated(base_orientation, REACH * action[..., :3])
-        unit = action[..., 3:7] / poses.length(action[..., 3:7])
-        return command._replace(position=position, orientation=poses.product(base_orientation, unit))
+        position = base + rotations.rotated(base_orientation, REACH * action[..., :3])
+        unit = action[..., 3:7] / rotations.length(action[..., 3:7])
+        return command._replace(position=position, orientation=rotations.product(base_orientation, unit))

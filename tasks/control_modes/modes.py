@@ -11,8 +11,7 @@ from kitchen_suite.tasks.control_modes.end_effector import (
     EndEffectorDeltaPosition,
     EndEffectorPose,
 )
-from kitchen_suite.tasks.control_modes.joint_offset import JointOffset
-from kitchen_suite.tasks.control_modes.joints import JointDelta, JointPosition
+from kitchen_suite.tasks.control_modes.joints import JointDelta, JointOffset, JointPosition
 from kitchen_suite.tasks.mdp import ActionMode
 
 # Modes that every domain has.

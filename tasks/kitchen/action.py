@@ -8,13 +8,12 @@ from dm_env import specs
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.robots.franka import Franka
+from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks.control_modes.joints import unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
-from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.state import KitchenState
-from kitchen_suite.tasks.mdp import ActionMode
-from kitchen_suite.tasks.simulation import Simulation
+from kitchen_suite.tasks.kitchen import observation
+from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.mdp import ActionMode, Simulation
 
 PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]
@@ -127,13 +126,13 @@ def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64
         return state.target
     if feedback == "true":
         return state.positions
-    return state.positions + state.noise[..., noise.SLICES[0]]
+    return state.positions + state.noise[..., observation.SLICES[0]]
 
 
 def _observed_target(state: NDArray, action: NDArray) -> NDArray[np.float64]:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
-    return position_target(state[noise.SLICES[0]], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
+    return position_target(state[observation.SLICES[0]], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
 
 
 def position_target(

@@ -3,12 +3,181 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import NamedTuple
 
-from numpy.typing import ArrayLike
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import ArrayLike, NDArray
 
+from kitchen_suite.entities import Scene
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
-from kitchen_suite.tasks.kitchen.reverse_goals import REVERSES, reverse_goals
+
+_ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
+_FINGERS = (0.0479267505, 0.0371350919)
+
+# By prop.
+_OBJECTS = {
+    "oven": (
+        *(-0.00026627985, -5.18043486e-05),
+        *(3.1287722e-05, -4.51199853e-05),
+        *(-3.90842156e-06, -4.22629655e-05),
+        *(6.28065475e-05, 4.04984708e-05),
+    ),
+    "hood": (0.000462730939, -0.000226906415),
+    "slide_cabinet": (-0.000465501369,),
+    "hinge_cabinet": (-0.00644129196, -0.00177048263),
+    "microwave": (0.00108009684,),
+    "kettle": (-0.26939744, 0.350383255, 1.61944683, 1.00618764, 0.0040639512, -0.00662095997, -0.000268278933),
+}
+
+# A kettle that starts on a burner stays on it: half of the distance between burners [m].
+_BURNER_RADIUS = 0.2
+
+INITIAL_QPOS = np.array([*_ARM, *_FINGERS, *in_observed_order(_OBJECTS)])
+
+
+def initial_positions(prop: str, joints: Sequence[str] | None = None) -> tuple[float, ...]:
+    """Returns the initial positions of a prop's joints, or of some of them, which are hinges or slides [rad, m]."""
+    positions: tuple[float, ...] = _OBJECTS[prop]
+    return positions if joints is None else tuple(positions[JOINT_NAMES[prop].index(name)] for name in joints)
+
+
+class Start(NamedTuple):
+    """Where the joints of a goal start an episode.
+
+    Attributes:
+      prop: name of the prop.
+      columns: `(k,)`, indices in qpos.
+      positions: `(k,)`, positions at the start [rad, m, quaternion].
+      low: `(k,)`, least positions to which variations of the start may displace the joints.
+      high: `(k,)`, greatest ones.
+    """
+
+    prop: str
+    columns: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    def allows(self, qpos: NDArray[np.float64]) -> bool:
+        """Whether the joints are within their bounds."""
+        positions = qpos[self.columns]
+        return bool(((self.low <= positions) & (positions <= self.high)).all())
+
+
+def starts(goals: Mapping[str, Goal], scene: Scene, physics: mjcf.Physics) -> dict[str, Start]:
+    """Returns the starts of the goals that have one, by task; hinges and slides start within their ranges."""
+    return {
+        task: _start(goal, goal.start, goal.joints_in(scene), physics)
+        for task, goal in goals.items()
+        if goal.start is not None
+    }
+
+
+def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:
+    columns, _ = addresses(physics, joints)
+    positions = np.array(values)
+    if len(joints) == positions.size:
+        low, high = physics.bind(joints).range.T
+        return Start(goal.prop, columns, np.clip(positions, low, high), low, high)
+    reach = np.array([_BURNER_RADIUS] * 3 + [np.inf] * 4)
+    return Start(goal.prop, columns, positions, positions - reach, positions + reach)
+
+
+# The task that each of these undoes.
+REVERSES: Mapping[str, str] = MappingProxyType(
+    {
+        "close microwave": "microwave",
+        "close slide cabinet": "slide cabinet",
+        "close hinge cabinet": "hinge cabinet",
+        "close left hinge cabinet": "left hinge cabinet",
+        "turn off bottom burner": "bottom burner",
+        "turn off top burner": "top burner",
+        "turn off bottom right burner": "bottom right burner",
+        "turn off top right burner": "top right burner",
+        "turn off light switch": "light switch",
+        "return kettle": "kettle",
+    }
+)
+
+# Joints of those that look at fewer joints than the task that they undo.
+_JOINTS = {"close hinge cabinet": ("right_hinge_cabinet",)}
+
+_INSTRUCTIONS = {
+    "close microwave": (
+        "close the microwave door",
+        "close the microwave",
+        "push the door of the microwave shut",
+        "swing the microwave door shut",
+    ),
+    "close slide cabinet": (
+        "close the slide cabinet",
+        "slide the cabinet door shut",
+        "slide the door of the cabinet to the left",
+        "push the sliding door of the cabinet shut",
+    ),
+    "close hinge cabinet": (
+        "close the right door of the hinge cabinet",
+        "close the hinge cabinet on its right side",
+        "push the right door of the hinge cabinet shut",
+        "swing the right door of the hinge cabinet shut",
+    ),
+    "close left hinge cabinet": (
+        "close the left door of the hinge cabinet",
+        "close the hinge cabinet on its left side",
+        "push the left door of the hinge cabinet shut",
+        "swing the left door of the hinge cabinet shut",
+    ),
+    "turn off light switch": (
+        "turn off the light switch",
+        "switch off the light",
+        "flip the light switch on the hood back",
+        "turn off the light above the stove",
+    ),
+    "return kettle": (
+        "move the kettle back to the bottom left burner",
+        "put the kettle back on the bottom left burner",
+        "place the kettle on the bottom left burner",
+        "return the kettle to the bottom left burner",
+    ),
+    **{
+        f"turn off {place} burner": (
+            f"turn off the {position} burner",
+            f"switch off the {position} burner",
+            f"turn the knob of the {position} burner back",
+            f"put out the {position} burner of the stove",
+        )
+        for place, position in (
+            ("bottom", "bottom left"),
+            ("top", "top left"),
+            ("bottom right", "bottom right"),
+            ("top right", "top right"),
+        )
+    },
+}
+
+
+def reverse_goals(forward: Mapping[str, Goal]) -> dict[str, Goal]:
+    """Returns the goals of `REVERSES`, given those that they undo: they start there and lead to the initial state."""
+    return {task: _reverse(forward[undone], task) for task, undone in REVERSES.items()}
+
+
+def _reverse(forward: Goal, task: str) -> Goal:
+    joints = _JOINTS.get(task, forward.joints)
+    # The last values of the forward goal are those of the joints that the reverse looks at.
+    value = initial_positions(forward.prop, joints)
+    return Goal(
+        prop=forward.prop,
+        joints=joints,
+        value=value,
+        start=forward.value[-len(value) :],
+        handle=forward.handle,
+        instructions=_INSTRUCTIONS[task],
+    )
+
 
 # Distance below which a task counts as complete, over all joints of the task together [rad, m]; as in the reference.
 THRESHOLD = 0.3

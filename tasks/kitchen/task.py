@@ -11,29 +11,274 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
+from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.scenes.arena import SiteArena
+from kitchen_suite.entities.scenes import SiteArena
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.highlighting import GoalHighlighting
-from kitchen_suite.tasks.indices import SceneIndices
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.episode import scaled
+from kitchen_suite.tasks.goals import Goal, Progress
+from kitchen_suite.tasks.instructions import joined
+from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.done import done_parameter
-from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS, OUT_OF_REACH, THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS, Start, starts
-from kitchen_suite.tasks.kitchen.mdp import KitchenMDP
-from kitchen_suite.tasks.kitchen.observables import KitchenObservables
-from kitchen_suite.tasks.kitchen.progress import KitchenProgress
-from kitchen_suite.tasks.kitchen.requested import TaskDraw, checked_in_turn, checked_limit
+from kitchen_suite.tasks.kitchen.goals import (
+    DEFAULT_TASKS,
+    GOALS,
+    INITIAL_QPOS,
+    OUT_OF_REACH,
+    THRESHOLD,
+    Start,
+    build_goals,
+    starts,
+)
+from kitchen_suite.tasks.kitchen.mdp import REQUESTED_ORDER, KitchenMDP, KitchenState, as_dict, from_dict
+from kitchen_suite.tasks.kitchen.observation import KitchenObservables, KitchenSensors
+from kitchen_suite.tasks.kitchen.requests import (
+    REQUESTED,
+    TaskDraw,
+    checked_in_turn,
+    checked_limit,
+    checked_order,
+    checked_weights,
+    in_order,
+    order_of,
+    requested_order,
+)
 from kitchen_suite.tasks.kitchen.reward import REWARDS
-from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
-from kitchen_suite.tasks.kitchen.state import KitchenState, as_dict, from_dict
-from kitchen_suite.tasks.kitchen.variations import VARIED
-from kitchen_suite.tasks.randomizer import Values
-from kitchen_suite.tasks.sensing import scaled
-from kitchen_suite.tasks.success import Thresholds, make_success
-from kitchen_suite.tasks.varied_task import START_DISTANCE
+from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter, may_be_done
+from kitchen_suite.tasks.sensors import SceneIndices
+from kitchen_suite.tasks.success import Thresholds, ThresholdSuccess, make_success
+from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, SuiteTask
+from kitchen_suite.tasks.variations.randomizer import Values
+from kitchen_suite.tasks.variations.variations import START_DISTANCE
+
+
+class RequestingTask(SuiteTask):
+    """A task of the kitchen's MDP that asks for some of its configured tasks in each episode, or for all of them."""
+
+    reset_options = (REQUESTED,)
+    _mdp: KitchenMDP
+    _state: KitchenState
+    # Order of the episode that starts; `()` if all tasks are asked.
+    _start_order: NDArray[np.int64] | tuple[()] = ()
+    _requested: NDArray[np.int64] | None = None
+    _task_weights: NDArray[np.float64] | None = None
+
+    @property
+    def drawn_tasks(self) -> tuple[str, ...]:
+        return self._mdp.goals.tasks if self._mdp.task_draw else ()
+
+    @property
+    def task_names(self) -> tuple[str, ...]:
+        return self._mdp.goals.tasks
+
+    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
+        state, names = super().policy_inputs(observation, tasks), self.task_names
+        # The observation of the tasks asked is the last one, or the end of a flat one.
+        requested = [*observation.values()][-1][-len(names) :] if self._mdp.task_draw else np.ones(len(names))
+        asked = {name for name, is_asked in zip(names, requested > 0.5, strict=True) if is_asked}
+        return np.concatenate([state, [float(task in asked) for task in tasks]])
+
+    @property
+    def requested_tasks(self) -> list[str]:
+        """Tasks that the episode asks for, in the order asked; all in configured order without `tasks_per_episode`."""
+        return self.tasks_in(self._state.requested_order)
+
+    def tasks_in(self, order: NDArray[np.int64] | tuple[()]) -> list[str]:
+        """Returns the tasks that an order `(n,)` asks for; all for `()`."""
+        tasks = self._mdp.goals.tasks
+        return [*tasks] if isinstance(order, tuple) else [tasks[index] for index in in_order(order)]
+
+    def instructions_in(self, order: NDArray[np.int64] | tuple[()]) -> tuple[str, ...]:
+        """Returns the instructions of the tasks that an order `(n,)` asks for; those of all for `()`."""
+        goals = self._mdp.goals
+        if isinstance(order, tuple):
+            return goals.instructions
+        return joined(goals.goals[index].instructions for index in in_order(order))
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        return self.instructions_in(self._mdp.shown_order(self._state) if self._state else ())
+
+    @property
+    def task_weights(self) -> NDArray[np.float64]:
+        """Weights `(n,)` with which later episodes draw the tasks that they ask for, in configured order; 1 by default.
+
+        May be set to an array, or to numbers by task; tasks left out have the weight 1. The same random numbers are
+        drawn, whatever the weights. Part of the task's state.
+
+        Raises:
+          TypeError: the weights are no numbers.
+          ValueError: the task was built without `tasks_per_episode`, a task is unknown, a weight is negative or not
+            finite, or fewer tasks have a positive weight than an episode may ask for.
+        """
+        return np.ones(len(self._mdp.goals.tasks)) if self._task_weights is None else self._task_weights.copy()
+
+    @task_weights.setter
+    def task_weights(self, value: ArrayLike | Mapping[str, float]) -> None:
+        draw = self._mdp.task_draw
+        if draw is None:
+            raise ValueError("every task is asked in every episode: build the environment with tasks_per_episode")
+        weights = checked_weights(value, self._mdp.goals.tasks)
+        if np.count_nonzero(weights) < draw.most:
+            raise ValueError(f"task_weights must be positive for at least {draw.most} tasks, got {weights}")
+        self._task_weights = weights
+
+    def reset_request(self, options: Mapping[str, Any]) -> NDArray[np.int64] | None:
+        if options.get(REQUESTED) is None:
+            return None
+        if self._mdp.task_draw is None:
+            raise ValueError(
+                f"{REQUESTED} cannot be chosen, as every episode asks for all tasks: build the environment with "
+                "tasks_per_episode"
+            )
+        return requested_order(options[REQUESTED], self._mdp.goals.tasks)
+
+    def request_reset(self, request: NDArray[np.int64] | None) -> None:
+        self._requested = request
+
+    def recorded_options(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
+        orders = arrays.get(f"info/{REQUESTED_ORDER}")
+        if orders is None or self._mdp.task_draw is None:
+            return {}
+        order = checked_order(orders[0], len(self._mdp.goals.tasks), f"recorded {REQUESTED_ORDER}")
+        return {REQUESTED: self.tasks_in(order)}
+
+    def _observed_requests(self) -> NDArray[np.float64]:
+        """Returns the observation `requested_tasks`, `(n,)`."""
+        return self._mdp.shown_mask(self._state).astype(np.float64)
+
+    def _may_be_done(self) -> dict[str, Goal]:
+        """Returns the goals of the tasks that may be done at the start of the episode that starts."""
+        return may_be_done(self.tasks_in(self._start_order))
+
+    def _saved_requests(self) -> dict[str, NDArray]:
+        """Returns what the task's state holds for draws of later episodes."""
+        return {} if self._mdp.task_draw is None else {"task_weights": self.task_weights}
+
+    def _restore_requests(self, state: Mapping[str, Any]) -> None:
+        """Sets what `_saved_requests` returned, after checking the order of the present episode."""
+        if self._mdp.task_draw is not None:
+            checked_order(state["requested_order"], len(self._mdp.goals.tasks), "state's requested_order")
+            self.task_weights = state["task_weights"]
+
+    def _draw_tasks(self, random_state: np.random.RandomState) -> None:
+        """Draws the tasks that the episode asks for, or discards the draw for a request."""
+        if self._mdp.task_draw is None:
+            return
+        drawn = self._mdp.task_draw.draw(random_state, self.task_weights)
+        self._start_order = drawn if self._requested is None else self._requested
+        self._requested = None
+
+    def _initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
+        state: KitchenState = super()._initial_state(draws)
+        return state if isinstance(self._start_order, tuple) else self._mdp.asked(state, self._start_order)
+
+    def _prepare_requests(self) -> None:
+        """Makes the state before the first reset ask for all tasks."""
+        if self._mdp.task_draw is not None:
+            count = len(self._mdp.goals.tasks)
+            self._start_order = order_of(range(count), count)
+
+    def _is_asked(self) -> NDArray[np.bool_]:
+        """Returns which tasks `(n,)` the episode that starts asks for."""
+        if isinstance(self._start_order, tuple):
+            return np.full(len(self._mdp.goals.tasks), True)
+        return self._start_order >= 0
+
+
+class KitchenProgress(RequestingTask):
+    """A task of the kitchen's MDP that reports how far its episode has come."""
+
+    _reward_name: str
+    _success_options: Mapping[str, Any]
+
+    @property
+    def success_options(self) -> dict[str, Any]:
+        """The arguments `success` and `threshold` that the task was given."""
+        return dict(self._success_options)
+
+    @property
+    def threshold(self) -> float | dict[str, float] | None:
+        """Distance from the goal below which a task is complete [rad, m], by task if they differ; None if `strict`."""
+        if not isinstance(self._mdp.success, ThresholdSuccess):
+            return None
+        thresholds = self._mdp.success.thresholds
+        if isinstance(thresholds, float):
+            return thresholds
+        return dict(zip(self._mdp.goals.tasks, thresholds.tolist(), strict=True))
+
+    @property
+    def reward_name(self) -> str:
+        """Key of the reward function in `REWARDS`."""
+        return self._reward_name
+
+    @property
+    def reward_terms(self) -> dict[str, float]:
+        """The terms of the last step's reward by name; zeros before the first step of an episode."""
+        return {name: float(term) for name, term in self._mdp.terms(self._state).items()}
+
+    @property
+    def progress(self) -> Progress:
+        """Completion of the tasks; arrays of shape `(n,)`, in configured order."""
+        return self._state.progress
+
+    @property
+    def task_distances(self) -> NDArray[np.float64]:
+        """Distance of each task from its goal, in configured order [rad, m]."""
+        return self._state.distances.copy()
+
+    @property
+    def tasks_to_complete(self) -> list[str]:
+        """Tasks still to be completed, in configured order."""
+        return self._mdp.goals.names(self.progress.remaining)
+
+    @property
+    def step_task_completions(self) -> list[str]:
+        """Tasks rewarded in the last step, in configured order."""
+        return self._mdp.goals.names(self.progress.completions)
+
+    @property
+    def episode_task_completions(self) -> list[str]:
+        """Tasks completed in this episode, in order of completion."""
+        return list(self.completion_steps)
+
+    @property
+    def completion_steps(self) -> dict[str, int]:
+        """Control step, from 1, at which each task was first completed, in order of completion."""
+        return self._mdp.goals.by_completion(self.progress.completion_steps)
+
+    def metrics(self, infos: Mapping[str, Any]) -> Metrics:
+        """Returns whether all tasks asked were completed, and the control step of each completion."""
+        completions = self.completions_in(infos)
+        steps = self._mdp.goals.by_completion(completions.steps)
+        return {"success": len(steps) == int(completions.asked.sum()), "tasks_completed": steps}
+
+    def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
+        """Returns the number of completed tasks."""
+        return infos["episode_task_completions_mask"].sum(axis=-1)
+
+    def completions_in(self, infos: Mapping[str, Any]) -> Completions:
+        tasks = self._mdp.goals.tasks
+        asked = infos.get(f"{REQUESTED}_mask", np.full(len(tasks), True))
+        return Completions(tuple(tasks), asked, infos["completion_steps"])
+
+    def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
+        achieved, goals = self._recorded_goals(arrays), self._mdp.goals
+        distances = arrays.get("info/task_distances") if achieved is None else goals.distances(achieved)
+        within = None if distances is None else self._mdp.success.within_recorded(achieved, distances)
+        if within is None:
+            return None
+        asked = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
+        return goals.tasks, within if asked is None else within & (asked > 0)
+
+    def _recorded_goals(self, arrays: Mapping[str, NDArray]) -> NDArray[np.float64] | None:
+        """Returns the achieved goals `(T + 1, k)` in a recording, if it has them."""
+        key = "observation/achieved_goal"
+        by_task = [f"{key}/{task}" for task in self._mdp.goals.tasks]
+        if arrays.keys() >= {*by_task}:
+            return np.concatenate([arrays[name] for name in by_task], axis=1)
+        return arrays.get(key)
+
 
 TIME_LIMIT = 22.4  # [s], 280 control steps
 

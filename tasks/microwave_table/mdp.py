@@ -8,10 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.mdp import MDP, ActionMode
-from kitchen_suite.tasks.rewards import total
+from kitchen_suite.tasks.mdp import MDP, ActionMode, Simulation, total
 from kitchen_suite.tasks.sensors import FeatureSensors
-from kitchen_suite.tasks.simulation import Simulation
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]

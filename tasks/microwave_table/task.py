@@ -2,6 +2,7 @@
 
 import collections
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -12,18 +13,13 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.scenes.arena import SiteArena
-from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks.base import SuiteTask
-from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN, JointOffset
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.scenes import Scene, SiteArena
+from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.goals import Goal, GoalSet
-from kitchen_suite.tasks.highlighting import GoalHighlighting
-from kitchen_suite.tasks.indices import SceneIndices
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
-from kitchen_suite.tasks.measured import Metrics
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     PARTS,
@@ -33,10 +29,48 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableState,
     OpenReward,
 )
-from kitchen_suite.tasks.microwave_table.variations import VARIED
-from kitchen_suite.tasks.randomizer import Values
-from kitchen_suite.tasks.sensors import FeatureSensors
-from kitchen_suite.tasks.varied_task import START_DISTANCE
+from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
+from kitchen_suite.tasks.task import GoalHighlighting, Metrics, SuiteTask
+from kitchen_suite.tasks.variations import appearance as looks
+from kitchen_suite.tasks.variations.distributions import Varied, around, between, one_of
+from kitchen_suite.tasks.variations.randomizer import Values
+from kitchen_suite.tasks.variations.variations import START_DISTANCE
+
+START = (
+    around("franka/joint_offset", "start", default=np.zeros(7), seen=0.05, held_out=0.1),
+    between("microwave/door", "start", default=0.0, seen=(-0.2, 0.0), held_out=[(-0.35, -0.2)]),
+)
+
+# Pose of the microwave on the table [m, rad].
+LAYOUT = (
+    around("microwave/offset", "layout", default=(0.0, 0.0, 0.0), seen=(0.03, 0.05, 0.0), held_out=(0.05, 0.08, 0.0)),
+    around("microwave/yaw", "layout", default=-math.pi / 2, seen=0.1, held_out=0.15),
+)
+
+DYNAMICS = (
+    around("franka/gain_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
+    around("franka/damping_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
+    around("microwave/damping_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5),
+    around("microwave/friction_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5),
+)
+
+SENSING = (one_of("sensing/action_delay", "sensing", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),)
+
+APPEARANCE = (
+    *looks.ROOM,
+    looks.color("walls/", looks.PAINT, default=(0.88, 0.86, 0.82)),
+    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
+    looks.color("table/", looks.TINT, default=(1, 1, 1)),
+    looks.texture("table/", seen=(0, 1), held_out=(2, 3)),
+    looks.color("table/leg_", looks.LACQUER, default=(0.36, 0.47, 0.53)),
+    looks.color("pedestal/", looks.GREY, default=(0.55, 0.56, 0.58)),
+    *looks.MICROWAVE,
+)
+
+CAMERA = looks.cameras({"overview": 40, "left": 44, "right": 44, "franka/wrist": 75, "franka/hand": 80})
+
+VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+
 
 GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
 

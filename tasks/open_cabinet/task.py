@@ -12,26 +12,39 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
-from kitchen_suite.entities.props.cabinet import DRAWERS
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.scenes.scene import Scene
-from kitchen_suite.tasks.base import SUCCESS_RGBA, SuiteTask
-from kitchen_suite.tasks.control_modes.joint_offset import GRIPPER_OPEN
+from kitchen_suite.entities.cabinet import DRAWERS
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.measured import Metrics
+from kitchen_suite.tasks.mdp import columns
 from kitchen_suite.tasks.open_cabinet import observation
-from kitchen_suite.tasks.open_cabinet.features import Features
-from kitchen_suite.tasks.open_cabinet.grasp_reward import GraspReward
-from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS
-from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
-from kitchen_suite.tasks.open_cabinet.observables import OpenCabinetObservables
-from kitchen_suite.tasks.open_cabinet.randomization import Randomization, scene_parameters
-from kitchen_suite.tasks.open_cabinet.reward import RewardTerms, reward_terms
-from kitchen_suite.tasks.open_cabinet.sensors import OpenCabinetSensors
-from kitchen_suite.tasks.open_cabinet.state import OpenCabinetState
-from kitchen_suite.tasks.open_cabinet.variations import VARIED
-from kitchen_suite.tasks.randomizer import Randomizer
-from kitchen_suite.tasks.simulation import columns
+from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP, OpenCabinetState
+from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
+from kitchen_suite.tasks.open_cabinet.reward import GraspReward, RewardTerms, reward_terms
+from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
+from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, SuiteTask
+from kitchen_suite.tasks.variations.randomizer import Randomizer
+
+# Instructions by drawer; see `tasks.instructions`.
+INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "top": (
+            "open the top drawer of the cabinet",
+            "open the upper drawer of the cabinet",
+            "pull the top drawer of the cabinet open",
+            "pull out the top drawer by its handle",
+        ),
+        "bottom": (
+            "open the bottom drawer of the cabinet",
+            "open the lower drawer of the cabinet",
+            "pull the bottom drawer of the cabinet open",
+            "pull out the bottom drawer by its handle",
+        ),
+    }
+)
+
 
 TIME_LIMIT = 7.0  # [s], 700 control steps
 

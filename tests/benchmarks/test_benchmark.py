@@ -16,7 +16,7 @@ from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, f
 from kitchen_suite.benchmarks.cases import BARE, Case
 from kitchen_suite.benchmarks.settings import BenchmarkSettings
 from kitchen_suite.cli import benchmark
-from kitchen_suite.rendering import light_meshes
+from kitchen_suite.rendering import quality as light_meshes
 
 pytestmark = pytest.mark.thorough
 

@@ -8,7 +8,7 @@ from dm_control import mjcf
 
 from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
 from kitchen_suite.entities.assets import is_visual
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.rendering.quality import set_render_quality
 
 pytestmark = pytest.mark.thorough

@@ -8,7 +8,7 @@ import pytest
 from dm_control import mjcf
 
 from kitchen_suite import entities
-from kitchen_suite.entities.props.cabinet import DOORS, DRAWERS
+from kitchen_suite.entities.cabinet import DOORS, DRAWERS
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 

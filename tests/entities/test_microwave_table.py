@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from dm_control import mjcf
 
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 

@@ -5,8 +5,10 @@ import inspect
 
 import pytest
 
-from kitchen_suite.environment import environment, observation_updater, physics
-from kitchen_suite.environment.composer_internals import PRIVATE_NAMES, check_private_names, names_of
+from kitchen_suite.environment import composer as observation_updater
+from kitchen_suite.environment import environment
+from kitchen_suite.environment import environment as physics
+from kitchen_suite.environment.composer import PRIVATE_NAMES, check_private_names, names_of
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():

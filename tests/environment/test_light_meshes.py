@@ -12,7 +12,7 @@ from sweeps import brief
 
 from kitchen_suite import entities, suite
 from kitchen_suite.entities.assets import asset_dir, is_visual
-from kitchen_suite.rendering import light_meshes
+from kitchen_suite.rendering import quality as light_meshes
 from kitchen_suite.rendering.quality import set_render_quality
 
 pytestmark = pytest.mark.thorough

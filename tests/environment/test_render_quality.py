@@ -7,7 +7,7 @@ from sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
-from kitchen_suite.rendering import light_meshes
+from kitchen_suite.rendering import quality as light_meshes
 
 TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer"}
 SMALL = {"width": 96, "height": 64, "render_mode": "rgb_array", "camera_name": "overview"}

@@ -12,8 +12,8 @@ from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_S
 from kitchen_suite.evaluation.settings import EvaluateSettings
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
-from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.varied import GROUPS, SPLITS
+from kitchen_suite.tasks.kitchen import observation as noise
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 VELOCITY = {"control_mode": "joint_velocity"}
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitchen_suite.evaluation import scores
-from kitchen_suite.evaluation.episode_results import EpisodeResult, score_episodes
+from kitchen_suite.evaluation import results as scores
 from kitchen_suite.evaluation.protocols import Score
+from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 
 
 # Published examples of the interval: Newcombe 1998, table I.

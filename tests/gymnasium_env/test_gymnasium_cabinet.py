@@ -11,8 +11,8 @@ from sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
 from kitchen_suite.tasks.open_cabinet.reward import TERMS
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 
 def actions(steps, seed=0):

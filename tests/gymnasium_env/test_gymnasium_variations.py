@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
-from kitchen_suite.tasks.varied import GROUPS, SPLITS
+from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 pytestmark = pytest.mark.thorough
 

@@ -11,14 +11,14 @@ from kitchen_suite import experts, policies, suite
 from kitchen_suite.cli import record
 from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.policies.experts.encoding import ENCODERS, make_encoder
+from kitchen_suite.policies.experts.encoders import ENCODERS, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS
 from kitchen_suite.policies.experts.skills import ArcMove, HandOrientation
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 
 # Those that are not the default, which other tests cover.
 KITCHEN_MODES = [mode for mode in CONTROL_MODES if mode != "joint_velocity"]

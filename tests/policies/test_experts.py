@@ -17,7 +17,7 @@ from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.policies.experts.skills import Move
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.kitchen.reverse_goals import REVERSES
+from kitchen_suite.tasks.kitchen.goals import REVERSES
 
 KITCHEN_TASKS = suite.TASKS_BY_DOMAIN["kitchen"]
 SINGLE_TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]

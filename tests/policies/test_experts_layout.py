@@ -6,8 +6,8 @@ import pytest
 from kitchen_suite import experts, suite
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
-from kitchen_suite.tasks.variation_request import VariationRequest
-from kitchen_suite.tasks.varied import SPLITS
+from kitchen_suite.tasks.variations.distributions import SPLITS
+from kitchen_suite.tasks.variations.randomizer import VariationRequest
 
 pytestmark = pytest.mark.thorough
 

@@ -7,7 +7,7 @@ from sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 DRAWERS = ("top", "bottom")
 STYLES = {

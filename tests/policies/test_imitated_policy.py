@@ -8,10 +8,9 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli import rollout
-from kitchen_suite.policies import policy_files
+from kitchen_suite.policies import registry as policy_files
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
-from kitchen_suite.policies.residual_network import Block, Linear, ResidualNetwork, silu
-from kitchen_suite.policies.scales import Scales
+from kitchen_suite.policies.networks import Block, Linear, ResidualNetwork, Scales, silu
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
 TASKS = ["kettle", "microwave", "light switch"]

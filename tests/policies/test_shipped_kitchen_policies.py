@@ -9,7 +9,8 @@ from sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.cli import play as play_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID
-from kitchen_suite.policies import find, policy_files
+from kitchen_suite.policies import find
+from kitchen_suite.policies import registry as policy_files
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, flat, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS
 

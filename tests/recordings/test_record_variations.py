@@ -13,7 +13,7 @@ from episode_files import load_episode
 from kitchen_suite.cli import record, replay, rollout
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.rollouts.episode import flatten
-from kitchen_suite.tasks.varied import GROUPS
+from kitchen_suite.tasks.variations.distributions import GROUPS
 
 pytestmark = pytest.mark.thorough
 

@@ -7,7 +7,7 @@ from dm_control.composer.observation.observable import MJCFCamera
 from sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.extra_observables import offered
+from kitchen_suite.tasks.observables import offered
 
 TASKS = {"kitchen": "kettle", "open_cabinet": "top_drawer", "microwave_table": "open"}
 SIZE = {"image_size": (20, 28), "render_quality": "fast"}

@@ -8,12 +8,12 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.domains.base import build_environment
 from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
-from kitchen_suite.tasks.varied import SPLITS
+from kitchen_suite.tasks.variations.distributions import SPLITS
 
 TASKS = {
     "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options)),

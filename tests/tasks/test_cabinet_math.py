@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kitchen_suite.tasks.control_modes import joint_offset as actions
+from kitchen_suite.tasks.control_modes import joints as actions
 from kitchen_suite.tasks.open_cabinet import observation, reward
 from kitchen_suite.tasks.open_cabinet.features import Features
 

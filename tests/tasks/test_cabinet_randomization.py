@@ -10,7 +10,7 @@ from dm_control.composer.variation import distributions
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.tasks import Randomization
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 # What `MODERATE` draws, as JSON describes it.
 JSON = """{

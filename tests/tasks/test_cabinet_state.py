@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 
 
 def load(task="top_drawer", **options):

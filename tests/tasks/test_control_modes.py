@@ -15,9 +15,10 @@ from sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.benchmarks import tracking
 from kitchen_suite.entities import PANDA
-from kitchen_suite.entities.robots.kitchen_franka import KITCHEN_FRANKA
-from kitchen_suite.tasks import base
-from kitchen_suite.tasks.control_modes import inverse_kinematics, poses
+from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA
+from kitchen_suite.tasks import rotations as poses
+from kitchen_suite.tasks import task as base
+from kitchen_suite.tasks.control_modes import inverse_kinematics
 
 DOMAINS = tuple(suite.DOMAINS)
 ROBOTS = {"kitchen": KITCHEN_FRANKA, "open_cabinet": PANDA, "microwave_table": PANDA}

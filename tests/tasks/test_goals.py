@@ -6,12 +6,12 @@ from dm_control import mjcf
 
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.entities.joints import addresses
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import Goal, GoalSet
-from kitchen_suite.tasks.indices import SceneIndices
-from kitchen_suite.tasks.kitchen import noise
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
+from kitchen_suite.tasks.kitchen import observation as noise
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
+from kitchen_suite.tasks.sensors import SceneIndices
 
 
 @pytest.fixture(scope="module")

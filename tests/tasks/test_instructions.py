@@ -7,11 +7,11 @@ import pytest
 from sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.entities.scenes.microwave_table import build_microwave_table_scene
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
-from kitchen_suite.tasks.open_cabinet.instructions import INSTRUCTIONS
+from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS
 
 _OTHERS = [pair for pair in suite.ALL_TASKS if pair[0] != "kitchen"]
 

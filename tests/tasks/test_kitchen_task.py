@@ -9,11 +9,11 @@ from sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.goals import GoalSet, Progress, goal_distances
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import POSITION_HIGH, POSITION_LOW, position_target
+from kitchen_suite.tasks.kitchen.observation import KitchenSensors
 from kitchen_suite.tasks.kitchen.reward import SparseReward
-from kitchen_suite.tasks.kitchen.sensors import KitchenSensors
-from kitchen_suite.tasks.rewards import total
+from kitchen_suite.tasks.mdp import total
 
 
 def load(task_name="all", **options):

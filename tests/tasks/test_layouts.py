@@ -7,10 +7,10 @@ from dm_control import mjcf
 
 from kitchen_suite import suite
 from kitchen_suite.entities import KitchenArena, Microwave, build_kitchen_scene
-from kitchen_suite.entities.props import burners
+from kitchen_suite.entities import props as burners
 from kitchen_suite.tasks.kitchen.goals import GOALS
-from kitchen_suite.tasks.layouts.check import LayoutCheck
-from kitchen_suite.tasks.varied import SPLITS
+from kitchen_suite.tasks.variations.distributions import SPLITS
+from kitchen_suite.tasks.variations.layouts import LayoutCheck
 
 TASKS = {"kitchen": "all", "open_cabinet": "top_drawer", "microwave_table": "open"}
 

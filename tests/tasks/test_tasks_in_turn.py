@@ -8,7 +8,7 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS
-from kitchen_suite.tasks.kitchen.requested import current
+from kitchen_suite.tasks.kitchen.requests import current
 
 ASKED = ["kettle", "microwave", "top burner"]
 ORDER = np.array([-1, 2, -1, -1, -1, 1, 0])

@@ -10,8 +10,8 @@ from dm_control.composer.variation import distributions
 from kitchen_suite import suite
 from kitchen_suite.entities import parameters
 from kitchen_suite.entities.parameters import Parameter, Quantity
-from kitchen_suite.tasks import variations
-from kitchen_suite.tasks.randomizer import Randomizer
+from kitchen_suite.tasks.variations import distributions as variations
+from kitchen_suite.tasks.variations.randomizer import Randomizer
 
 NUMBER, POSITIVE = (parameters.YAW, parameters.JOINT_DAMPING)
 VECTOR = parameters.POSITION_OFFSET

@@ -7,8 +7,8 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.gymnasium_env.microwave_table import FrankaMicrowaveTableEnv
-from kitchen_suite.tasks.varied import GROUPS, SPLITS
+from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 CLASSES = {
     "kitchen": FrankaKitchenEnv,

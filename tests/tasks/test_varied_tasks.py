@@ -7,8 +7,7 @@ from dm_control.composer.variation import distributions
 
 from kitchen_suite import suite
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.variations import Bands
-from kitchen_suite.tasks.varied import GROUPS, around, between, one_of
+from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, around, between, one_of
 
 pytestmark = pytest.mark.thorough
 

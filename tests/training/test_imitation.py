@@ -8,7 +8,7 @@ import pytest
 from human_files import write_d4rl
 
 from kitchen_suite.cli import convert, evaluate, record, train
-from kitchen_suite.policies import policy_files
+from kitchen_suite.policies import registry as policy_files
 
 pytestmark = pytest.mark.clients
 

@@ -22,7 +22,7 @@ def envs():
 @pytest.fixture
 def policy(envs):
     """The policy of another seed, after two batches."""
-    from kitchen_suite.training.agent import export_policy
+    from kitchen_suite.training.ppo import export_policy
 
     taught = learner(envs, seed=1)
     taught.start(0)
@@ -32,7 +32,7 @@ def policy(envs):
 
 
 def test_a_learner_starts_with_the_actions_of_the_policy_and_trains_the_values_first(envs, policy):
-    from kitchen_suite.training.agent import export_policy
+    from kitchen_suite.training.ppo import export_policy
 
     taught, observations = learner(envs, value_batches=1), np.random.default_rng(0).normal(size=(20, 25))
     taught.adopt(policy)

@@ -24,7 +24,7 @@ def infos_of(asked, completed):
 
 
 def test_the_weights_fall_with_the_success_of_a_task(envs):
-    from kitchen_suite.training.task_balance import TaskBalance
+    from kitchen_suite.training.learner import TaskBalance
 
     task = envs.template_env.environment.task
     balance = TaskBalance.of(task)
@@ -41,7 +41,7 @@ def test_the_weights_fall_with_the_success_of_a_task(envs):
 
 
 def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
-    from kitchen_suite.training.task_balance import TaskBalance
+    from kitchen_suite.training.learner import TaskBalance
 
     balance = TaskBalance.of(envs.template_env.environment.task)
     balance.success[:] = 0.5
@@ -52,7 +52,7 @@ def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
 
 
 def test_tasks_that_draw_nothing_have_no_balance():
-    from kitchen_suite.training.task_balance import TaskBalance
+    from kitchen_suite.training.learner import TaskBalance
 
     for domain in ("kitchen", "open_cabinet"):
         made = environments(1, domain=domain)

@@ -77,7 +77,7 @@ def test_demonstrations_are_observations_and_the_actions_taken_on_them(samples):
 
 
 def test_cloning_lowers_the_loss_and_the_policy_imitates(samples, make_learner):
-    from kitchen_suite.training.agent import export_policy
+    from kitchen_suite.training.ppo import export_policy
 
     clone, losses = make_learner(), []
     clone.imitate(*samples, losses.append)

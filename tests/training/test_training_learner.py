@@ -32,7 +32,7 @@ def parameters(module):
 def test_an_exported_policy_returns_the_agents_mean_actions(trained, tmp_path):
     import torch
 
-    from kitchen_suite.training.agent import export_policy
+    from kitchen_suite.training.ppo import export_policy
 
     policy = export_policy(trained.agent, METADATA)
     policy.save(tmp_path / "policy.npz")
@@ -299,7 +299,7 @@ def reference_advantages(rewards, values, terminated, ended, last_values, discou
 def test_advantages_are_the_sums_of_discounted_errors_up_to_the_ends_of_episodes():
     import torch
 
-    from kitchen_suite.training.batch import advantages
+    from kitchen_suite.training.ppo import advantages
 
     generator, count = np.random.default_rng(0), 12
     rewards, values, last_values = generator.normal(size=(3, count, 2))
@@ -359,9 +359,8 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
 def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
-    from kitchen_suite.training.agent import build_agent
-    from kitchen_suite.training.batch import Batch
     from kitchen_suite.training.hyperparameters import Hyperparameters
+    from kitchen_suite.training.ppo import Batch, build_agent
 
     torch.manual_seed(0)
     config = Hyperparameters(

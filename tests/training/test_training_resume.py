@@ -134,7 +134,7 @@ def test_the_learner_is_restored(make_run):
 
 
 def test_an_exported_policy_is_the_same_after_resuming(make_run):
-    from kitchen_suite.training.agent import export_policy
+    from kitchen_suite.training.ppo import export_policy
 
     first, before = make_run(2)
     first.run(lambda row: None)

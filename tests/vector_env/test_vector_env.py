@@ -12,7 +12,7 @@ from gymnasium.wrappers.vector import DictInfoToList, FlattenObservation, Normal
 from sweeps import brief
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 CLASSES = {KITCHEN_ID: FrankaKitchenVectorEnv, OPEN_CABINET_ID: FrankaOpenCabinetVectorEnv}

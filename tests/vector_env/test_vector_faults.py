@@ -15,7 +15,7 @@ from mujoco.batch import SimulationError
 from sweeps import brief
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE, Randomization
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE, Randomization
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
 
 pytestmark = pytest.mark.thorough

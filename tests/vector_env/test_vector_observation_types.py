@@ -7,8 +7,8 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.randomization import MODERATE
-from kitchen_suite.vector_env import batching
+from kitchen_suite.tasks.open_cabinet.variations import MODERATE
+from kitchen_suite.vector_env import checks as batching
 
 pytestmark = pytest.mark.thorough
 

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.varied import GROUPS, SPLITS
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 pytestmark = pytest.mark.thorough
 

@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from kitchen_suite.rollouts.runners import SingleRunner, VectorRunner
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.vector_rollout import SingleRunner, VectorRunner
 from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions

@@ -2,8 +2,7 @@
 
 import kitchen_suite.policies.experts.mink_import
 import kitchen_suite.rendering.choice  # noqa: F401
-from kitchen_suite.policies.experts.base import Expert, MotionStyle
-from kitchen_suite.policies.experts.factory import expert_class, make, make_policy
+from kitchen_suite.policies.experts.base import Expert, MotionStyle, expert_class, make, make_policy
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.open_cabinet import DrawerExpert
 

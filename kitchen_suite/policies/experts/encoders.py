@@ -2,15 +2,40 @@
 
 import abc
 import dataclasses
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple
 
+import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.policies.experts.kinematics import ArmKinematics
-from kitchen_suite.policies.experts.skills import OPEN
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits
+from kitchen_suite import checks
+from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, hand_speed_limits, joint_speed_limits
+from kitchen_suite.tasks import rotations
+from kitchen_suite.tasks.control_modes import end_effector, joints
+from kitchen_suite.tasks.control_modes import joints as joint_offset
+from kitchen_suite.tasks.control_modes.end_effector import (
+    COMMAND_ANGLE,
+    COMMAND_DISTANCE,
+    REACH,
+    EndEffectorDeltaPose,
+    EndEffectorDeltaPosition,
+    EndEffectorPose,
+)
+from kitchen_suite.tasks.control_modes.joints import (
+    JOINT_HIGH,
+    JOINT_LOW,
+    TARGET_DISTANCE,
+    JointDelta,
+    JointOffset,
+    JointPosition,
+)
+from kitchen_suite.tasks.kitchen import action
+from kitchen_suite.tasks.kitchen import action as kitchen_action
+from kitchen_suite.tasks.mdp import ActionMode
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -98,3 +123,299 @@ class ActionEncoder(abc.ABC):
 def gripper_action(fingers: float) -> float:
     """Returns the gripper's element of an action for an opening of each finger [m]: +1 closed, -1 open."""
     return 1.0 - 2.0 * fingers / OPEN
+
+
+# A hand farther than this from its target [m, rad] does not follow.
+_MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
+
+# Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
+_SPEED_RESERVE = 0.9
+
+# Greatest speeds of the hand in `ee_pose`, and angular speed in `ee_delta_position` [m/s, rad/s]: the defaults of the
+# modes that have speeds.
+_LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
+
+
+class _Pose(NamedTuple):
+    """Position `(3,)` [m] and orientation `(4,)`, as quaternion w, x, y, z."""
+
+    position: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, transform: mink.SE3) -> "_Pose":
+        """The pose that a transform takes the world's frame to."""
+        return cls(position=transform.translation(), orientation=transform.wxyz_xyz[:4])
+
+    def moved(self, offset: NDArray[np.float64], turn: NDArray[np.float64]) -> "_Pose":
+        """This pose, displaced by an offset `(3,)` [m] and turned by a rotation vector `(3,)` of the world."""
+        return _Pose(self.position + offset, rotations.product(rotations.quaternion(turn), self.orientation))
+
+    def error(self, target: "_Pose") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Offset `(3,)` [m] and rotation vector `(3,)` that bring this pose to a target, in the world."""
+        return target.position - self.position, rotations.difference(target.orientation, self.orientation)
+
+    def near(self, hand: "_Pose") -> "_Pose":
+        """This pose, brought as near to the hand as commanded poses are."""
+        offset, turn = hand.error(self)
+        return hand.moved(rotations.within(offset, COMMAND_DISTANCE), rotations.within(turn, COMMAND_ANGLE))
+
+
+class HandEncoder(ActionEncoder):
+    """An encoder of a mode that commands the hand's pose; the mode chooses the posture of the arm."""
+
+    def __init__(
+        self, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED
+    ) -> None:
+        """Sets the speed limits [m/s, rad/s]."""
+        super().__init__(arm)
+        self._base = _Pose.of(arm.kinematics.base)
+        self.limits = hand_speed_limits(
+            arm.kinematics,
+            tuple(arm.joint_speed),
+            arm.timestep,
+            linear_speed=_SPEED_RESERVE * linear_speed,
+            angular_speed=_SPEED_RESERVE * angular_speed,
+        )
+
+    def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
+        offset, turn = self._pose(joints).error(self._pose(target))
+        return bool(rotations.length(offset)[0] < _MAX_DISTANCE and rotations.length(turn)[0] < _MAX_ANGLE)
+
+    def encode(
+        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        hand = self._pose(positions[ARM])
+        offset, turn = (error / self._arm.hand_response for error in hand.error(self._pose(target)))
+        return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), gripper_action(fingers))
+
+    def _pose(self, joints: NDArray[np.float64]) -> _Pose:
+        """Pose of the hand at joint positions `(7,)` [rad]."""
+        return _Pose.of(self._arm.kinematics.forward(joints))
+
+    @abc.abstractmethod
+    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+        """Returns the elements of the action that command a pose."""
+
+
+class PoseEncoder(HandEncoder):
+    """Encoder of `ee_pose`."""
+
+    arm_size = 7
+
+    def __init__(self, mode: EndEffectorPose, arm: ArmModel) -> None:
+        del mode
+        super().__init__(arm)
+
+    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+        to_base = rotations.inverse(self._base.orientation)
+        position = rotations.rotated(to_base, pose.position - self._base.position) / REACH
+        return np.append(position, rotations.product(to_base, pose.orientation))
+
+
+class _DeltaEncoder(HandEncoder):
+    """An encoder of a mode that changes the commanded pose; it keeps account of that pose."""
+
+    def __init__(
+        self, mode: EndEffectorDeltaPosition | EndEffectorDeltaPose, arm: ArmModel, *, angular_speed: float
+    ) -> None:
+        super().__init__(arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
+        self._frame, self._step = mode.frame, mode.linear_speed * arm.timestep
+
+    def reset(self, joints: NDArray[np.float64]) -> None:
+        self._commanded = self._pose(joints)
+
+    def _axes(self) -> NDArray[np.float64]:
+        """Orientation `(4,)` of the frame of the action."""
+        return self._base.orientation if self._frame == "base" else self._commanded.orientation
+
+    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+        return rotations.rotated(rotations.inverse(self._axes()), pose.position - self._commanded.position) / self._step
+
+
+class DeltaPositionEncoder(_DeltaEncoder):
+    """Encoder of `ee_delta_position`."""
+
+    turns_hand = False
+    arm_size = 3
+
+    def __init__(self, mode: EndEffectorDeltaPosition, arm: ArmModel) -> None:
+        super().__init__(mode, arm, angular_speed=_ANGULAR_SPEED)
+
+    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+        offset = rotations.rotated(self._axes(), self._step * action[:3])
+        moved = self._commanded._replace(position=self._commanded.position + offset)
+        self._commanded = moved.near(self._pose(positions[ARM]))._replace(orientation=moved.orientation)
+
+
+class DeltaPoseEncoder(_DeltaEncoder):
+    """Encoder of `ee_delta_pose`."""
+
+    arm_size = 6
+
+    def __init__(self, mode: EndEffectorDeltaPose, arm: ArmModel) -> None:
+        super().__init__(mode, arm, angular_speed=mode.angular_speed)
+        self._turn = mode.angular_speed * arm.timestep
+
+    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+        axes = self._axes()
+        moved = self._commanded.moved(
+            rotations.rotated(axes, self._step * action[:3]), rotations.rotated(axes, self._turn * action[3:6])
+        )
+        self._commanded = moved.near(self._pose(positions[ARM]))
+
+    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+        turn = rotations.difference(pose.orientation, self._commanded.orientation)
+        rotation = rotations.rotated(rotations.inverse(self._axes()), turn) / self._turn
+        return np.append(super()._encode_pose(pose), rotation)
+
+
+# A joint farther than this from its target [rad] does not follow.
+_MAX_LAG = 0.25
+
+# The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
+_VELOCITY_SCALE = 2.0
+
+# Fraction of `joint_speed` at which trajectories move, so that actions can still correct errors.
+_SPEED_RESERVE_2 = 0.9
+
+# Gripper logit at which the gripper closes almost surely.
+_CLOSE_LOGIT = 50.0
+
+
+class JointEncoder(ActionEncoder):
+    """An encoder of a mode that commands joints."""
+
+    def __init__(self, arm: ArmModel, *, speed: float = np.inf, scale: float = 1.0) -> None:
+        """Sets the speed limits.
+
+        Args:
+          arm: the robot.
+          speed: greatest speed of any joint in the mode [rad / control step].
+          scale: factor of the joint speeds.
+        """
+        super().__init__(arm)
+        self.limits = joint_speed_limits(
+            tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale), arm.timestep
+        )
+
+    def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
+        return bool(np.max(np.abs(target - joints)) < _MAX_LAG)
+
+
+class VelocityEncoder(JointEncoder):
+    """Encoder of the kitchen's `joint_velocity`."""
+
+    def __init__(self, mode: kitchen_action.JointVelocity, arm: ArmModel) -> None:
+        scale = checks.number(mode.velocity_scale, "velocity_scale", positive=True)
+        super().__init__(arm, scale=min(1.0, scale / _VELOCITY_SCALE))
+        self._mode = mode
+
+    def reset(self, joints: NDArray[np.float64]) -> None:
+        # The last position target, if the next one is relative to it.
+        self._commanded: NDArray[np.float64] | None = None
+
+    def encode(
+        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        commanded = np.append(self._arm.servo_targets(positions[ARM], target), [fingers, fingers])
+        return (commanded - self._base_positions(positions)) / (self._mode.velocity_scale * self._arm.timestep)
+
+    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+        if self._mode.feedback == "target":
+            unit = {"velocity_scale": self._mode.velocity_scale, "timestep": self._arm.timestep}
+            self._commanded = kitchen_action.position_target(self._base_positions(positions), action, **unit)
+
+    def _base_positions(self, observed: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
+        return observed if self._commanded is None else self._commanded
+
+
+class PositionEncoder(JointEncoder):
+    """Encoder of `joint_position`."""
+
+    low, high = JOINT_LOW, JOINT_HIGH
+
+    def __init__(self, mode: JointPosition | kitchen_action.JointPosition, arm: ArmModel) -> None:
+        del mode
+        super().__init__(arm)
+
+    def encode(
+        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        arm = self._arm.servo_targets(positions[ARM], target)
+        return np.append(arm, [fingers] * (self.low.size - arm.size))
+
+
+class KitchenPositionEncoder(PositionEncoder):
+    """Encoder of the kitchen's `joint_position`."""
+
+    low, high = kitchen_action.POSITION_LOW, kitchen_action.POSITION_HIGH
+
+
+class OffsetEncoder(JointEncoder):
+    """Encoder of `joint_offset`."""
+
+    low, high = -np.inf, np.inf
+
+    def __init__(self, mode: JointOffset, arm: ArmModel) -> None:
+        del mode
+        super().__init__(arm)
+
+    def encode(
+        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        joints = positions[ARM]
+        offset = (target - joints) / self._arm.joint_response + self._arm.gravity_offset(joints)
+        return np.append(offset, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
+
+
+class DeltaEncoder(JointEncoder):
+    """Encoder of `joint_delta`; it keeps account of the commanded joint positions."""
+
+    def __init__(self, mode: JointDelta, arm: ArmModel) -> None:
+        self._step = mode.joint_speed * arm.timestep
+        super().__init__(arm, speed=_SPEED_RESERVE_2 * self._step)
+
+    def reset(self, joints: NDArray[np.float64]) -> None:
+        self._commanded = joints
+
+    def encode(
+        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
+    ) -> NDArray[np.float64]:
+        change = self._arm.led(positions[ARM], target) - self._commanded
+        return np.append(change / self._step, gripper_action(fingers))
+
+    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+        joints, commanded = positions[ARM], self._commanded + self._step * action[ARM]
+        self._commanded = np.clip(commanded, joints - TARGET_DISTANCE, joints + TARGET_DISTANCE)
+
+
+ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = MappingProxyType(
+    {
+        action.JointVelocity: VelocityEncoder,
+        action.JointPosition: KitchenPositionEncoder,
+        joint_offset.JointOffset: OffsetEncoder,
+        joints.JointPosition: PositionEncoder,
+        joints.JointDelta: DeltaEncoder,
+        end_effector.EndEffectorDeltaPosition: DeltaPositionEncoder,
+        end_effector.EndEffectorDeltaPose: DeltaPoseEncoder,
+        end_effector.EndEffectorPose: PoseEncoder,
+    }
+)
+
+
+def make_encoder(mode: ActionMode, arm: ArmModel) -> ActionEncoder:
+    """Builds the encoder of a control mode.
+
+    Args:
+      mode: an instance of one of the classes in `ENCODERS`.
+      arm: the robot and its control.
+
+    Raises:
+      ValueError: there is no encoder for the mode.
+    """
+    if type(mode) not in ENCODERS:
+        names = ", ".join(each.__name__ for each in ENCODERS)
+        raise ValueError(f"the experts cannot act in control mode {type(mode).__name__}, only in {names}")
+    return ENCODERS[type(mode)](mode, arm)

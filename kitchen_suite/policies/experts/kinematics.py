@@ -9,9 +9,9 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.robots.franka import Franka
-from kitchen_suite.entities.robots.specification import FrankaSpec
-from kitchen_suite.entities.scenes.arena import SiteArena
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.franka_specs import FrankaSpec
+from kitchen_suite.entities.scenes import SiteArena
 
 # The arm's joints among the robot's; the fingers' joints follow.
 ARM = slice(0, 7)

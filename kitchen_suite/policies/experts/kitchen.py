@@ -12,19 +12,23 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
-from kitchen_suite.policies.experts.encoding import make_encoder
+from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM
-from kitchen_suite.policies.experts.kitchen_arm import arm_model
 from kitchen_suite.policies.experts.kitchen_further_skills import (
     ALL_FIXED_SKILLS,
     ALL_SKILLS,
     ALL_STRICT_SKILLS,
     left_door_skill,
 )
-from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
-from kitchen_suite.policies.experts.kitchen_observation import achieved, asked, scene
+from kitchen_suite.policies.experts.kitchen_layout import (
+    ObservedLayout,
+    achieved,
+    arm_model,
+    asked,
+    needed_observables,
+    scene,
+)
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.task_queue import TaskQueue
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
     JointSpeedLimits,
@@ -34,13 +38,52 @@ from kitchen_suite.policies.experts.trajectories import (
 )
 from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.kitchen import noise
+from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
-from kitchen_suite.tasks.kitchen.goals import THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.initial_state import INITIAL_QPOS
-from kitchen_suite.tasks.kitchen.requested import REQUESTED
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
+
+# A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
+_UNDONE = 1.2
+
+
+class TaskQueue:
+    """Tasks that remain to be done; the first one is the current one.
+
+    Distances are by task, in units of its threshold.
+
+    Attributes:
+      tasks: all tasks, in the order in which they were to be done.
+    """
+
+    def __init__(self, tasks: Sequence[str]) -> None:
+        self.tasks = tuple(tasks)
+        self._remaining = list(tasks)
+
+    @property
+    def size(self) -> int:
+        """Number of tasks that remain."""
+        return len(self._remaining)
+
+    @property
+    def current(self) -> str | None:
+        """The task under way; None when all are done."""
+        return self._remaining[0] if self._remaining else None
+
+    def complete(self) -> None:
+        """Removes the current task."""
+        del self._remaining[0]
+
+    def postpone(self) -> None:
+        """Moves the current task behind the others."""
+        self._remaining.append(self._remaining.pop(0))
+
+    def restart_undone(self, distances: Mapping[str, float]) -> None:
+        """Adds the completed tasks that have come undone, once no others remain."""
+        self._remaining = [task for task in self.tasks if distances[task] > _UNDONE]
+
 
 # A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
 # than it is.

@@ -7,8 +7,22 @@ from types import MappingProxyType
 import mink
 import numpy as np
 
-from kitchen_suite.policies.experts.kitchen_motions import DOWN, RIGHT, TIP, UP, carry, direction, pull, push
-from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, FIXED_SKILLS, KNOB, SKILLS, STRICT_SKILLS, turn_knob
+from kitchen_suite.policies.experts.kitchen_skills import (
+    AT_RESET,
+    DOWN,
+    FIXED_SKILLS,
+    KNOB,
+    RIGHT,
+    SKILLS,
+    STRICT_SKILLS,
+    TIP,
+    UP,
+    carry,
+    direction,
+    pull,
+    push,
+    turn_knob,
+)
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,

@@ -8,8 +8,12 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities import build_kitchen_scene
-from kitchen_suite.tasks import extra_observables
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_kitchen_scene
+from kitchen_suite.policies.experts.encoders import ArmModel
+from kitchen_suite.policies.experts.kinematics import ArmKinematics
+from kitchen_suite.tasks import observables
+from kitchen_suite.tasks.kitchen import observation as noise
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS
 
 BASE = "franka/base_pose"
@@ -36,7 +40,7 @@ class ObservedLayout:
           TypeError: `extras` is no sequence of strings.
           ValueError: an unknown or repeated name.
         """
-        slices = extra_observables.slices(build_kitchen_scene(visuals=False), extras) if len(extras) else {}
+        slices = observables.slices(build_kitchen_scene(visuals=False), extras) if len(extras) else {}
         self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
 
@@ -80,3 +84,56 @@ def _default_poses() -> Mapping[str, mink.SE3]:
 def _pose(values: NDArray[np.float64]) -> mink.SE3:
     """Returns the pose of a position and a quaternion `(7,)`."""
     return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=values[3:]).normalize(), values[:3])
+
+
+_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
+_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
+# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
+# first-order lag.
+_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
+
+# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
+# the torque of gravity.
+_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
+
+# Fraction of the hand's error that the control modes of the end effector remove in a control step.
+_HAND_RESPONSE = 0.55
+
+
+@functools.cache
+def arm_model() -> ArmModel:
+    """The arm in the kitchen, shared by all instances."""
+    return ArmModel(
+        kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
+        gains=_GAINS,
+        joint_response=_RESPONSE,
+        hand_response=_HAND_RESPONSE,
+        joint_speed=_JOINT_SPEED,
+        timestep=CONTROL_TIMESTEP,
+    )
+
+
+_, _, _OBJECTS, _ = noise.SLICES
+
+
+@functools.cache
+def scene() -> Scene:
+    """The kitchen without visuals, shared by all instances."""
+    return build_kitchen_scene(visuals=False)
+
+
+@functools.cache
+def _elements() -> Mapping[str, NDArray[np.int64]]:
+    """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
+    return {task: goal.elements_in(scene()) for task, goal in GOALS.items()}
+
+
+def achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
+    return observation[_OBJECTS][_elements()[task]]
+
+
+def asked(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
+    """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
+    wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
+    return tuple(task for task in order if task in wanted)

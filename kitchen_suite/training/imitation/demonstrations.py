@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.base import SuiteTask
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training import behaviour_cloning
 
 _REQUESTED = "observation/requested_tasks"

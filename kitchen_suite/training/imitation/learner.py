@@ -10,14 +10,12 @@ import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.policies.imitated import ImitatedPolicy
-from kitchen_suite.policies.scales import CLIP, Scales
+from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.controllers import Controller, PolicyController
-from kitchen_suite.training.checkpoints import Checkpoint
+from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
+from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.imitation.demonstrations import Demonstrations
-from kitchen_suite.training.imitation.hyperparameters import ImitationHyperparameters
-from kitchen_suite.training.imitation.methods import Method
-from kitchen_suite.training.state_dicts import check_modules
+from kitchen_suite.training.imitation.methods import ImitationHyperparameters, Method
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.

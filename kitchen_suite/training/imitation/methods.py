@@ -1,6 +1,7 @@
 """Losses of the algorithms of imitation, on standardised inputs `(b, m)` and chunks `(b, n)`."""
 
 import abc
+import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -10,13 +11,114 @@ import torch
 from numpy.typing import NDArray
 from vector_quantize_pytorch import ResidualVQ
 
+from kitchen_suite.policies import networks
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, ImitatedPolicy, TokenPolicy, time_features
-from kitchen_suite.training.imitation.hyperparameters import (
-    FlowHyperparameters,
-    ImitationHyperparameters,
-    TokenHyperparameters,
-)
-from kitchen_suite.training.imitation.networks import ResidualNetwork
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImitationHyperparameters:
+    """Hyperparameters of all algorithms of imitation.
+
+    Networks are residual: blocks with normalisation and SiLU units.
+
+    Attributes:
+      width: values between the blocks.
+      blocks: number of blocks.
+      chunk: number of actions that are predicted at once.
+      executed: number of these that are applied before the next prediction.
+      batch_size: samples of a step of the optimiser.
+      learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
+      weight_decay: of the optimiser.
+      averaging: decay of the moving average of the weights, which is what acts.
+      input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
+      standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
+        positive.
+    """
+
+    width: int = 384
+    blocks: int = 3
+    chunk: int = 8
+    executed: int = 1
+    batch_size: int = 512
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    averaging: float = 0.999
+    input_noise: float = 0.0
+    standardisation_epsilon: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FlowHyperparameters(ImitationHyperparameters):
+    """Hyperparameters of flow matching.
+
+    Attributes:
+      flow_steps: steps of Euler's method in a prediction.
+    """
+
+    executed: int = 4
+    flow_steps: int = 8
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TokenHyperparameters(ImitationHyperparameters):
+    """Hyperparameters of VQ-BeT.
+
+    Attributes:
+      codebooks: number of codes of a chunk, the later ones for what the earlier leave over.
+      codes: number of codes in each codebook.
+      latent: length of a code vector.
+      quantizer_steps: steps of the optimiser, the first ones, that fit codes and decoder.
+      offset_scale: factor of the error of the predicted chunks, beside the likelihood of the codes.
+    """
+
+    codebooks: int = 2
+    codes: int = 16
+    latent: int = 64
+    quantizer_steps: int = 1500
+    offset_scale: float = 5.0
+
+
+class Block(torch.nn.Module):
+    """A residual block: normalisation of the layer, and two affine maps with SiLU units between them."""
+
+    def __init__(self, width: int) -> None:
+        """Builds a block of `width` values."""
+        super().__init__()
+        self.norm = torch.nn.LayerNorm(width)
+        self.first = torch.nn.Linear(width, width)
+        self.second = torch.nn.Linear(width, width)
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        """Returns `(b, w)` for values `(b, w)`."""
+        return values + self.second(torch.nn.functional.silu(self.first(self.norm(values))))
+
+
+class ResidualNetwork(torch.nn.Module):
+    """An affine map, residual blocks, and another affine map."""
+
+    def __init__(self, inputs: int, outputs: int, *, width: int, blocks: int) -> None:
+        """Builds the network.
+
+        Args:
+          inputs: number of values that it takes.
+          outputs: number of values that it returns.
+          width: number of values between the blocks.
+          blocks: number of blocks.
+        """
+        super().__init__()
+        self.input = torch.nn.Linear(inputs, width)
+        self.blocks = torch.nn.Sequential(*(Block(width) for _ in range(blocks)))
+        self.output = torch.nn.Linear(width, outputs)
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        """Returns `(b, n)` for values `(b, m)`."""
+        return self.output(self.blocks(self.input(values)))
+
+    def export(self) -> networks.ResidualNetwork:
+        """Returns the network as it is now, in numpy."""
+        arrays = {f"network.{name}": tensor.detach().clone().numpy() for name, tensor in self.state_dict().items()}
+        return networks.ResidualNetwork.take(arrays, "network")
+
 
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1

@@ -1,0 +1,241 @@
+"""Objects that scenes are furnished with."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from dm_control import composer, mjcf
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite.entities import assets
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.parameters import (
+    FREE_DISPLACEMENT,
+    MASS,
+    Elements,
+    Parameter,
+    Quantity,
+    built_position,
+    displacement,
+    door_parameters,
+    pose_parameters,
+)
+
+
+class Prop(assets.NamedEntity):
+    """An object with a fixed list of joints.
+
+    Attributes:
+      free: whether scenes attach it with a free joint.
+    """
+
+    free = False
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """The joints, in the order in which scenes observe them; none unless a prop says otherwise."""
+        return ()
+
+    @property
+    def handles(self) -> tuple[mjcf.Element, ...]:
+        """The sites at its handles, knobs and switches."""
+        return tuple(self.mjcf_model.find_all("site", exclude_attachments=True))
+
+
+# Number of each burner as value of the parameter; on the first one the kettle stands by default.
+BURNERS = ("bottom_left", "bottom_right", "top_right", "top_left")
+
+# Displacement of the kettle from the first burner to each of them [m]: the differences between the positions of the
+# burners in `xml/oven.xml`.
+DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.441, 0.0), (0.003, 0.441, 0.0)])
+
+
+def _read_burner(physics: mjcf.Physics, joints: Elements) -> ArrayLike:
+    """Returns the number of the burner nearest to the object."""
+    (joint,) = joints
+    moved = physics.bind(joint).qpos[:3] - built_position(joint.parent)
+    return np.argmin(np.linalg.norm(DISPLACEMENTS - moved, axis=1))
+
+
+def _write_burner(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
+    """Moves an object that stands on the first burner to another one."""
+    (joint,) = joints
+    physics.bind(joint).qpos[:3] += DISPLACEMENTS[int(value)]
+
+
+# The burner on which a free object stands; writing it moves the object from the first burner.
+BURNER = Quantity(read=_read_burner, write=_write_burner, model_fields=(), choices=len(BURNERS))
+
+
+class KitchenProp(Prop):
+    """An object with a fixed list of joints, described by one MJCF file.
+
+    Attributes:
+      xml_name: name of the MJCF file without its ending.
+      joint_names: its joints, in the order in which scenes observe them.
+      movable: whether its parameters include its pose.
+    """
+
+    xml_name: str
+    joint_names: Sequence[str] = ()
+    movable = False
+
+    def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
+        """Loads the prop's MJCF.
+
+        Args:
+          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
+          name: prefix of the prop's elements in a scene; its own name when omitted.
+        """
+        self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
+        self._mjcf_root.model = name or self.xml_name
+
+    def _build_observables(self) -> composer.Observables:
+        return KitchenPropObservables(self) if self.joint_names else super()._build_observables()
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw of a movable prop in a scene."""
+        return pose_parameters(self) if self.movable and self.parent else ()
+
+
+class KitchenPropObservables(composer.Observables):
+    """Positions and velocities of a prop's joints; disabled by default."""
+
+    @composer.observable
+    def joint_positions(self) -> JointPositions:
+        """Positions of the prop's joints: `(n,)` float64 [rad] or [m]; qpos; no noise."""
+        return JointPositions(lambda: self._entity.joints)
+
+    @composer.observable
+    def joint_velocities(self) -> JointVelocities:
+        """Velocities of the prop's joints: `(n,)` float64 [rad/s] or [m/s]; qvel; no noise."""
+        return JointVelocities(lambda: self._entity.joints)
+
+
+class Counter(KitchenProp):
+    """The L-shaped counter with drawers, sink and faucet; without joints."""
+
+    xml_name = "counter"
+
+
+class Walls(KitchenProp):
+    """The back wall and the left wall."""
+
+    xml_name = "walls"
+
+
+class Oven(KitchenProp):
+    """The oven with four knobs and four burners; a knob's angle [rad] is 174 times its burner's travel [m]."""
+
+    xml_name = "oven"
+    joint_names = (
+        "knob_Joint_1",
+        "bottom_right_burner",
+        "knob_Joint_2",
+        "bottom_left_burner",
+        "knob_Joint_3",
+        "top_right_burner",
+        "knob_Joint_4",
+        "top_left_burner",
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement of the knobs at the start, with the burners; factor of the knobs' damping."""
+        owner = self.mjcf_model.model
+        knobs, burners = self.joints[::2], self.joints[1::2]
+        return (
+            displacement(f"{owner}/knobs", knobs, unit="rad", followers=burners, ratio=1 / 174),
+            door_parameters(owner, knobs)[0],
+        )
+
+
+class Hood(KitchenProp):
+    """The hood with the light switch; the switch's angle [rad] is 14 times the lamp's travel [m]."""
+
+    xml_name = "hood"
+    movable = True
+    joint_names = ("light_switch", "light_joint")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw; displacement of the switch at the start, with the lamp; factors of its resistances."""
+        owner = self.mjcf_model.model
+        switch, lamp = self.joints
+        return (
+            *super().parameters,
+            displacement(f"{owner}/switch", (switch,), unit="rad", followers=(lamp,), ratio=1 / 14),
+            *door_parameters(owner, (switch,)),
+        )
+
+
+class Cupboard(KitchenProp):
+    """An object with one or two doors, which may stand elsewhere."""
+
+    movable = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Offset and yaw; displacement of the doors at the start; factors of their damping and friction."""
+        owner, count = self.mjcf_model.model, len(self.joints)
+        unit = "m" if self.joints[0].type == "slide" else "rad"
+        doors = displacement(f"{owner}/{'door' if count == 1 else 'doors'}", self.joints, unit=unit)
+        return (*super().parameters, doors, *door_parameters(owner, self.joints))
+
+
+class SlideCabinet(Cupboard):
+    """The cabinet whose door slides to the right."""
+
+    xml_name = "slide_cabinet"
+    joint_names = ("slide_cabinet",)
+
+
+class HingeCabinet(Cupboard):
+    """The cabinet with a left and a right hinged door."""
+
+    xml_name = "hinge_cabinet"
+    joint_names = ("left_hinge_cabinet", "right_hinge_cabinet")
+
+
+class Microwave(Cupboard):
+    """The microwave, its door hinged on the left."""
+
+    xml_name = "microwave"
+    joint_names = ("microwave",)
+
+
+class Kettle(KitchenProp):
+    """The kettle; `composer.Arena.add_free_entity` or `SiteArena.attach_at_site` adds its free joint."""
+
+    xml_name = "kettle"
+    free = True
+    joint_names = ("kettle",)
+
+    @property
+    def joints(self) -> tuple[mjcf.Element, ...]:
+        """The free joint that the arena added: 7 positions, 6 velocities. Empty while the kettle is not attached."""
+        freejoint = mjcf.get_frame_freejoint(self._mjcf_root) if self.parent else None
+        return () if freejoint is None else (freejoint,)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Displacement at the start: x, y and rotation about the vertical; the burner at the start; mass.
+
+        None while it is not attached.
+        """
+        if not self.joints:
+            return ()
+        owner, body = self.mjcf_model.model, self.mjcf_model.find("body", "kettle")
+        return (
+            Parameter(name=f"{owner}/pose", unit="m, m, rad", quantity=FREE_DISPLACEMENT, elements=self.joints),
+            Parameter(name=f"{owner}/burner", unit="index", quantity=BURNER, elements=self.joints),
+            Parameter(name=f"{owner}/mass", unit="kg", quantity=MASS, elements=(body,)),
+        )

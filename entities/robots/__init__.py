@@ -1,1 +1,0 @@
-"""The Franka Panda and its two specifications: the kitchen's and the Panda's own."""

@@ -1,0 +1,274 @@
+"""Scenes of an arena, a robot and props."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+from dm_control import composer, mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities import appearance, assets, viewpoints
+from kitchen_suite.entities import props as kitchen_props
+from kitchen_suite.entities.appearance import Surface
+from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.franka_specs import PANDA
+from kitchen_suite.entities.joints import position_sizes
+from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
+from kitchen_suite.entities.props import Microwave, Prop
+
+
+class SiteArena(assets.NamedEntity, composer.Arena):
+    """Floor, lights, cameras, and a site at the pose of each entity.
+
+    Attributes:
+      surfaces: of the scene, with all entities that are attached to the arena.
+    """
+
+    xml_name: str
+    default_name: str
+    surfaces: Sequence[Surface] = ()
+
+    def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
+        """Loads the arena's MJCF.
+
+        Args:
+          visuals: `False` leaves out visual geoms, materials and textures; the physics stays the same to the bit.
+          name: name of the model.
+        """
+        self._mjcf_root = assets.load_mjcf(self.xml_name, visuals=visuals)
+        self._mjcf_root.model = name or self.default_name
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Sliding friction, appearance of surfaces, lights and cameras, those of attached entities included."""
+        root = self._mjcf_root
+        geoms = [geom for geom in root.find_all("geom") if not assets.is_visual(geom)]
+        friction = scale(f"{root.model}/friction_scale", SLIDING_FRICTION_SCALE, geoms)
+        surfaces = (parameter for surface in self.surfaces for parameter in surface.parameters)
+        return (friction, *surfaces, *viewpoints.light_parameters(root), *viewpoints.camera_parameters(root))
+
+    def prepare_appearance(self) -> None:
+        """Adds the textures from which a reset may choose; to be called before the scene is compiled.
+
+        Without visuals, it adds nothing.
+        """
+        appearance.add_variants(self._mjcf_root, self.surfaces)
+
+    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
+        """Attaches an entity at the arena's site of the same name, and returns the attachment frame.
+
+        Args:
+          entity: entity whose model has the name of a site.
+          free: whether to add a free joint.
+
+        Raises:
+          ValueError: the arena has no site of that name.
+        """
+        name = entity.mjcf_model.model
+        sites = {site.name: site for site in self._mjcf_root.find_all("site", exclude_attachments=True)}
+        if name not in sites:
+            raise ValueError(f"the arena has no site for {name!r}; its sites are {sorted(sites)}")
+        frame = self.attach(entity, sites[name])
+        if free:
+            frame.add("freejoint")
+        return frame
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A robot and props in an arena; the positions of the props' joints, end to end, are the object positions.
+
+    Attributes:
+      arena: the arena, with everything else attached to it.
+      robot: the Franka.
+      props: the objects by name, in the order in which their joints are observed.
+    """
+
+    arena: SiteArena
+    robot: Franka
+    props: Mapping[str, Prop]
+
+    @classmethod
+    def furnish(cls, arena: SiteArena, robot: Franka, props: Iterable[Prop]) -> Self:
+        """Attaches a robot and props, in the order of observation, at the arena's sites of their names.
+
+        Raises:
+          ValueError: the arena lacks a site.
+        """
+        by_name = {prop.mjcf_model.model: prop for prop in props}
+        arena.attach_at_site(robot)
+        for prop in by_name.values():
+            arena.attach_at_site(prop, free=prop.free)
+        return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
+
+    def prepare_appearance(self) -> None:
+        """Adds the textures from which a reset may choose; to be called before the scene is compiled.
+
+        Physics and images stay the same to the bit until one is chosen.
+        """
+        self.arena.prepare_appearance()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of arena, robot and props."""
+        entities = (self.arena, self.robot, *self.props.values())
+        return tuple(parameter for entity in entities for parameter in entity.parameters)
+
+    @property
+    def object_joints(self) -> tuple[mjcf.Element, ...]:
+        """The joints of all props, in the order of observation."""
+        return tuple(joint for prop in self.props.values() for joint in prop.joints)
+
+    def joints(self, prop: str, names: Sequence[str] | None = None) -> tuple[mjcf.Element, ...]:
+        """Returns joints of a prop.
+
+        Args:
+          prop: name of the prop.
+          names: names of the joints in the prop's own model; all of them when omitted.
+
+        Raises:
+          ValueError: an unknown name.
+        """
+        joints = self.props[checks.choice(prop, self.props, "prop")].joints
+        if names is None:
+            return joints
+        by_name = {joint.name: joint for joint in joints}
+        return tuple(by_name[checks.choice(name, by_name, f"joint of {prop!r}")] for name in names)
+
+    def elements(self, prop: str, names: Sequence[str] | None = None) -> NDArray[np.int64]:
+        """Returns the indices `(k,)` of the positions of some joints among the object positions; see `joints`."""
+        observed, wanted = self.object_joints, self.joints(prop, names)
+        elements = np.split(np.arange(sum(position_sizes(observed))), np.cumsum(position_sizes(observed))[:-1])
+        by_joint = dict(zip(observed, elements, strict=True))
+        return np.concatenate([by_joint[joint] for joint in wanted])
+
+
+# Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
+_SLEEP_TOLERANCE = 1e-8
+
+# In the order in which their joints are observed.
+_PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (
+    kitchen_props.Counter,
+    kitchen_props.Oven,
+    kitchen_props.Hood,
+    kitchen_props.Walls,
+    kitchen_props.SlideCabinet,
+    kitchen_props.HingeCabinet,
+    kitchen_props.Microwave,
+    kitchen_props.Kettle,
+)
+
+# Names of the joints of each prop with joints, in the order in which these are observed.
+JOINT_NAMES: Mapping[str, Sequence[str]] = MappingProxyType(
+    {prop.xml_name: prop.joint_names for prop in _PROPS if prop.joint_names}
+)
+
+# Names of these props.
+OBSERVED_PROPS = tuple(JOINT_NAMES)
+
+
+class KitchenArena(SiteArena):
+    """Floor, lights, cameras, the robot's pedestal, and a site for the robot and for each prop."""
+
+    xml_name = "kitchen_arena"
+    default_name = "kitchen"
+    appearance = appearance.KITCHEN
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of every arena, and the offset of the pedestal, with which the robot moves."""
+        pedestal = self._mjcf_root.find("body", "pedestal")
+        offset = Parameter(name="pedestal/offset", unit="m", quantity=POSITION_OFFSET, elements=(pedestal,))
+        return (*super().parameters, offset)
+
+    def enable_sleep(self) -> None:
+        """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.
+
+        A sleeping object keeps its position to within 1e-8 rad or m. The robot moves the same up to rounding until it
+        touches an object; after that trajectories diverge, as after any change in the last digits.
+        """
+        self._mjcf_root.option.flag.sleep = "enable"
+        self._mjcf_root.option.sleep_tolerance = _SLEEP_TOLERANCE
+
+
+def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
+    """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
+
+    Args:
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+      sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
+        trajectories are then nearly the same (see `KitchenArena.enable_sleep`).
+    """
+    arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
+    if sleep:
+        arena.enable_sleep()
+    scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
+    _exclude_base_contacts(arena, robot)
+    return scene
+
+
+def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
+    """Returns numbers by prop as one list, in the order in which the kitchen's joints are observed."""
+    return [number for name in OBSERVED_PROPS for number in by_prop[name]]
+
+
+def _exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
+    """Excludes contacts between the robot's base and its first link, which saves collision checks.
+
+    They are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies, but not
+    where the parent is fixed to the world.
+    """
+    base, first = (robot.mjcf_model.find("body", name) for name in ("link0", "link1"))
+    arena.mjcf_model.contact.add("exclude", name="base_and_first_link", body1=base, body2=first)
+
+
+class MicrowaveTableArena(SiteArena):
+    """Floor, wall, lights, cameras, pedestal, table, and a site for the robot and for the microwave, face to face."""
+
+    xml_name = "microwave_table_arena"
+    default_name = "room"
+    appearance = appearance.MICROWAVE_TABLE
+
+
+def build_microwave_table_scene(*, visuals: bool = True) -> Scene:
+    """Builds the scene of the microwave_table domain: the Panda, in its own joint convention, before the microwave.
+
+    Args:
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+    """
+    arena, robot = MicrowaveTableArena(visuals=visuals), Franka(PANDA, visuals=visuals)
+    return Scene.furnish(arena, robot, [Microwave(visuals=visuals)])
+
+
+class OpenCabinetArena(SiteArena):
+    """Floor, walls, lights, cameras, a site for the robot, facing -x, and one for the cabinet's centre, facing +x."""
+
+    xml_name = "cabinet_arena"
+    default_name = "room"
+    appearance = appearance.OPEN_CABINET
+
+
+class OpenCabinetScene(Scene):
+    """The Panda, in its own joint convention, in front of a cabinet."""
+
+    @property
+    def cabinet(self) -> Cabinet:
+        """The cabinet with the drawers to open."""
+        cabinet = self.props["cabinet"]
+        assert isinstance(cabinet, Cabinet)
+        return cabinet
+
+
+def build_open_cabinet_scene(config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
+    """Builds the scene of the open_cabinet domain.
+
+    Args:
+      config: sizes and resistances of the cabinet; the default config when omitted.
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+    """
+    arena, robot = OpenCabinetArena(visuals=visuals), Franka(PANDA, visuals=visuals)
+    return OpenCabinetScene.furnish(arena, robot, [Cabinet(config, visuals=visuals)])

@@ -1,1 +1,0 @@
-"""Arenas, and scenes of an arena, a robot and props."""

@@ -1,0 +1,207 @@
+"""The results of single episodes, as they are kept, and the scores of many."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from kitchen_suite import files
+from kitchen_suite.evaluation.protocols import Score
+from kitchen_suite.tasks.task import SuiteTask
+
+# Probability with which an interval contains the true value.
+CONFIDENCE = 0.95
+
+_TAIL = (1.0 + CONFIDENCE) / 2.0
+
+# An interval: its least and its greatest value; None where episodes are too few for one.
+Interval = tuple[float, float] | None
+
+
+def rate(verdicts: ArrayLike) -> tuple[float, Interval]:
+    """Returns the share of true verdicts `(n,)`, and its interval by Wilson's method.
+
+    Raises:
+      ValueError: there is no verdict.
+    """
+    true = np.asarray(verdicts, bool)
+    if not true.size:
+        raise ValueError("a rate needs at least one episode")
+    return float(true.mean()), wilson(int(true.sum()), true.size)
+
+
+def wilson(successes: int, count: int) -> tuple[float, float]:
+    """Returns Wilson's score interval of the probability of success, given the successes of `count` trials."""
+    z = float(special.ndtri(_TAIL))
+    centre = (successes + z**2 / 2) / (count + z**2)
+    half = z / (count + z**2) * math.sqrt(successes * (count - successes) / count + z**2 / 4)
+    # The bounds of all failures and all successes are 0 and 1; rounding would miss them.
+    low = 0.0 if successes == 0 else centre - half
+    return low, 1.0 if successes == count else centre + half
+
+
+def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -> tuple[float, Interval]:
+    """Returns the mean of values `(n,)`, and its interval by Student's t; None for the interval of one value.
+
+    Args:
+      values: of the episodes.
+      low: least possible value, at which the interval is cut off.
+      high: greatest possible value, at which the interval is cut off.
+
+    Raises:
+      ValueError: there is no value.
+    """
+    numbers = np.asarray(values, np.float64)
+    if not numbers.size:
+        raise ValueError("a mean needs at least one episode")
+    middle = float(numbers.mean())
+    if numbers.size == 1:
+        return middle, None
+    half = float(special.stdtrit(numbers.size - 1, _TAIL)) * float(numbers.std(ddof=1)) / math.sqrt(numbers.size)
+    return middle, (max(low, middle - half), min(high, middle + half))
+
+
+def tasks_completed(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the number of asked tasks `(n,)` that each episode completed."""
+    return np.count_nonzero(asked & (steps > 0), axis=1)
+
+
+def at_least(completed: NDArray[np.int64], most: int) -> dict[str, NDArray[np.bool_]]:
+    """Returns which episodes `(n,)` completed at least 1 to `most` tasks, by `p1` to `pN`."""
+    return {f"p{number}": completed >= number for number in range(1, most + 1)}
+
+
+def order_entropy(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> float:
+    """Returns the entropy of the order in which episodes complete asked tasks [bit].
+
+    It is the entropy of the empirical distribution of the sequences of completed tasks, whatever their length; at most
+    `log2(n)`. Tasks completed in one control step are in the order of the columns.
+    """
+    done = asked & (steps > 0)
+    places = np.argsort(np.where(done, steps, np.iinfo(np.int64).max), axis=1, kind="stable")
+    sequences = np.where(np.take_along_axis(done, places, axis=1), places, -1)
+    _, counts = np.unique(sequences, axis=0, return_counts=True)
+    shares = counts / counts.sum()
+    return abs(float((shares * np.log2(shares)).sum()))
+
+
+# Decimals of the scores; those beyond would differ between versions of SciPy.
+_DECIMALS = 6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeResult:
+    """The result of an episode.
+
+    Attributes:
+      condition: name of the condition of its protocol.
+      episode: its number in the condition, from 0.
+      seed: of the episode.
+      success: whether it succeeded.
+      progress: how far it came, as its task measures it.
+      control_steps: its length.
+      asked: the tasks that it asked for, each with the control step of its completion or None; None for tasks that
+        cannot be counted.
+      diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
+    """
+
+    condition: str
+    episode: int
+    seed: int
+    success: bool
+    progress: float
+    control_steps: int
+    asked: dict[str, int | None] | None = None
+    diverged: bool = False
+
+    @classmethod
+    def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **numbers: Any) -> "EpisodeResult":
+        """Returns the result of an episode of a task.
+
+        Args:
+          task: of the episode.
+          infos: its last infos, without leading axis.
+          control_steps: its length.
+          **numbers: further attributes.
+        """
+        completions = task.completions_in(infos)
+        return cls(
+            success=bool(infos["is_success"]),
+            progress=float(task.progress_in(infos)),
+            control_steps=control_steps,
+            asked=completions.steps_by_task if completions else None,
+            **numbers,
+        )
+
+    @classmethod
+    def from_line(cls, line: str | bytes) -> "EpisodeResult":
+        """Returns the result that `line` was made of.
+
+        Raises:
+          ValueError: the line holds something else.
+        """
+        return files.parse(json.loads(line), cls, "not the result of an episode")
+
+    @property
+    def line(self) -> str:
+        """The result as JSON in one line."""
+        return json.dumps(dataclasses.asdict(self))
+
+
+def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None) -> dict[str, Any]:
+    """Returns the scores of the episodes of a condition, as JSON represents them.
+
+    Args:
+      results: at least one, in the order of their numbers.
+      score: a published score; only for tasks that can be counted.
+    """
+    measured: dict[str, tuple[float, Interval]] = {}
+    further: dict[str, Any] = {}
+    if all(result.asked is not None for result in results):
+        asked, steps, tasks = _arrays(results)
+        completed = tasks_completed(asked, steps)
+        most = int(asked.sum(axis=1).max())
+        reached = at_least(completed, most)
+        measured |= {name: rate(verdicts) for name, verdicts in reached.items()}
+        measured["mean_tasks"] = mean(completed, low=0.0, high=most)
+        if score:
+            measured[score.name] = mean(completed / score.tasks * score.best, low=0.0, high=score.best)
+        further["task_rates"] = {
+            name: _task_rate(steps[asked[:, column], column] > 0) for column, name in enumerate(tasks)
+        }
+        further["order_entropy"] = round(order_entropy(asked, steps), _DECIMALS)
+    else:
+        measured["mean_progress"] = mean([result.progress for result in results])
+    measured["success"] = rate([result.success for result in results])
+    measured["control_steps"] = mean([result.control_steps for result in results])
+    return {
+        **{name: round(value, _DECIMALS) for name, (value, _) in measured.items()},
+        "intervals": {name: _rounded(interval) for name, (_, interval) in measured.items()},
+        **further,
+        "diverged_seeds": [result.seed for result in results if result.diverged],
+    }
+
+
+def _arrays(results: Sequence[EpisodeResult]) -> tuple[NDArray[np.bool_], NDArray[np.int64], list[str]]:
+    """Returns which tasks `(n, k)` episodes ask for, their completion steps `(n, k)`, and the tasks' names in order."""
+    rows = [result.asked or {} for result in results]
+    tasks = sorted({name for row in rows for name in row})
+    asked = np.array([[name in row for name in tasks] for row in rows])
+    steps = np.array([[row.get(name) or -1 for name in tasks] for row in rows])
+    return asked, steps, tasks
+
+
+def _task_rate(completed: NDArray[np.bool_]) -> dict[str, Any]:
+    """Returns how often a task was completed in the episodes `(n,)` that asked for it."""
+    value, interval = rate(completed)
+    counts = {"asked": completed.size, "completed": int(completed.sum())}
+    return {"rate": round(value, _DECIMALS), "interval": _rounded(interval), **counts}
+
+
+def _rounded(interval: Interval) -> list[float] | None:
+    return None if interval is None else [round(bound, _DECIMALS) for bound in interval]

@@ -1,0 +1,203 @@
+"""Residual networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+# Added to the variance in the normalisation of layers, as in PyTorch.
+_EPSILON = 1e-5
+
+
+class Linear(NamedTuple):
+    """An affine map.
+
+    Attributes:
+      weight: `(n, m)`.
+      bias: `(n,)`.
+    """
+
+    weight: NDArray[np.float32]
+    bias: NDArray[np.float32]
+
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns `(..., n)` for values `(..., m)`."""
+        return values @ self.weight.T + self.bias
+
+    def rows(self, start: int, stop: int) -> Self:
+        """Returns the map to the outputs from `start` to before `stop` alone."""
+        return self._replace(weight=self.weight[start:stop], bias=self.bias[start:stop])
+
+
+class Block(NamedTuple):
+    """A residual block: normalisation of the layer, and two affine maps with SiLU units between them.
+
+    Attributes:
+      norm: scale `(w,)` and shift `(w,)` of the normalised values.
+      first: from `w` values to `w`.
+      second: from `w` values to `w`.
+    """
+
+    norm: Linear
+    first: Linear
+    second: Linear
+
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns `(..., w)` for values `(..., w)`."""
+        centred = values - values.mean(axis=-1, keepdims=True)
+        variance = np.square(centred).mean(axis=-1, keepdims=True)
+        normalised = centred / np.sqrt(variance + np.float32(_EPSILON)) * self.norm.weight + self.norm.bias
+        return values + self.second(silu(self.first(normalised)))
+
+
+class ResidualNetwork(NamedTuple):
+    """An affine map, residual blocks, and another affine map.
+
+    Attributes:
+      input: from `m` values to `w`.
+      blocks: from `w` values to `w`.
+      output: from `w` values to `n`.
+    """
+
+    input: Linear
+    blocks: tuple[Block, ...]
+    output: Linear
+
+    @classmethod
+    def take(cls, arrays: dict[str, NDArray], name: str) -> Self:
+        """Removes the arrays of a network from others, and returns the network.
+
+        Args:
+          arrays: by name, such as `<name>.blocks.0.first.weight`.
+          name: of the network.
+
+        Raises:
+          ValueError: an array is missing or unknown, or has another shape or type than the others need.
+        """
+        own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+        count = sum(key.endswith(".norm.weight") for key in own)
+        parts = ["input", *(f"blocks.{i}.{part}" for i in range(count) for part in Block._fields), "output"]
+        expected = {f"{name}.{part}.{kind}" for part in parts for kind in Linear._fields}
+        if odd := sorted(own.keys() ^ expected):
+            raise ValueError(f"missing or unknown arrays {odd}")
+        first, *middle, last = (_linear(own, f"{name}.{part}") for part in parts)
+        blocks = tuple(Block(*middle[i : i + 3]) for i in range(0, len(middle), 3))
+        network = cls(first, blocks, last)
+        network._check(name)
+        return network
+
+    def _check(self, name: str) -> None:
+        width = self.input.bias.size
+        shapes: list[tuple[Linear, tuple[int, ...]]] = [
+            (self.input, (width, self.inputs)),
+            (self.output, (self.outputs, width)),
+        ]
+        for block in self.blocks:
+            shapes += [(block.norm, (width,)), (block.first, (width, width)), (block.second, (width, width))]
+        for part, shape in shapes:
+            if part.weight.shape != shape or part.bias.shape != shape[:1]:
+                raise ValueError(f"{name} has parts of shapes {part.weight.shape} and {part.bias.shape}, not {shape}")
+
+    @property
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """Its arrays by name, such as `blocks.0.first.weight`."""
+        parts = {"input": self.input, "output": self.output}
+        for i, block in enumerate(self.blocks):
+            parts |= {f"blocks.{i}.{name}": part for name, part in block._asdict().items()}
+        return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
+
+    @property
+    def inputs(self) -> int:
+        """Number of values that the network takes."""
+        return self.input.weight.shape[-1]
+
+    @property
+    def outputs(self) -> int:
+        """Number of values that it returns."""
+        return self.output.bias.size
+
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns `(..., n)` for values `(..., m)`."""
+        return self.output(self.features(values))
+
+    def features(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the values `(..., w)` of which the outputs are an affine map, for values `(..., m)`."""
+        values = self.input(values)
+        for block in self.blocks:
+            values = block(values)
+        return values
+
+
+def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Returns values times their logistic function."""
+    result: NDArray[np.float32] = values * expit(values)
+    return result
+
+
+def _linear(arrays: Mapping[str, NDArray], name: str) -> Linear:
+    """Returns an affine map, or scale and shift.
+
+    Raises:
+      ValueError: an array is not of finite numbers of float32, or has the wrong number of axes.
+    """
+    weight, bias = (checked(arrays[f"{name}.{kind}"], f"{name}.{kind}") for kind in Linear._fields)
+    if weight.ndim not in (1, 2) or bias.ndim != 1:
+        raise ValueError(f"{name} has parts of shapes {weight.shape} and {bias.shape}")
+    return Linear(weight, bias)
+
+
+def checked(array: NDArray, name: str) -> NDArray[np.float32]:
+    """Returns an array; raises a ValueError unless it is of finite numbers of float32."""
+    if array.dtype != np.float32 or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be of finite numbers of float32, not {array.dtype}")
+    return array
+
+
+# Bound of standardised inputs.
+CLIP = 10.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Standardisation of inputs and actions.
+
+    Attributes:
+      input_mean: `(m,)`.
+      input_deviation: `(m,)`, positive.
+      action_mean: `(k,)`.
+      action_deviation: `(k,)`, positive.
+    """
+
+    input_mean: NDArray[np.float32]
+    input_deviation: NDArray[np.float32]
+    action_mean: NDArray[np.float32]
+    action_deviation: NDArray[np.float32]
+
+    @classmethod
+    def take(cls, arrays: dict[str, NDArray]) -> Self:
+        """Removes the arrays of the scales from others, and returns the scales; raises a ValueError for bad ones."""
+        scales = cls(**{name: checked(arrays.pop(name), name) for name in cls.names() if name in arrays})
+        for mean, deviation in (
+            (scales.input_mean, scales.input_deviation),
+            (scales.action_mean, scales.action_deviation),
+        ):
+            if mean.ndim != 1 or mean.shape != deviation.shape or not (deviation > 0).all():
+                raise ValueError("means and positive deviations must be vectors of the same length")
+        return scales
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Returns the names of the arrays."""
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    def inputs(self, inputs: NDArray) -> NDArray[np.float32]:
+        """Returns inputs `(..., m)` standardised, and clipped."""
+        values = ((inputs - self.input_mean) / self.input_deviation).astype(np.float32)
+        return np.clip(values, -CLIP, CLIP)
+
+    def actions(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the actions `(..., k)` whose standardised values are given."""
+        return values * self.action_deviation + self.action_mean

@@ -1,0 +1,35 @@
+"""The vectorised cabinet: many cabinets stepped together as one Gymnasium vector environment."""
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv, FrankaOpenCabinetEnv
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+
+# VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
+class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
+    """A vector of `FrankaOpenCabinetEnv`s. Accepts the arguments of `SuiteVectorEnv` and of `FrankaOpenCabinetEnv`.
+
+    Each environment counts its control steps over all its episodes. The weights of the penalties depend on the count.
+    """
+
+    env_class = FrankaOpenCabinetEnv
+    _template_env: FrankaOpenCabinetEnv
+
+    @property
+    def total_steps(self) -> NDArray[np.int64]:
+        """Control steps `(n,)` over all episodes of each environment, since it was built or `begin_run` was called."""
+        return self._episodes.state.total_steps.copy()
+
+    @total_steps.setter
+    def total_steps(self, value: NDArray[np.int64]) -> None:
+        self._episodes.state.total_steps[:] = value
+
+
+# VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
+class FrankaMicrowaveTableVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
+    """A vector of `FrankaMicrowaveTableEnv`s; accepts the arguments of `SuiteVectorEnv` and of the single one."""
+
+    env_class = FrankaMicrowaveTableEnv

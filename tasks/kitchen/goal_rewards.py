@@ -1,0 +1,178 @@
+"""Reward and termination as functions of goals and infos alone, as goal relabelling needs them.
+
+The functions hold no state. Goals may have any leading axes; they are dicts of arrays by task, or arrays with the goals
+of all tasks concatenated. Infos are one dict, or a list or array of dicts for a batch. An info lists tasks by name
+under a key such as `tasks_to_complete`, or has a mask in configured order under `tasks_to_complete_mask`.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.tasks.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.kitchen.reward import Shaping
+from kitchen_suite.tasks.mdp import total
+
+TO_COMPLETE = "tasks_to_complete"
+STEP_COMPLETIONS = "step_task_completions"
+EPISODE_COMPLETIONS = "episode_task_completions"
+
+Info = Mapping[str, Any]
+Infos = Info | Sequence[Info] | NDArray[np.object_]
+Goal = Mapping[str, ArrayLike] | ArrayLike
+
+
+def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
+    """Returns goals of all tasks concatenated in configured order: `(..., k)`.
+
+    Raises:
+      TypeError: the goals hold no numbers.
+      ValueError: a task is missing, or an array has the wrong shape.
+    """
+    if isinstance(goal, Mapping):
+        if missing := [task for task in goals.tasks if task not in goal]:
+            raise ValueError(f"{name} lacks {missing}; it must hold {list(goals.tasks)}")
+        sizes = {task: part.shape[-1] for task, part in goals.split(goals.desired).items()}
+        parts = [_numbers(goal[task], size, f"{name}[{task!r}]") for task, size in sizes.items()]
+        if len({part.shape[:-1] for part in parts}) > 1:
+            raise ValueError(f"{name} has parts of different leading shapes: {[part.shape for part in parts]}")
+        return np.concatenate(parts, axis=-1)
+    return _numbers(goal, goals.desired.size, name)
+
+
+def reward(
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
+) -> NDArray[np.float64]:
+    """Returns the reward `(...)` of a step.
+
+    With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
+    info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
+    have under `reward_state/...`.
+    """
+    if mdp.is_shaped:
+        shape = achieved.shape[:-1]
+        shaping, asked = _shaping(info, shape, mdp.goals), _asked(info, shape, mdp, _attempted_key(mdp))
+        return total(mdp.shaped_terms(shaping, achieved, desired, asked))
+    within = _within(achieved, desired, mdp)
+    listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+    rewarded, asked = np.where(has_lists, listed, True), _asked(info, within.shape[:-1], mdp, _attempted_key(mdp))
+    return total(mdp.reward_terms(within & (rewarded if asked is None else rewarded & asked)))
+
+
+def terminated(
+    achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
+) -> NDArray[np.bool_]:
+    """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
+    within = _within(achieved, desired, mdp)
+    completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
+    done, asked = np.where(has_list, completed, within), _asked(info, within.shape[:-1], mdp, REQUESTED)
+    return np.all(done if asked is None else done | ~asked, axis=-1)
+
+
+def _attempted_key(mdp: KitchenMDP) -> str:
+    """Returns the key of the tasks that a step could complete, of those that a task draw asks for."""
+    return ATTEMPTED if mdp.tasks_in_turn else REQUESTED
+
+
+def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP, key: str) -> NDArray[np.bool_] | None:
+    """Returns which tasks `(..., n)` infos `(...)` list under a key, all where one does not; None without draws."""
+    if mdp.task_draw is None:
+        return None
+    asked, has_list = _listed_tasks(info, (*shape, len(mdp.goals.tasks)), mdp.goals.tasks, (key,))
+    return np.where(has_list, asked, True)
+
+
+def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
+    """Returns whether `(..., n)` each task is complete; infinitely far goals are not."""
+    with np.errstate(over="ignore"):
+        distances = goal_distances(achieved, desired, mdp.goals.starts)
+        return mdp.success.within(achieved, distances, desired=desired)
+
+
+def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
+    """Returns what a dense reward remembers, from infos `(...)`.
+
+    Raises:
+      ValueError: an info lacks a part, or has one of another shape.
+    """
+    infos = broadcast_infos(info, shape)
+    widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
+    parts = {
+        name: np.array([_part(one, f"{REWARD_STATE}/{name}", width) for one in infos.ravel()])
+        for name, width in widths.items()
+    }
+    shaped = {name: part.reshape(*shape, widths[name]) for name, part in parts.items()}
+    return Shaping(**{**shaped, "previously_completed": shaped["previously_completed"] > 0})
+
+
+def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
+    if key not in info:
+        raise ValueError(f"a dense reward needs {key!r} of the step's infos, got {sorted(info)}")
+    value = checks.array_of(info[key], key)
+    return checks.vector(value.astype(np.float64) if value.dtype == bool else value, width, key)
+
+
+def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Returns the `episode_step` of the infos of a batch; 0 where an info has none."""
+    infos = broadcast_infos(info, shape)
+    return np.array([one.get("episode_step", 0) for one in infos.ravel()]).reshape(shape)
+
+
+def steps_since_completion(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Returns the steps since the last `completion_steps` of the infos of a batch, or since the reset."""
+    last = [max(0, *np.ravel(one.get("completion_steps", 0))) for one in broadcast_infos(info, shape).ravel()]
+    return episode_steps(info, shape) - np.array(last).reshape(shape)
+
+
+def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
+    """Returns an array of infos of the batch's shape; a single info holds for the whole batch.
+
+    Raises:
+      TypeError: an info is no dict.
+      ValueError: the number of infos is not that of the goals in the batch.
+    """
+    infos = np.empty(shape, object)
+    if isinstance(info, Mapping):
+        infos.fill(info)
+        return infos
+    given = np.asarray(info, object)
+    if any(not isinstance(one, Mapping) for one in given.ravel()):
+        raise TypeError(f"info must be one dict, or a list of dicts for a batch, got {info!r}")
+    if given.shape != shape:
+        raise ValueError(f"info must be one dict, or a list of one for each of the goals {shape}, got {given.shape}")
+    return given
+
+
+def _listed_tasks(
+    info: Infos, shape: tuple[int, ...], tasks: Sequence[str], keys: Sequence[str]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Returns the tasks `(..., n)` listed under any of the keys, and whether `(..., 1)` an info has any of the keys."""
+    infos = broadcast_infos(info, shape[:-1])
+    masks = [np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()]
+    has_key = [any(key in one or f"{key}_mask" in one for key in keys) for one in infos.ravel()]
+    return np.array(masks, bool).reshape(shape), np.array(has_key, bool).reshape(*infos.shape, 1)
+
+
+def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:
+    """Returns which tasks `(n,)` one info lists under a key, by name or by mask."""
+    if key in info:
+        return np.array([task in info[key] for task in tasks])
+    mask = checks.array_of(info.get(f"{key}_mask", np.zeros(len(tasks), bool)), f"{key}_mask")
+    if mask.shape != (len(tasks),):
+        raise ValueError(f"{key}_mask of an info must have shape ({len(tasks)},), got {mask.shape}")
+    return mask.astype(bool)
+
+
+def _numbers(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
+    """Returns `value` as a float64 array `(..., size)`."""
+    array = checks.array_of(value, name)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must hold numbers, got {value!r}")
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")
+    return array.astype(np.float64, copy=False)

@@ -1,0 +1,217 @@
+"""The kitchen's observation as composer observables: 59 noisy numbers in four parts, then the goals."""
+
+import collections
+import functools
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from dm_control.composer.observation import observable
+from numpy.typing import NDArray
+
+from kitchen_suite.entities import Scene
+from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
+from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.mdp import Simulation
+from kitchen_suite.tasks.sensors import SceneIndices
+
+# Amplitudes [rad, m, rad/s, m/s]. The reference takes them from a table for another scene, hence the lack of a pattern.
+_ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
+_OBJECT_POSITIONS = {
+    "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
+    "hood": [0.0005, 0.005],
+    "slide_cabinet": [0.005],
+    "hinge_cabinet": [0.005, 0.1],
+    "microwave": [0.1],
+    "kettle": [0.1, *[0.005] * 3, *[0.1] * 3],
+}
+_OBJECT_VELOCITIES = {
+    "oven": [0.005] * 8,
+    "hood": [0.005] * 2,
+    "slide_cabinet": [0.005],
+    "hinge_cabinet": [0.1] * 2,
+    "microwave": [0.1],
+    "kettle": [*[0.005] * 3, *[0.1] * 3],
+}
+
+AMPLITUDES = np.array(
+    [
+        *(*_ROBOT_POSITIONS, *_ROBOT_VELOCITIES),
+        *(*in_observed_order(_OBJECT_POSITIONS), *in_observed_order(_OBJECT_VELOCITIES)),
+    ]
+)
+
+# Slices of the observation: robot positions, robot velocities, object positions, object velocities.
+SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
+
+# The noise of robot and objects.
+PARTS = MappingProxyType({"robot_noise": slice(0, 18), "object_noise": slice(18, 59)})
+
+
+def scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+    """Returns the greatest noise of each of the 59 elements of the observation, in its unit."""
+    ratios = np.full(AMPLITUDES.size, object_ratio)
+    ratios[: SLICES[1].stop] = robot_ratio
+    return ratios * AMPLITUDES
+
+
+class AddNoise:
+    """A corruptor that adds the present values of an array."""
+
+    def __init__(self, noise: NDArray[np.float64]) -> None:
+        """Keeps a reference to `noise`, which the task overwrites at every control step."""
+        self._noise = noise
+
+    def __call__(self, observation: NDArray, random_state: np.random.RandomState | None = None) -> NDArray:
+        """Returns the noisy observation; draws nothing."""
+        del random_state
+        return observation + self._noise
+
+
+class KitchenReading(NamedTuple):
+    """Joint positions after a control step, and distances in space where they are asked for.
+
+    Attributes:
+      positions: `(..., 9)`, of the robot [rad, m].
+      achieved: `(..., k)`, those that goals are set for, end to end [rad, m, quaternion].
+      hand_distances: `(..., n)`, distance of the hand from the handle of each task; None if it is not measured [m].
+    """
+
+    positions: NDArray[np.float64]
+    achieved: NDArray[np.float64]
+    hand_distances: NDArray[np.float64] | None = None
+
+
+class KitchenSensors:
+    """Reads the joints of robot and objects.
+
+    Attributes:
+      indices: of the joints in the compiled model.
+      stage: see `Sensors`.
+    """
+
+    def __init__(self, scene: Scene, goals: GoalSet, *, measures_hand: bool = False) -> None:
+        """Stores robot and objects, and the tasks whose joints are read.
+
+        Args:
+          scene: the kitchen.
+          goals: the tasks.
+          measures_hand: whether the distances of the hand from the tasks' handles are read, too.
+
+        Raises:
+          ValueError: the scene's props with joints are not those of the kitchen, in its order, for which the tables of
+            initial state and noise are made.
+        """
+        observed = tuple(name for name, prop in scene.props.items() if prop.joints)
+        if observed != OBSERVED_PROPS:
+            raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
+        self._scene, self._goals, self._measures_hand = scene, goals, measures_hand
+        # Joint positions and velocities are up to date after every physics step, positions in space are not.
+        self.stage = mujoco.mjtStage.mjSTAGE_POS if measures_hand else mujoco.mjtStage.mjSTAGE_NONE
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        self.indices = SceneIndices(self._scene, self._goals, physics)
+        if self._measures_hand:
+            sites = [self._scene.robot.end_effector, *(goal.handle_in(self._scene) for goal in self._goals.goals)]
+            self._sites = np.array([physics.bind(site).element_id for site in sites])
+
+    @property
+    def ctrl(self) -> NDArray[np.int64]:
+        """`(9,)`, indices of the robot's actuators in ctrl."""
+        return self.indices.ctrl
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Updates positions in space if they are read; joints need no evaluation."""
+        if self._measures_hand:
+            mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
+
+    def read(self, simulation: Simulation) -> KitchenReading:
+        """Returns the positions of the robot's joints, the achieved goals and, if measured, the hand's distances."""
+        indices = self.indices
+        positions, achieved = simulation.read("qpos", indices.robot_qpos), simulation.read("qpos", indices.goal_qpos)
+        return KitchenReading(positions, achieved, self._hand_distances(simulation) if self._measures_hand else None)
+
+    def _hand_distances(self, simulation: Simulation) -> NDArray[np.float64]:
+        sites = simulation.read("site_xpos", self._sites)
+        # In C order, a row has the same sum alone and among many.
+        squares = np.square(sites[..., 1:, :] - sites[..., :1, :], order="C")
+        distances: NDArray[np.float64] = np.sqrt(np.add.reduce(squares, axis=-1))
+        return distances
+
+    def observed(self, simulation: Simulation) -> NDArray[np.float64]:
+        """Returns the 59 elements of the observation, `(..., 59)`, without noise."""
+        indices = self.indices
+        robot = simulation.read("qpos", indices.robot_qpos), simulation.read("qvel", indices.robot_qvel)
+        objects = simulation.read("qpos", indices.object_qpos), simulation.read("qvel", indices.object_qvel)
+        return np.concatenate([*robot, *objects], axis=-1)
+
+
+class KitchenObservables:
+    """The enabled observables of the kitchen.
+
+    - `franka/joint_positions` `(9,)` [rad, m] and `franka/joint_velocities` `(9,)` [rad/s, m/s]: the robot's own
+      observables; noise by `robot_noise_ratio`.
+    - `object_positions` `(21,)` [rad, m, quaternion] and `object_velocities` `(20,)` [rad/s, m/s]: qpos and qvel of the
+      objects' joints; noise by `object_noise_ratio`.
+    - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
+      a task's goal is set for, from qpos, and the goal; no noise.
+    - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is asked, 0 elsewhere.
+
+    The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
+
+    Attributes:
+      by_name: the observables by observation key. The robot's own are included to be first in order: composer adds
+        those of the entities after them.
+      noise: `(59,)`, noise of the present observation.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        goals: GoalSet,
+        extra: Mapping[str, observable.Observable],
+        requested: Callable[[], NDArray[np.float64]] | None = None,
+    ) -> None:
+        """Builds the observables.
+
+        Args:
+          scene: the kitchen.
+          goals: the tasks.
+          extra: observables that come between state and goals.
+          requested: returns the last observable, `requested_tasks`; None for none.
+        """
+        self.noise = np.zeros(AMPLITUDES.size)
+        prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
+        state = {
+            f"{prefix}joint_positions": robot.joint_positions,
+            f"{prefix}joint_velocities": robot.joint_velocities,
+            "object_positions": JointPositions(lambda: scene.object_joints),
+            "object_velocities": JointVelocities(lambda: scene.object_joints),
+        }
+        for part, indices in zip(state.values(), SLICES, strict=True):
+            part.corruptor = AddNoise(self.noise[indices])
+        achieved = {
+            f"achieved_goal/{task}": JointPositions(functools.partial(goal.joints_in, scene))
+            for task, goal in zip(goals.tasks, goals.goals, strict=True)
+        }
+        desired = {
+            f"desired_goal/{task}": observable.Generic(functools.partial(_constant, goal))
+            for task, goal in goals.split(goals.desired).items()
+        }
+        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
+            {**state, **extra, **achieved, **desired}
+        )
+        if requested is not None:
+            self.by_name[REQUESTED] = observable.Generic(lambda physics: requested())
+        for part in self.by_name.values():
+            part.enabled = True
+
+
+def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:
+    del physics
+    return value

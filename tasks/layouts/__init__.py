@@ -1,1 +1,0 @@
-"""Checks whether an episode can be played in a layout that was drawn."""

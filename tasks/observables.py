@@ -1,0 +1,354 @@
+"""Further state observables, which tasks enable by name: end effector, gripper, handles, poses of objects."""
+
+import collections
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.mdp import PhysicsSimulation, Simulation
+from kitchen_suite.tasks.sensors import FeatureSensors
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExtraObservable:
+    """A quantity that MuJoCo sensors measure.
+
+    Attributes:
+      content: quantity, frame and units.
+      size: number of elements.
+      sensors: kind of each sensor, such as `framepos`, and the joint or site that it is for.
+      of_robot: whether it belongs to the robot's part of the observation.
+      combine: computes the elements `(..., size)` from the values of all sensors, end to end.
+    """
+
+    content: str
+    size: int
+    sensors: tuple[tuple[str, mjcf.Element], ...]
+    of_robot: bool = False
+    combine: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda values: values
+
+
+def offered(scene: Scene) -> dict[str, ExtraObservable]:
+    """Returns the quantities of a scene's robot and props by observation key, those of the robot first."""
+    robot, hand = scene.robot.mjcf_model.full_identifier, scene.robot.end_effector
+    fingers = tuple(("jointpos", joint) for joint in scene.robot.joints[-2:])
+    of_robot = {
+        f"{robot}end_effector_pose": ExtraObservable(
+            content="position [m] and quaternion w, x, y, z of the point between the finger tips, in the world",
+            size=7,
+            sensors=(("framepos", hand), ("framequat", hand)),
+            of_robot=True,
+        ),
+        f"{robot}end_effector_velocity": ExtraObservable(
+            content="linear [m/s] and angular [rad/s] velocity of that point, along the axes of the world",
+            size=6,
+            sensors=(("framelinvel", hand), ("frameangvel", hand)),
+            of_robot=True,
+        ),
+        f"{robot}gripper_width": ExtraObservable(
+            content="distance between the fingers [m], the sum of their joint positions",
+            size=1,
+            sensors=fingers,
+            of_robot=True,
+            combine=lambda values: values[..., :1] + values[..., 1:],
+        ),
+        f"{robot}base_pose": dataclasses.replace(_pose(scene.robot, "the robot's base"), of_robot=True),
+    }
+    poses = {f"{name}/pose": _pose(prop, "its frame") for name, prop in scene.props.items()}
+    return {**of_robot, **dict(_handles(scene)), **poses}
+
+
+def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
+    """Returns the slice of each extra observable among their elements, end to end in the order of observation.
+
+    Raises:
+      TypeError: `names` is no sequence of strings.
+      ValueError: an unknown or repeated name.
+    """
+    wanted = _checked(names, offered(scene))
+    stops = itertools.accumulate(extra.size for extra in wanted.values())
+    return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
+
+
+def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:
+    frame = mjcf.get_attachment_frame(entity.mjcf_model)
+    return ExtraObservable(
+        content=f"position [m] and quaternion w, x, y, z of {owner}, in the world",
+        size=7,
+        sensors=(("framepos", frame), ("framequat", frame)),
+    )
+
+
+def _handles(scene: Scene) -> Iterator[tuple[str, ExtraObservable]]:
+    for name, prop in scene.props.items():
+        if handles := prop.handles:
+            content = f"positions in the world of {', '.join(f'`{site.name}`' for site in handles)} [m]"
+            sensors = tuple(("framepos", site) for site in handles)
+            yield f"{name}/handle_positions", ExtraObservable(content=content, size=3 * len(handles), sensors=sensors)
+
+
+class _Sensors(FeatureSensors):
+    """Sensors that also measure velocities in space."""
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Updates positions and velocities in space, and the sensors, from the joints' positions and velocities."""
+        model, data = physics.model.ptr, physics.data.ptr
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+
+class ExtraObservables:
+    """The quantities that a task observes beside its own, without noise.
+
+    Attributes:
+      by_name: an enabled observable for each, by observation key; those of the robot first.
+      size: number of elements.
+      of_robot: names of those that belong to the robot's part of the observation.
+      stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `read`.
+    """
+
+    stage = FeatureSensors.stage
+
+    def __init__(self, scene: Scene, names: Sequence[str]) -> None:
+        """Adds the sensors to a scene that is not yet compiled.
+
+        Args:
+          scene: with the robot and the props.
+          names: observation keys, as `offered` has them.
+
+        Raises:
+          TypeError: `names` is no sequence of strings.
+          ValueError: an unknown or repeated name.
+        """
+        wanted = _checked(names, offered(scene))
+        self._sensors = _Sensors(scene.arena.mjcf_model, scene.robot)
+        for name, extra in wanted.items():
+            for number, (kind, element) in enumerate(extra.sensors):
+                if element.tag == "joint":
+                    self._sensors.add_joints(f"{name} {number}", kind, (element,))
+                else:
+                    self._sensors.add_frame(f"{name} {number}", kind, element)
+        self._wanted = wanted
+        self.size = sum(extra.size for extra in wanted.values())
+        self.of_robot = tuple(name for name, extra in wanted.items() if extra.of_robot)
+        self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
+            (name, observable.Generic(functools.partial(self._observe, name))) for name in wanted
+        )
+        for part in self.by_name.values():
+            part.enabled = True
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks up the sensors in a compiled scene."""
+        self._sensors.bind(physics)
+        self._simulation = PhysicsSimulation(physics)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Present values `(size,)` in the scene that it is bound to."""
+        return self.read(self._simulation)
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Evaluates a single physics up to `stage`."""
+        self._sensors.refresh(physics)
+
+    def read(self, simulation: Simulation) -> NDArray[np.float64]:
+        """Returns the present values `(..., size)`, in a fresh array; the sensors must be up to date."""
+        values = self._sensors.read(simulation)
+        return np.concatenate([self._part(name, values) for name in self._wanted], axis=-1)
+
+    def _part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the elements `(..., k)` of one quantity from the values of all sensors."""
+        indices = [self._sensors.indices[f"{name} {i}"] for i in range(len(self._wanted[name].sensors))]
+        return self._wanted[name].combine(values[..., indices[0].start : indices[-1].stop])
+
+    def _observe(self, name: str, physics: mjcf.Physics) -> NDArray[np.float64]:
+        del physics
+        return self._part(name, self._sensors.read(self._simulation))
+
+
+def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str, ExtraObservable]:
+    """Returns the quantities of some names, those of the robot first."""
+    if isinstance(names, Sequence) and not len(names) and not isinstance(names, str):
+        return {}
+    unique = checks.unique_names(names, "extra_observables")
+    wanted = [checks.choice(name, choices, "extra observable") for name in unique]
+    return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
+
+
+# Kinds of pictures, by the argument of `MJCFCamera` that asks for one.
+KINDS = ("pixels", "depth", "segmentation")
+
+DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
+
+# Arguments of tasks that are settings of pictures.
+SETTINGS = ("cameras", "image_size", "depth", "segmentation")
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """A picture that a camera takes.
+
+    Attributes:
+      kind: one of `KINDS`.
+      camera: name of the camera.
+      taker: the observable.
+    """
+
+    kind: str
+    camera: str
+    taker: observable.MJCFCamera
+
+    @property
+    def key(self) -> str:
+        """Key of the observable: the name of the camera, with the kind unless it is `pixels`."""
+        return self.camera if self.kind == "pixels" else f"{self.camera}/{self.kind}"
+
+
+class Pictures:
+    """The pictures that a task observes.
+
+    Attributes:
+      pictures: in the order of observation: kind by kind, each in the order of the cameras.
+      by_name: an enabled observable for each, by observation key.
+    """
+
+    def __init__(self, pictures: Sequence[Picture] = ()) -> None:
+        """Enables the observables."""
+        self.pictures = tuple(pictures)
+        self.by_name: collections.OrderedDict[str, observable.MJCFCamera] = collections.OrderedDict(
+            (picture.key, picture.taker) for picture in self.pictures
+        )
+        for taker in self.by_name.values():
+            taker.enabled = True
+
+    @classmethod
+    def build(
+        cls,
+        root: mjcf.RootElement,
+        *,
+        cameras: Sequence[str] = (),
+        image_size: Sequence[int] | None = None,
+        depth: bool = False,
+        segmentation: bool = False,
+    ) -> "Pictures":
+        """Makes the pictures of some cameras.
+
+        Args:
+          root: model of the arena, with everything attached to it.
+          cameras: names; none for no pictures.
+          image_size: height and width [pixels]; 128 x 128 when omitted.
+          depth: whether each camera also measures depth [m], float32 `(height, width, 1)`.
+          segmentation: whether each camera also returns what each pixel shows, int32 `(height, width, 2)`: MuJoCo's
+            number and type of the object, -1 for the background.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown or repeated camera, a size that is not positive or exceeds the model's offscreen
+            buffer, or a setting of pictures without cameras.
+        """
+        kinds = ("pixels", *(["depth"] if checks.boolean(depth, "depth") else []))
+        kinds += ("segmentation",) if checks.boolean(segmentation, "segmentation") else ()
+        names = _checked_cameras(cameras, [camera.full_identifier for camera in root.find_all("camera")])
+        if not names and (image_size is not None or len(kinds) > 1):
+            raise ValueError("image_size, depth and segmentation are settings of pictures, and need cameras: name some")
+        height, width = _checked_size(DEFAULT_SIZE if image_size is None else image_size, root)
+        elements = {camera.full_identifier: camera for camera in root.find_all("camera")}
+        return cls(
+            [
+                Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **_flags(kind)))
+                for kind in kinds
+                for name in names
+            ]
+        )
+
+    def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
+        """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
+        return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
+
+
+NO_PICTURES = Pictures()
+
+
+def _flags(kind: str) -> dict[str, bool]:
+    return {} if kind == "pixels" else {kind: True}
+
+
+def _checked_cameras(cameras: object, choices: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(cameras, Sequence) and not isinstance(cameras, str) and not len(cameras):
+        return ()
+    return tuple(checks.choice(name, choices, "camera") for name in checks.unique_names(cameras, "cameras"))
+
+
+def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:
+    """Returns height and width."""
+    if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
+        raise TypeError(f"image_size must be (height, width), got {size!r}")
+    # MuJoCo's default is 640 x 480.
+    buffer = getattr(root.visual, "global")
+    limits = (buffer.offheight or 480, buffer.offwidth or 640)
+    height, width = (
+        checks.integer(pixels, f"{name} of image_size", minimum=1, maximum=int(limit))
+        for pixels, name, limit in zip(size, ("height", "width"), limits, strict=True)
+    )
+    return height, width
+
+
+class ObservedTask(composer.Task):
+    """A task to which observables can be added when it is built."""
+
+    _extras: ExtraObservables | None = None
+    _pictures = NO_PICTURES
+
+    def __init__(self, scene: Scene, *, extra_observables: Sequence[str] = (), **pictures: Any) -> None:
+        """Adds observables to those that the task has itself; a task that adds none need not call this.
+
+        Args:
+          scene: of the task; not yet compiled.
+          extra_observables: further quantities to observe, by the names of `extra_observables.offered`.
+          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures.build`.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown or repeated name, or a size out of range.
+        """
+        extras = ExtraObservables(scene, extra_observables)
+        self._extras = extras if extras.size else None
+        self._pictures = Pictures.build(scene.arena.mjcf_model, **pictures)
+
+    @property
+    def extras(self) -> ExtraObservables | None:
+        """Quantities that are observed beside the task's own; None if there are none."""
+        return self._extras
+
+    @property
+    def extra_observables(self) -> dict[str, observable.Observable]:
+        """Their observables by observation key."""
+        return {} if self._extras is None else dict(self._extras.by_name)
+
+    @property
+    def extra_size(self) -> int:
+        """Number of their elements."""
+        return 0 if self._extras is None else self._extras.size
+
+    @property
+    def pictures(self) -> Pictures:
+        """The pictures of cameras that are observed."""
+        return self._pictures
+
+    @property
+    def observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        """All observables: those of the task, of its entities, and the pictures."""
+        return collections.OrderedDict({**super().observables, **self._pictures.by_name})

@@ -1,0 +1,1 @@
+"""Variations of parameters from episode to episode: distributions, draws, layouts and appearance."""

@@ -1,0 +1,334 @@
+"""Variations of parameters: distributions as JSON describes them, and checks of values.
+
+A variation is a composer variation, a constant, or a list of these for the elements of a vector.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from dm_control.composer import variation
+from dm_control.composer.variation import distributions
+from numpy.typing import ArrayLike, NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.parameters import Quantity
+
+Variation = Any
+
+
+class Choice(variation.Variation):
+    """Draws one of several values, numbers or vectors, each with the same probability."""
+
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        """Takes values `(k,)` or `(k, n)`."""
+        self._values = values
+
+    def __call__(
+        self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
+    ) -> NDArray[np.float64]:
+        return self._values[(random_state or np.random).randint(len(self._values))]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The values `(k,)` or `(k, n)`; not to be written to."""
+        return self._values
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Least value, elementwise."""
+        return np.asarray(self._values.min(axis=0))
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Greatest value, elementwise."""
+        return np.asarray(self._values.max(axis=0))
+
+    def __repr__(self) -> str:
+        return f"Choice({self._values.tolist()})"
+
+
+class Bands(variation.Variation):
+    """Draws each element uniformly from one of several intervals, which have the same probability."""
+
+    def __init__(self, bands: Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
+        """Takes intervals `(low, high)`; bounds are numbers, or arrays `(n,)` with one for each element."""
+        self._bands = np.asarray(bands, np.float64)
+        count, _, *self._shape = self._bands.shape
+        self._last, self._columns = count - 1, np.indices(self._shape, sparse=True)
+        self._low, self._width = self._bands[0, 0], self._bands[0, 1] - self._bands[0, 0]
+
+    def __call__(
+        self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
+    ) -> NDArray[np.float64]:
+        # One draw for each element chooses the interval and the place in it.
+        places = (random_state or np.random).random_sample(self._shape)
+        if not self._last:
+            return self._low + places * self._width
+        places = (self._last + 1) * places
+        index = np.minimum(places, self._last).astype(np.int64)
+        low, high = (self._bands[(index, side, *self._columns)] for side in (0, 1))
+        return low + (places - index) * (high - low)
+
+    @property
+    def intervals(self) -> NDArray[np.float64]:
+        """Bounds `(k, 2)` or `(k, 2, n)` of the intervals; not to be written to."""
+        return self._bands
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Least value, elementwise."""
+        return np.asarray(self._bands[:, 0].min(axis=0))
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Greatest value, elementwise."""
+        return np.asarray(self._bands[:, 1].max(axis=0))
+
+    def __repr__(self) -> str:
+        return f"Bands({self._bands.tolist()})"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Distribution:
+    """A composer distribution.
+
+    Attributes:
+      make: its class.
+      arguments: meanings of the arguments, for messages.
+      ordered: whether the two arguments are bounds of its values.
+      dtype: of its arguments.
+    """
+
+    make: Callable[..., variation.Variation]
+    arguments: tuple[str, ...]
+    ordered: bool = False
+    dtype: type = float
+
+
+# By name in JSON. A `choice` has any number of values instead of arguments.
+DISTRIBUTIONS: Mapping[str, _Distribution] = MappingProxyType(
+    {
+        "uniform": _Distribution(distributions.Uniform, ("low", "high"), ordered=True),
+        "uniform_integer": _Distribution(distributions.UniformInteger, ("low", "excluded high"), True, int),
+        "normal": _Distribution(distributions.Normal, ("mean", "standard deviation")),
+        "log_normal": _Distribution(distributions.LogNormal, ("mean of the logarithm", "its standard deviation")),
+        "exponential": _Distribution(distributions.Exponential, ("mean",)),
+        "poisson": _Distribution(distributions.Poisson, ("mean",)),
+        "bernoulli": _Distribution(distributions.Bernoulli, ("probability of 1",)),
+    }
+)
+
+
+def parse(value: Any, quantity: Quantity, name: str) -> Variation:
+    """Returns the variation that JSON describes; constants and composer variations are returned as they are.
+
+    Args:
+      value: `{"uniform": [low, high]}` or another one of `DISTRIBUTIONS` with the list of its arguments, or
+        `{"choice": [value, value, ...]}`. Arguments are numbers, or lists with the quantity's shape. A list may hold
+        distributions for some of its elements.
+      quantity: kind of the parameter.
+      name: of the parameter, for messages.
+
+    Raises:
+      TypeError: an argument does not hold real numbers.
+      ValueError: an unknown distribution, the wrong number of arguments, a wrong shape, or numbers out of range.
+    """
+    if isinstance(value, Mapping):
+        return _distribution(value, quantity.shape, quantity, name)
+    if not isinstance(value, list | tuple):
+        return value
+    if is_constant(value):
+        quantity.checked([0.0 if isinstance(part, Mapping) else part for part in value], name)
+    return tuple(_distribution(part, (), quantity, name) if isinstance(part, Mapping) else part for part in value)
+
+
+def is_constant(value: Variation) -> bool:
+    """Whether a variation draws nothing."""
+    parts = value if isinstance(value, list | tuple) else (value,)
+    return not any(callable(part) for part in parts)
+
+
+def checked(
+    values: Mapping[str, Any], quantities: Mapping[str, Quantity], owner: str
+) -> dict[str, NDArray[np.float64]]:
+    """Returns values of parameters by name, as arrays; `owner` is for messages.
+
+    Raises:
+      TypeError: one of them is not made of real numbers.
+      ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
+    """
+    return {name: quantities[name].checked(value, f"{owner}'s {name}") for name, value in values.items()}
+
+
+def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
+    """Checks the extremes of a bounded distribution; returns whether all of its draws then fit a quantity.
+
+    Args:
+      each: a variation.
+      quantity: kind of the parameter.
+      name: of the parameter, for messages.
+
+    Returns:
+      False for variations whose draws have to be checked one by one.
+
+    Raises:
+      ValueError: an extreme has the wrong shape, or is negative where it must not be.
+    """
+    if isinstance(each, Choice):
+        extremes = [*each.values]
+    elif isinstance(each, Bands) and quantity.choices is None:
+        extremes = [each.low, each.high]
+    else:
+        return False
+    for extreme in extremes:
+        quantity.checked(extreme, name)
+    return True
+
+
+def check_constants(wanted: Mapping[str, Variation], quantities: Mapping[str, Quantity], owner: str) -> None:
+    """Checks those variations that are constants; None is no variation. Raises as `checked`."""
+    constants = {name: value for name, value in wanted.items() if value is not None and is_constant(value)}
+    checked(constants, quantities, owner)
+
+
+def _distribution(
+    value: Mapping[str, Any], shape: tuple[int, ...], quantity: Quantity, name: str
+) -> variation.Variation:
+    """Returns the distribution with values of a given shape that JSON describes; raises as `parse`."""
+    if len(value) != 1:
+        raise ValueError(f"{name} must be one distribution, such as {{'uniform': [0, 1]}}, got {value!r}")
+    ((kind, arguments),) = value.items()
+    checks.choice(kind, (*DISTRIBUTIONS, "choice"), f"{name}: distribution")
+    what = f"{kind} of {name}"
+    if not isinstance(arguments, list | tuple) or not arguments:
+        raise ValueError(f"{what} must have a list of numbers, got {arguments!r}")
+    arrays = [_argument(argument, shape, what) for argument in arguments]
+    if kind == "choice":
+        _check_range(arrays, quantity, what)
+        return Choice(np.array(arrays))
+    return _of_arguments(DISTRIBUTIONS[kind], arrays, quantity, what)
+
+
+def _of_arguments(
+    distribution: _Distribution, arrays: list[NDArray[np.float64]], quantity: Quantity, what: str
+) -> variation.Variation:
+    """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
+    shown = [array.tolist() for array in arrays]
+    if len(arrays) != len(distribution.arguments):
+        raise ValueError(f"{what} must have {' and '.join(distribution.arguments)}, got {shown}")
+    if distribution.ordered:
+        _check_range(arrays, quantity, what)
+        if (arrays[0] > arrays[1]).any():
+            raise ValueError(f"{what} must have a low that is not above its high, got {shown}")
+    with np.errstate(invalid="ignore"):
+        arguments: list[NDArray] = [array.astype(distribution.dtype) for array in arrays]
+    if any((argument != array).any() for argument, array in zip(arguments, arrays, strict=True)):
+        raise ValueError(f"{what} must have integers, got {shown}")
+    result = distribution.make(*(argument.tolist() for argument in arguments))
+    try:
+        result(random_state=np.random.RandomState(0))
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{what} cannot be drawn from {shown}: {error}") from error
+    return result
+
+
+def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """Returns an argument, or a value to choose, in a given shape."""
+    array = checks.array_of(value, what)
+    if array.shape not in ((), shape):
+        wanted = f"numbers or lists of {shape[0]}" if shape else "numbers"
+        raise ValueError(f"{what} must have {wanted}, got {value!r}")
+    return np.broadcast_to(checks.vector(array.ravel(), array.size, what).reshape(array.shape), shape)
+
+
+def _check_range(arrays: list[NDArray[np.float64]], quantity: Quantity, what: str) -> None:
+    if quantity.non_negative and any((array < 0).any() for array in arrays):
+        raise ValueError(f"{what} must be non-negative, got {[array.tolist() for array in arrays]}")
+
+
+# In the order in which tables list them.
+GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
+
+SPLITS = ("seen", "held_out")
+
+Distribution = Bands | Choice
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Varied:
+    """The variation of a parameter by a group.
+
+    Attributes:
+      name: of the parameter, such as `kettle/mass`.
+      group: one of `GROUPS`.
+      default: value without variation, in the parameter's shape and unit.
+      seen: distribution for training.
+      held_out: distribution for evaluation, of values that `seen` does not draw if the parameter has more than two.
+    """
+
+    name: str
+    group: str
+    default: NDArray[np.float64]
+    seen: Distribution
+    held_out: Distribution
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Least value of each element, over both distributions and the default."""
+        return np.minimum.reduce([self.default, self.seen.low, self.held_out.low])
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Greatest value of each element, over both distributions and the default."""
+        return np.maximum.reduce([self.default, self.seen.high, self.held_out.high])
+
+    def check(self, value: NDArray[np.float64]) -> None:
+        """Raises a ValueError if a value is outside the range."""
+        if (value < self.low).any() or (value > self.high).any():
+            bounds = f"{self.low.tolist()} and {self.high.tolist()}"
+            raise ValueError(f"variation's {self.name} must be within {bounds}, got {value.tolist()}")
+
+    def distribution(self, split: str) -> Distribution:
+        """Returns the distribution of a split, one of `SPLITS`."""
+        return {"seen": self.seen, "held_out": self.held_out}[split]
+
+
+def around(name: str, group: str, *, default: ArrayLike = 0.0, seen: ArrayLike, held_out: ArrayLike) -> Varied:
+    """Returns the variation by up to `seen` to both sides of a default; held out, by `seen` to `held_out`.
+
+    Half widths are numbers, or one for each element; an element of half widths 0 does not vary.
+    """
+    middle, inner, outer = (np.asarray(part, float) for part in np.broadcast_arrays(default, seen, held_out))
+    return Varied(
+        name=name,
+        group=group,
+        default=middle,
+        seen=Bands([(middle - inner, middle + inner)]),
+        held_out=Bands([(middle - outer, middle - inner), (middle + inner, middle + outer)]),
+    )
+
+
+def between(name: str, group: str, *, default: ArrayLike, seen: Any, held_out: Sequence[Any]) -> Varied:
+    """Returns the variation within an interval `(low, high)`; held out, within others, which have the same probability.
+
+    Bounds are numbers, or arrays with one for each element.
+    """
+    value = np.asarray(default, float)
+
+    def bands(*intervals: Any) -> Bands:
+        return Bands(
+            [(np.broadcast_to(low, value.shape), np.broadcast_to(high, value.shape)) for low, high in intervals]
+        )
+
+    return Varied(name=name, group=group, default=value, seen=bands(seen), held_out=bands(*held_out))
+
+
+def one_of(name: str, group: str, *, default: ArrayLike, seen: ArrayLike, held_out: ArrayLike) -> Varied:
+    """Returns the variation among several values, each with the same probability."""
+    seen_values, held_out_values = (Choice(np.asarray(values, float)) for values in (seen, held_out))
+    return Varied(
+        name=name, group=group, default=np.asarray(default, float), seen=seen_values, held_out=held_out_values
+    )

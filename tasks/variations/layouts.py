@@ -1,0 +1,208 @@
+"""Decides whether an episode can be played in a layout: objects stand clear of each other, and handles are in reach."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.control_modes.joints import ARM_SIZE
+from kitchen_suite.tasks.mdp import columns
+
+# Depth by which two geoms may be deeper in each other than in the default layout [m].
+CLEARANCE_TOLERANCE = 0.004
+
+# Geoms whose coordinates differ by less have not moved [m; elements of rotation matrices].
+_UNMOVED = 1e-6
+
+
+class Clearance:
+    """Depths of the colliding geoms of entities in those of other entities.
+
+    Contacts do not report these: MuJoCo looks for none between pieces of furniture, nor between bodies without joints.
+    """
+
+    def __init__(self, scene: Scene, physics: mjcf.Physics, data: mujoco.MjData) -> None:
+        """Measures the default layout.
+
+        Args:
+          scene: arena, robot and props.
+          physics: the compiled scene.
+          data: its kinematics in the default layout.
+        """
+        self._model = model = physics.model.ptr
+        owners = _owners(scene, physics)[model.geom_bodyid]
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        bounded = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+        geoms = np.flatnonzero(collides & bounded)
+        first, second = (geoms[indices] for indices in np.triu_indices(geoms.size, 1))
+        other_owner = owners[first] != owners[second]
+        self._first, self._second = first[other_owner], second[other_owner]
+        self._positions, self._rotations = data.geom_xpos.copy(), data.geom_xmat.copy()
+        self._depths = np.zeros(self._first.size)
+        self._depths[self._near(data)] = [self._depth(data, pair) for pair in self._near(data)]
+
+    def excess(self, data: mujoco.MjData) -> float:
+        """Returns the greatest depth beyond that of the default layout in the layout of some kinematics [m]."""
+        moved = np.abs(data.geom_xpos - self._positions).max(axis=1) > _UNMOVED
+        moved |= np.abs(data.geom_xmat - self._rotations).max(axis=1) > _UNMOVED
+        near = self._near(data)
+        pairs = near[moved[self._first[near]] | moved[self._second[near]]]
+        return max((self._depth(data, pair) - self._depths[pair] for pair in pairs), default=0.0)
+
+    def is_free(self, data: mujoco.MjData) -> bool:
+        """Whether no geom is deeper in another one than in the default layout, up to the tolerance."""
+        return self.excess(data) <= CLEARANCE_TOLERANCE
+
+    def _near(self, data: mujoco.MjData) -> NDArray[np.int64]:
+        """Returns the indices of the pairs in which the bounding sphere of each geom meets the other's box."""
+        first, second = self._first, self._second
+        offset = data.geom_xpos[second] - data.geom_xpos[first]
+        meets = self._sphere_meets_box(data, offset, box=first, sphere=second)
+        meets &= self._sphere_meets_box(data, -offset, box=second, sphere=first)
+        return np.flatnonzero(meets)
+
+    def _sphere_meets_box(
+        self, data: mujoco.MjData, offset: NDArray[np.float64], *, box: NDArray[np.int64], sphere: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Returns whether spheres at an offset `(n, 3)` from geoms meet the bounding boxes of these [m]."""
+        rotations = data.geom_xmat[box].reshape(-1, 3, 3)
+        centre, half = self._model.geom_aabb[box, :3], self._model.geom_aabb[box, 3:]
+        local = np.einsum("nji,nj->ni", rotations, offset) - centre
+        beyond = np.maximum(np.abs(local) - half, 0.0)
+        return np.einsum("ni,ni->n", beyond, beyond) <= self._model.geom_rbound[sphere] ** 2
+
+    def _depth(self, data: mujoco.MjData, pair: int) -> float:
+        """Returns the depth of a pair's geoms in each other, 0 if they are apart [m]."""
+        distance = mujoco.mj_geomDistance(self._model, data, self._first[pair], self._second[pair], 0.01, None)
+        return max(-distance, 0.0)
+
+
+def _owners(scene: Scene, physics: mjcf.Physics) -> NDArray[np.int64]:
+    """Returns for each body the number of the entity that it belongs to; those of the arena have 0."""
+    base = mjcf.get_attachment_frame(scene.robot.mjcf_model)
+    # A pedestal moves with the robot.
+    roots = [base.parent if base.parent.tag == "body" else base]
+    roots += [mjcf.get_attachment_frame(prop.mjcf_model) for prop in scene.props.values()]
+    numbers = {int(physics.bind(root).element_id): number for number, root in enumerate(roots, start=1)}
+    owners = np.zeros(physics.model.nbody, np.int64)
+    for body, parent in enumerate(physics.model.body_parentid):
+        owners[body] = numbers.get(body, owners[parent])
+    return owners
+
+
+# Distance from a handle at which it counts as reached [m].
+REACH_TOLERANCE = 0.005
+
+# Damping of the least squares: bounds joint steps near singular configurations.
+_DAMPING = 0.05
+# Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
+_FIRST_STEPS, _STEPS = 200, 15
+
+
+class Reach:
+    """Inverse kinematics of the end effector's position, by damped least squares with joint limits."""
+
+    def __init__(
+        self, physics: mjcf.Physics, robot: Franka, handles: Sequence[mjcf.Element], data: mujoco.MjData
+    ) -> None:
+        """Finds joint positions for each handle in the default layout.
+
+        Args:
+          physics: the compiled scene.
+          robot: robot that acts.
+          handles: sites to be reached.
+          data: kinematics of the default layout, the robot at its start; its arm is moved.
+
+        Raises:
+          ValueError: a handle cannot be reached.
+        """
+        self._model = physics.model.ptr
+        joints = physics.bind(robot.joints[:ARM_SIZE])
+        self._qpos, self._dofs = columns(joints.qposadr), columns(joints.dofadr)
+        self._low, self._high = np.transpose(joints.range)
+        self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))
+        start = np.clip(data.qpos[self._qpos], self._low, self._high)
+        self._jacobian = np.zeros((3, self._model.nv))
+        self._solutions = []
+        for handle, element in zip(self._handles, handles, strict=True):
+            if (solution := self._solve(data, handle, start, _FIRST_STEPS)) is None:
+                raise ValueError(f"the robot cannot reach {element.full_identifier} in the default layout")
+            self._solutions.append(solution)
+
+    def reaches_all(self, data: mujoco.MjData) -> bool:
+        """Whether all handles can be reached in the layout of some kinematics; moves the arm of `data`."""
+        pairs = zip(self._handles, self._solutions, strict=True)
+        return all(self._solve(data, handle, solution, _STEPS) is not None for handle, solution in pairs)
+
+    def _solve(
+        self, data: mujoco.MjData, handle: int, start: NDArray[np.float64], steps: int
+    ) -> NDArray[np.float64] | None:
+        """Returns joint positions `(7,)` with the end effector at a handle [rad]; None if none are found."""
+        target, joints = data.site_xpos[handle].copy(), start
+        for _ in range(steps):
+            data.qpos[self._qpos] = joints
+            mujoco.mj_kinematics(self._model, data)
+            error = target - data.site_xpos[self._hand]
+            if np.linalg.norm(error) <= REACH_TOLERANCE:
+                return joints
+            joints = self._step(data, joints, error)
+        return None
+
+    def _step(
+        self, data: mujoco.MjData, joints: NDArray[np.float64], error: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Returns joint positions nearer to the handle; joints that would leave their range stay at its end."""
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_jacSite(self._model, data, self._jacobian, None, self._hand)
+        jacobian, free, moved = self._jacobian[:, self._dofs], np.ones(joints.size, bool), joints
+        for _ in range(joints.size):
+            moving = jacobian * free
+            rest = error - jacobian @ (moved - joints)
+            step = moving.T @ np.linalg.solve(moving @ moving.T + _DAMPING**2 * np.eye(3), rest)
+            wanted = moved + step
+            moved = np.clip(wanted, self._low, self._high)
+            if (beyond := wanted != moved).any():
+                free &= ~beyond
+            else:
+                break
+        return moved
+
+
+class LayoutCheck:
+    """Compares layouts with the default one; changes nothing in the physics."""
+
+    def __init__(self, scene: Scene, handles: Sequence[mjcf.Element]) -> None:
+        """Stores scene and handles.
+
+        Args:
+          scene: arena, robot and props.
+          handles: sites that the end effector must be able to reach.
+        """
+        self._scene, self._handles = scene, tuple(handles)
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Measures the default layout, in which the physics must be, the robot and all objects at their start.
+
+        Raises:
+          ValueError: a handle is out of reach.
+        """
+        self._model, self._data = physics.model.ptr, mujoco.MjData(physics.model.ptr)
+        self._copy(physics)
+        self._clearance = Clearance(self._scene, physics, self._data)
+        self._reach = Reach(physics, self._scene.robot, self._handles, self._data)
+
+    def accepts(self, physics: mjcf.Physics) -> bool:
+        """Whether an episode can be played in the present layout: poses of bodies in the model, and qpos.
+
+        The physics must be that of `bind`; its derived quantities need not be up to date.
+        """
+        self._copy(physics)
+        return self._clearance.is_free(self._data) and self._reach.reaches_all(self._data)
+
+    def _copy(self, physics: mjcf.Physics) -> None:
+        self._data.qpos[:] = physics.data.qpos
+        mujoco.mj_kinematics(self._model, self._data)
