@@ -69,7 +69,7 @@ def play(episode: tuple[str, str, str, str, int]) -> tuple[bool, int]:
     environment = load(*case)
     environment.random_state.seed(seed)
     policy = policies.find("expert")(environment, np.random.default_rng(seed))
-    environment.task.begin_run()
+    environment.task.reset_statistics()
     timestep = environment.reset()
     while not timestep.last():
         timestep = environment.step(policy(timestep))

@@ -1,12 +1,19 @@
-"""Variations of sensing and acting: factors of the observation noise, and a delay of the action."""
+"""Episodes: their state between control steps, and the two halves of a control step.
 
-from collections.abc import Mapping
-from typing import NamedTuple
+Single and vectorised environments hold one `EpisodeState` each, without leading axes or with one for each episode, and
+make their steps with the same `Stepper`.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.parameters import Parameter, Quantity
+from kitchen_suite.tasks.mdp import MDP, Simulation
 
 ACTION_DELAY = "sensing/action_delay"
 
@@ -15,8 +22,14 @@ _SCALE = Quantity(read=lambda *_: 1.0, write=lambda *_: None, model_fields=(), n
 _DELAY = Quantity(read=lambda *_: 0.0, write=lambda *_: None, model_fields=(), non_negative=True)
 
 
+def sensing_parameters(noise_parts: Mapping[str, slice]) -> tuple[Parameter, ...]:
+    """Returns factors of parts of the observation noise, and whether actions are delayed by a control step, 0 or 1."""
+    scales = tuple(Parameter(name=f"sensing/{part}", unit="1", quantity=_SCALE, elements=()) for part in noise_parts)
+    return (*scales, Parameter(name=ACTION_DELAY, unit="control steps", quantity=_DELAY, elements=()))
+
+
 class Sensing(NamedTuple):
-    """Variation of sensing in episodes; `()` stands for none.
+    """Variation of sensing and acting in episodes.
 
     Attributes:
       noise: `(..., k)`, factors of the draws of the observation noise.
@@ -28,45 +41,121 @@ class Sensing(NamedTuple):
     delay: NDArray[np.bool_]
     target: NDArray[np.float64]
 
+    @classmethod
+    def start(
+        cls, values: Mapping[str, NDArray[np.float64]], mdp: MDP, positions: NDArray[np.float64]
+    ) -> "Sensing | None":
+        """Returns the sensing at the start of an episode; None if it does not vary.
 
-def sensing_parameters(noise_parts: Mapping[str, slice]) -> tuple[Parameter, ...]:
-    """Returns factors of parts of the observation noise, and whether actions are delayed by a control step, 0 or 1."""
-    scales = tuple(Parameter(name=f"sensing/{part}", unit="1", quantity=_SCALE, elements=()) for part in noise_parts)
-    return (*scales, Parameter(name=ACTION_DELAY, unit="control steps", quantity=_DELAY, elements=()))
+        Args:
+          values: of the parameters that vary, by name.
+          mdp: with the parts of the noise.
+          positions: `(9,)`, of the robot's joints at the reset [rad, m].
+        """
+        if not any(name.startswith("sensing/") for name in values):
+            return None
+        noise = np.ones(mdp.noise_draws)
+        for part, elements in mdp.noise_parts.items():
+            noise[elements] = values.get(f"sensing/{part}", 1.0)
+        return cls(noise, np.array(values.get(ACTION_DELAY, 0.0) > 0.5), positions)
+
+    def delayed(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the targets `(..., 9)` that reach the actuators in a control step."""
+        return np.where(self.delay[..., np.newaxis], self.target, target)
 
 
-def start(
-    values: Mapping[str, NDArray[np.float64]],
-    noise_parts: Mapping[str, slice],
-    noise_draws: int,
-    positions: NDArray[np.float64],
-) -> Sensing | tuple[()]:
-    """Returns the sensing of an episode.
+class EpisodeState(NamedTuple):
+    """All that later steps of an episode depend on, beside physics and random state.
 
-    Args:
-      values: of the parameters that vary, by name.
-      noise_parts: slices of the draws of the noise, by the last part of the parameter's name.
-      noise_draws: number of these draws.
-      positions: `(9,)`, of the robot's joints at the reset [rad, m].
+    Attributes:
+      mdp: state of the task's MDP; None before the first reset.
+      command: memory of the control mode from earlier actions, such as a commanded pose; None if it has none.
+      sensing: variation of sensing in the episode; None if there is none.
+      variation: infos on the variation of the episode; empty if nothing varies.
+      action: `(..., k)`, action of the last control step; None before the first.
+      target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
     """
-    if not any(name.startswith("sensing/") for name in values):
-        return ()
-    noise = np.ones(noise_draws)
-    for part, elements in noise_parts.items():
-        noise[elements] = values.get(f"sensing/{part}", 1.0)
-    return Sensing(noise, np.array(values.get(ACTION_DELAY, 0.0) > 0.5), positions)
+
+    mdp: Any = None
+    command: Any = None
+    sensing: Sensing | None = None
+    variation: Mapping[str, Any] = {}
+    action: NDArray[np.float64] | None = None
+    target: NDArray[np.float64] | None = None
+
+    def scaled(self, draws: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the draws `(..., k)` of the observation noise, scaled by the variation of sensing."""
+        return draws if self.sensing is None else draws * self.sensing.noise
+
+    def memory(self) -> dict[str, dict[str, Any]]:
+        """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
+        parts = {"command": self.command, "sensing": self.sensing}
+        return {name: map_arrays(np.array, part._asdict()) for name, part in parts.items() if part is not None}
+
+    def with_memory(self, saved: Mapping[str, Any]) -> Self:
+        """Returns the state with what `memory` returned, among which there may be other entries."""
+        parts = {"command": self.command, "sensing": self.sensing}
+        return self._replace(**{name: part._replace(**saved[name]) for name, part in parts.items() if part is not None})
+
+    def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
+        """Returns the state with fields of an earlier state of the MDP, where a mask `(...)` is True."""
+        kept = {name: np.where(where, getattr(before, name), getattr(self.mdp, name)) for name in names}
+        return self._replace(mdp=self.mdp._replace(**kept)) if kept else self
+
+    def repeated(self, count: int) -> Self:
+        """Returns the state of one episode for `count` of them: arrays with a new first axis."""
+        repeated: Self = map_arrays(lambda each: np.repeat(np.asarray(each)[np.newaxis], count, axis=0), self)
+        return repeated
+
+    def put(self, i: int, episode: "EpisodeState") -> None:
+        """Writes the state of one episode that starts to row `i` of the arrays of many."""
+        map_arrays(lambda one, rows: rows.__setitem__(i, one), episode, self)
 
 
-def scaled(sensing: Sensing | tuple[()], draws: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the draws `(..., k)` of the noise, scaled."""
-    return draws * sensing.noise if isinstance(sensing, Sensing) else draws
+def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
+    """Returns nested tuples and dicts of arrays with a function applied to each array; None stays None."""
+    return tree.map_structure(lambda *parts: None if parts[0] is None else function(*parts), *nested)
 
 
-def applied(
-    sensing: Sensing | tuple[()], target: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], Sensing | tuple[()]]:
-    """Returns the targets `(..., 9)` that reach the actuators in a control step, and the sensing after it."""
-    if not isinstance(sensing, Sensing):
-        return target, sensing
-    delayed = np.where(sensing.delay[..., np.newaxis], sensing.target, target)
-    return delayed, sensing._replace(target=target)
+@dataclasses.dataclass(frozen=True)
+class Stepper:
+    """The control steps of a task's episodes.
+
+    Attributes:
+      mdp: the task's settings and mathematics.
+      simulation: the physics of one episode or of many.
+    """
+
+    mdp: MDP
+    simulation: Simulation
+
+    def act(
+        self, state: EpisodeState, action: NDArray[np.float64], draw: NDArray[np.float64] | float
+    ) -> tuple[EpisodeState, NDArray[np.float64]]:
+        """Returns the state with an action, and the controls `(..., 9)` of the actuators that follow [rad, m].
+
+        Args:
+          state: after the last control step.
+          action: `(..., k)`.
+          draw: `(...)`, from U(0, 1), or `MEDIAN`, for the control mode.
+        """
+        target, command = self.mdp.action_mode.control(self.simulation, state.mdp, state.command, action, draw)
+        sensing, ctrl = state.sensing, target
+        if sensing is not None:
+            ctrl, sensing = sensing.delayed(target), sensing._replace(target=target)
+        return state._replace(command=command, sensing=sensing, action=action, target=target), ctrl
+
+    def observe(self, state: EpisodeState, reading: Any, draws: NDArray[np.float64]) -> EpisodeState:
+        """Returns the state after the physics of the control step.
+
+        Args:
+          state: with the action, as `act` returned it.
+          reading: values of the task's sensors.
+          draws: `(..., noise_draws)`, from U(-1, 1).
+        """
+        assert state.action is not None, "act first"
+        assert state.target is not None, "act first"
+        after = self.mdp.step(
+            state.mdp, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
+        )
+        return state._replace(mdp=after)

@@ -137,7 +137,7 @@ class Sensors(Protocol[Reading_co]):
 class ActionMode(abc.ABC):
     """Meaning of the action.
 
-    A mode may remember a command from one control step to the next: a named tuple of arrays `(..., k)`, or `()`.
+    A mode may remember a command from one control step to the next: a named tuple of arrays `(..., k)`; None otherwise.
 
     Attributes:
       name: of the mode, as the argument `control_mode` takes it.
@@ -189,9 +189,8 @@ class ActionMode(abc.ABC):
         return None
 
     def start(self, simulation: Simulation) -> Any:
-        """Returns the command at the start of an episode, which is the present state."""
-        del simulation
-        return ()
+        """Returns the command at the start of an episode, which is the present state; None if there is none."""
+        return None
 
     @abc.abstractmethod
     def control(
@@ -225,12 +224,12 @@ class MDP(abc.ABC, Generic[Reading, State]):
     Attributes:
       sensors: sensors of the scene, bound to its compiled model.
       action_mode: meaning of the action.
-      carried: fields of the state that a reset leaves as they are.
+      persistent: fields of the state that a reset leaves as they are.
     """
 
     sensors: Sensors[Reading]
     action_mode: ActionMode
-    carried: ClassVar[Sequence[str]] = ()
+    persistent: ClassVar[Sequence[str]] = ()
 
     @property
     def noise_draws(self) -> int:

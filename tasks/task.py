@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks import episode
+from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import InstructedTask
 from kitchen_suite.tasks.mdp import MEDIAN, ActionMode, PhysicsSimulation, columns
@@ -176,15 +176,14 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
+      episode: state of the present episode; arrays without leading axes, not to be written to.
     """
 
+    episode = EpisodeState()
     domain_name: str | None = None
     truncates = False
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     _random: np.random.RandomState
-    _state: Any = None
-    _command: Any = ()
-    _sensing: Any = ()
     _visualize_reward = False
 
     @property
@@ -209,22 +208,12 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     @property
     def state(self) -> Any:
         """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
-        return self._state
+        return self.episode.mdp
 
     @property
     def default_control_mode(self) -> str:
         """Name of the control mode where none is asked for."""
         return next(iter(self.control_modes), self.mdp.action_mode.name)
-
-    @property
-    def command(self) -> Any:
-        """Memory of the control mode from earlier actions, such as a commanded pose; `()` if it has none."""
-        return self._command
-
-    @property
-    def sensing(self) -> Any:
-        """Variation of sensing in the present episode, a `sensing.Sensing`; `()` if there is none."""
-        return self._sensing
 
     @property
     def episode_metrics(self) -> Metrics:
@@ -236,10 +225,10 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         """Tasks that the present episode asks for and has completed; None if they cannot be counted."""
         return self.completions_in(self.mdp.info(self.state))
 
-    def begin_run(self) -> None:
+    def reset_statistics(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
-        zeros = {name: np.zeros_like(getattr(self._state, name)) for name in self.mdp.carried}
-        self._state = self._state._replace(**zeros)
+        zeros = {name: np.zeros_like(getattr(self.state, name)) for name in self.mdp.persistent}
+        self.episode = self.episode._replace(mdp=self.state._replace(**zeros))
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         """Moves robot and objects to the positions and velocities of a recorded observation.
@@ -265,8 +254,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        memory = {name: part._asdict() for name, part in self._memory.items() if part}
-        return {**self._saved_state(), **tree.map_structure(np.array, memory), **self.variation_info}
+        return {**self._saved_state(), **self.episode.memory(), **self.variation_info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -280,21 +268,15 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         values = self.randomizer.checked(self._values_in(state))
         self._restore_state(state)
         self._restore_variation(state, values)
-        memory = (part and part._replace(**state[name]) for name, part in self._memory.items())
-        self._command, self._sensing = memory
-
-    @property
-    def _memory(self) -> dict[str, Any]:
-        """Named tuples of what later steps depend on, beside the MDP's state; `()` where there is nothing."""
-        return {"command": self._command, "sensing": self._sensing}
+        self.episode = self.episode.with_memory(state)._replace(variation=self.variation_info)
 
     def _saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
-        return tree.map_structure(np.array, self._state._asdict())
+        return tree.map_structure(np.array, self.state._asdict())
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         """Sets what `_saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
-        self._set_state(type(self._state)(**{name: state[name] for name in self._state._fields}))
+        self._set_state(type(self.state)(**{name: state[name] for name in self.state._fields}))
 
     @abc.abstractmethod
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -304,7 +286,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         """Looks up what the task needs beside the MDP in a compiled scene."""
 
     @abc.abstractmethod
-    def _show(self, physics: mjcf.Physics | None) -> None:
+    def _publish_state(self, physics: mjcf.Physics | None) -> None:
         """Updates observables and, given a physics, colours after a change of state."""
 
     def action_spec(self, physics: mjcf.Physics) -> specs.Array:
@@ -314,6 +296,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
+        self._stepper = Stepper(mdp, self._simulation)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.randomizer.bind(physics)
@@ -343,16 +326,13 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
           TypeError: the action does not hold real numbers.
           ValueError: the action has another shape than its spec, holds NaN or inf, or has no meaning.
         """
-        self._random, mdp = random_state, self.mdp
-        self._action = self.checked_action(action)
-        if mdp.action_mode.reads_derived and not physics.legacy_step:
+        self._random, mode = random_state, self.mdp.action_mode
+        checked = self.checked_action(action)
+        if mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
-        draw = random_state.random_sample() if mdp.action_mode.draws else MEDIAN
-        self._target, self._command = mdp.action_mode.control(
-            self._simulation, self._state, self._command, self._action, draw
-        )
-        applied, self._sensing = episode.applied(self._sensing, self._target)
-        self._simulation.write("ctrl", mdp.sensors.ctrl, applied)
+        draw = random_state.random_sample() if mode.draws else MEDIAN
+        self.episode, ctrl = self._stepper.act(self.episode, checked, draw)
+        self._simulation.write("ctrl", self.mdp.sensors.ctrl, ctrl)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random, mdp = random_state, self.mdp
@@ -361,18 +341,12 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
             mdp.sensors.refresh(physics)
             if self._extras is not None:
                 self._extras.refresh(physics)
-        state = mdp.step(
-            self._state,
-            action=self._action,
-            target=self._target,
-            reading=mdp.sensors.read(self._simulation),
-            draws=episode.scaled(self._sensing, mdp.draw_noise(random_state)),
-        )
-        self._set_state(state, physics)
+        reading = mdp.sensors.read(self._simulation)
+        self._set_episode(self._stepper.observe(self.episode, reading, mdp.draw_noise(random_state)), physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         del physics
-        return float(self.mdp.reward(self._state))
+        return float(self.mdp.reward(self.state))
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         del physics
@@ -384,13 +358,14 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
 
     def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
-        mdp, before = self.mdp, self._state
+        mdp, before = self.mdp, self.episode.mdp
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
-        self._sensing = episode.start(self.randomizer.values, mdp.noise_parts, mdp.noise_draws, positions)
-        start = self._initial_state(episode.scaled(self._sensing, draws))
-        carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
-        self._set_state(start._replace(**carried), physics)
+        start = EpisodeState(
+            sensing=Sensing.start(self.randomizer.values, mdp, positions), variation=self.variation_info
+        )
+        start = start._replace(mdp=self._initial_state(start.scaled(draws)))
+        self._set_episode(start if before is None else start.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
 
     def _initial_state(self, draws: NDArray[np.float64]) -> Any:
@@ -401,14 +376,18 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         """Makes the control mode start from the present state of the physics."""
         if self.mdp.action_mode.reads_derived:
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
-        self._command = self.mdp.action_mode.start(self._simulation)
+        self.episode = self.episode._replace(command=self.mdp.action_mode.start(self._simulation))
 
     def _set_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
-        """Stores a state, and shows it."""
-        self._state = state
+        """Sets the MDP's state, and publishes it."""
+        self._set_episode(self.episode._replace(mdp=state), physics)
+
+    def _set_episode(self, episode: EpisodeState, physics: mjcf.Physics | None) -> None:
+        """Sets the state of the episode, and publishes it."""
+        self.episode, state = episode, episode.mdp
         # composer asks twice.
         self._terminates, self.truncates = bool(self.mdp.terminates(state)), bool(self.mdp.truncates(state))
-        self._show(physics)
+        self._publish_state(physics)
 
 
 class GoalHighlighting:

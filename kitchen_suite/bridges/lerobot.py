@@ -60,7 +60,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Starts an episode in every environment; arguments and errors as of `SuiteVectorEnv.reset`."""
         # An episode depends on its seed alone, and not on how many steps an environment has made before.
-        self.environments.begin_run()
+        self.environments.reset_statistics()
         observations, infos = self.environments.reset(seed=seed, options=options)
         return self._observations(observations), infos
 

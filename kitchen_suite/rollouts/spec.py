@@ -219,7 +219,7 @@ def reset_to_seed(
       options: of `reset`.
     """
     inner = suite_env(environment)
-    inner.environment.task.begin_run()
+    inner.environment.task.reset_statistics()
     if seeding == "gymnasium":
         return environment.reset(seed=seed, options=options)
     inner.np_random = legacy_generator(seed)

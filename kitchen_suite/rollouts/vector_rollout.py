@@ -196,7 +196,7 @@ class VectorRollout:
         self._is_first = mask
         if not mask.any():
             return
-        self._environments.begin_run(mask)
+        self._environments.reset_statistics(mask)
         seeds = [running.seed if running and new else None for running, new in zip(self._running, mask, strict=True)]
         self._observations, infos = self._environments.reset(seed=seeds, options={"reset_mask": mask})
         self._history.add_reset(self._observations, infos, mask)

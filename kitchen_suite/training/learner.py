@@ -145,7 +145,7 @@ class Learner:
         """
         environments, count = self._environments, self._environments.num_envs
         # Rewards may depend on the steps made before an interruption.
-        environments.begin_run(total_steps=self.steps // count)
+        environments.reset_statistics(total_steps=self.steps // count)
         observations, _ = environments.reset(seed=seed)
         self._observations = _tensor(observations)
         length = _episode_length(environments)

@@ -153,14 +153,14 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         """The single environment that starts the episodes; not to be stepped."""
         return self._template_env
 
-    def begin_run(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
-        """Resets what environments keep from one episode to the next; see `SuiteTask.begin_run`.
+    def reset_statistics(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
+        """Resets what environments keep from one episode to the next; see `SuiteTask.reset_statistics`.
 
         Args:
           mask: environments `(n,)` that begin a run; all when omitted.
           total_steps: control steps that each has made before, where a run continues.
         """
-        self._episodes.begin_run(mask, total_steps)
+        self._episodes.reset_statistics(mask, total_steps)
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
@@ -172,7 +172,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
-        return self._episodes.observation(), self._episodes.state, self._pictures.take()
+        return self._episodes.observation(), self._episodes.state.mdp, self._pictures.take()
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""

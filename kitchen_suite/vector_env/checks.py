@@ -150,12 +150,6 @@ def repeat(state: Any, count: int) -> Any:
     return tree.map_structure(lambda array: np.repeat(np.asarray(array)[np.newaxis], count, axis=0), state)
 
 
-def put(arrays: Sequence[NDArray], i: int, state: Any) -> None:
-    """Writes the state of one episode to row `i` of the arrays of many, which are in the order of `tree.flatten`."""
-    for rows, array in zip(arrays, tree.flatten(state), strict=True):
-        rows[i] = array
-
-
 def row(observations: Any, i: int) -> Any:
     """Returns a copy of the observation of environment `i`."""
     return tree.map_structure(lambda array: array[i].copy(), observations)

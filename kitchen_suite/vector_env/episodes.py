@@ -8,12 +8,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import tree
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
-from kitchen_suite.tasks import episode
+from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
 from kitchen_suite.tasks.variations.randomizer import VariationRequest
 from kitchen_suite.vector_env import checks
@@ -46,8 +45,7 @@ class BatchEpisodes:
 
     Attributes:
       batch: the simulations.
-      state: state of the task's MDP; leading axis `(n,)`.
-      command: what the control mode remembers of earlier actions; leading axis `(n,)`.
+      state: states of the episodes; arrays with a leading axis `(n,)`.
       streams: random streams of the episodes.
       steps: `(n,)`, control steps of the episodes.
       has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
@@ -72,15 +70,13 @@ class BatchEpisodes:
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
+        self._stepper = Stepper(self._mdp, self._simulation)
         model, randomizer = environment.physics.model.ptr, self._task.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = checks.repeat(getattr(model, name), count)
         self.streams = [random_state.Stream(None) for _ in range(count)]
-        self.state: Any = checks.repeat(self._task.state, count)
-        self.command: Any = checks.repeat(self._task.command, count)
-        self._sensing: Any = checks.repeat(self._task.sensing, count)
-        self._variation: Any = checks.repeat(self._task.variation_info, count)
+        self.state: EpisodeState = self._task.episode.repeated(count)
         self._shown_variation: dict[str, Any] | None = None
         self._requests: dict[int, VariationRequest] = {}
         self._own_requests: dict[int, Any] = {}
@@ -93,10 +89,10 @@ class BatchEpisodes:
         for i, seed in seeds.items():
             self.streams[i] = random_state.Stream(seed)
 
-    def begin_run(self, mask: NDArray[np.bool_] | None, total_steps: int) -> None:
-        """Resets what the state carries from one episode to the next where the mask `(n,)` is True, or everywhere."""
-        for name in self._mdp.carried:
-            getattr(self.state, name)[slice(None) if mask is None else mask] = total_steps
+    def reset_statistics(self, mask: NDArray[np.bool_] | None, total_steps: int) -> None:
+        """Resets the statistics over episodes where the mask `(n,)` is True, or everywhere."""
+        for name in self._mdp.persistent:
+            getattr(self.state.mdp, name)[slice(None) if mask is None else mask] = total_steps
 
     def request(self, variations: Mapping[int, VariationRequest], own: Mapping[int, Any]) -> None:
         """Makes the next start of some episodes follow requests, by index of the episode.
@@ -115,8 +111,7 @@ class BatchEpisodes:
         environment, self._shown_variation = self._environment, None
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        arrays = tree.flatten((self.state, self.command, self._sensing, self._variation))
-        carried = {name: getattr(self.state, name)[indices] for name in self._mdp.carried}
+        kept = {name: getattr(self.state.mdp, name)[indices] for name in self._mdp.persistent}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
             if i in self._requests:
@@ -127,12 +122,11 @@ class BatchEpisodes:
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
-            task = self._task
-            checks.put(arrays, i, (task.state, task.command, task.sensing, task.variation_info))
+            self.state.put(i, self._task.episode)
             if self._extras:
                 self._extra_values[i] = self._extras.values
-        for name, values in carried.items():
-            getattr(self.state, name)[indices] = values
+        for name, values in kept.items():
+            getattr(self.state.mdp, name)[indices] = values
         self.steps[mask] = 0
         self.has_moved |= mask
         if self._mdp.action_mode.reads_derived:
@@ -155,28 +149,23 @@ class BatchEpisodes:
           Rewards, terminations, and which simulations diverged, each `(n,)`; 0 and False where not `stepping`.
         """
         mdp, everyone = self._mdp, bool(stepping.all())
-        target, self.command = mdp.action_mode.control(
-            self._simulation, self.state, self.command, actions, self._draw_actions(stepping)
-        )
-        applied, self._sensing = episode.applied(self._sensing, target)
-        self._simulation.write("ctrl", mdp.sensors.ctrl, applied)
+        acting, ctrl = self._stepper.act(self.state, actions, self._draw_actions(stepping))
+        self._simulation.write("ctrl", mdp.sensors.ctrl, ctrl)
         self.batch.step(None if everyone else stepping, self._physics_steps, self._stage)
         diverged = np.logical_or.reduce(self.batch.warning[:, :, 1], axis=1)
         everyone, alive = everyone and not diverged.any(), stepping & ~diverged
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        reading = mdp.sensors.read(self._simulation)
-        draws = episode.scaled(self._sensing, self._draws)
-        state = mdp.step(self.state, action=actions, target=target, reading=reading, draws=draws)
-        self.state = state if everyone else self._carry(state, alive)
+        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), self._draws)
+        self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
-        return np.where(alive, mdp.reward(state), 0.0), (mdp.terminates(state) & alive) | diverged, diverged
+        return np.where(alive, mdp.reward(after.mdp), 0.0), (mdp.terminates(after.mdp) & alive) | diverged, diverged
 
     def truncates(self) -> NDArray[np.bool_] | bool:
         """Returns whether `(n,)` the last step truncated an episode, whatever the time limit."""
-        return self._mdp.truncates(self.state)
+        return self._mdp.truncates(self.state.mdp)
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
@@ -191,25 +180,20 @@ class BatchEpisodes:
             for i in stepping.nonzero()[0].tolist():
                 self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
 
-    def _carry(self, state: Any, stepping: NDArray[np.bool_]) -> Any:
-        """Returns a state after a step, with the fields that resets leave unchanged where not `stepping`."""
-        kept = {name: np.where(stepping, getattr(state, name), getattr(self.state, name)) for name in self._mdp.carried}
-        return state._replace(**kept) if kept else state
-
     def observation(self) -> NDArray:
         """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""
-        flat = self._mdp.observation(self._simulation, self.state)
+        flat = self._mdp.observation(self._simulation, self.state.mdp)
         if not self._extras:
             return flat
         return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
 
     def info(self) -> dict[str, Any]:
         """Returns the infos of the MDP, and the number of steps as `episode_step`: fresh arrays `(n, ...)`."""
-        return {**self._mdp.info(self.state), "episode_step": self.steps.copy()}
+        return {**self._mdp.info(self.state.mdp), "episode_step": self.steps.copy()}
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
-        return checks.copied(self._variation)
+        return checks.copied(self.state.variation)
 
     def shown_variation(self) -> dict[str, Any]:
         """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.

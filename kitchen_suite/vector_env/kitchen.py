@@ -57,18 +57,18 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     @property
     def _orders(self) -> NDArray[np.int64]:
         """Places `(n, m)` of the tasks in the order that each environment asks for; with `tasks_per_episode` only."""
-        return self._episodes.state.requested_order
+        return self._episodes.state.mdp.requested_order
 
     def _each(self, name: str) -> tuple[Any, ...]:
         task = self._template_env.environment.task
         if name not in _WORDS or task.mdp.task_draw is None:
             return super()._each(name)
-        instructions = [task.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state)]
+        instructions = [task.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state.mdp)]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        task, progress = self._template_env.environment.task, self._episodes.state.progress
+        task, progress = self._template_env.environment.task, self._episodes.state.mdp.progress
         goals = task.mdp.goals
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],

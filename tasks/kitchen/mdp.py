@@ -26,9 +26,9 @@ class KitchenState(NamedTuple):
       achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
       distances: `(..., n)`, distance of each task from its goal [rad, m].
       progress: completion of the tasks.
-      shaping: what dense rewards remember; `()` for the sparse reward.
-      terms: `(...)` each, the terms of the last step's dense reward by name; `()` for the sparse reward.
-      requested_order: `(..., n)`, place of each task in the order asked, from 0, and -1 where it is not asked; `()` if
+      shaping: what dense rewards remember; None for the sparse reward.
+      terms: `(...)` each, the terms of the last step's dense reward by name; None for the sparse reward.
+      requested_order: `(..., n)`, place of each task in the order asked, from 0, and -1 where it is not asked; None if
         every episode asks for all tasks.
     """
 
@@ -38,18 +38,18 @@ class KitchenState(NamedTuple):
     achieved: NDArray[np.float64]
     distances: NDArray[np.float64]
     progress: Progress
-    shaping: Shaping | tuple[()] = ()
-    terms: dict[str, NDArray[np.float64]] | tuple[()] = ()
-    requested_order: NDArray[np.int64] | tuple[()] = ()
+    shaping: Shaping | None = None
+    terms: dict[str, NDArray[np.float64]] | None = None
+    requested_order: NDArray[np.int64] | None = None
 
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays, without the fields that are `()`."""
+    """Returns a state as nested dicts of fresh arrays, without the fields that are None."""
     parts = {"progress": state.progress._asdict()}
-    if isinstance(state.shaping, Shaping):
-        parts |= {"shaping": state.shaping._asdict(), "terms": dict(state.terms)}
+    if state.shaping is not None and state.terms is not None:
+        parts |= {"shaping": state.shaping._asdict(), "terms": state.terms}
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
-    flat = {name: part for name, part in state._asdict().items() if name not in _NESTED and not isinstance(part, tuple)}
+    flat = {name: part for name, part in state._asdict().items() if name not in _NESTED and part is not None}
     arrays = {name: np.array(array) for name, array in flat.items()}
     return {**arrays, **nested}
 
@@ -124,7 +124,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             distances=distances,
             progress=Progress.initial(distances.shape),
             shaping=shaping,
-            terms={name: np.zeros(distances.shape[:-1]) for name in self.reward_terms.terms} if shaping else (),
+            terms={name: np.zeros(distances.shape[:-1]) for name in self.reward_terms.terms} if shaping else None,
         )
 
     def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
@@ -141,12 +141,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def shown_mask(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` are asked at present."""
         order = self.shown_order(state)
-        return np.full(state.distances.shape, True) if isinstance(order, tuple) else order >= 0
+        return np.full(state.distances.shape, True) if order is None else order >= 0
 
-    def shown_order(self, state: KitchenState) -> NDArray[np.int64] | tuple[()]:
-        """Returns the order `(..., n)` of the tasks that are asked at present; `()` if every episode asks for all."""
+    def shown_order(self, state: KitchenState) -> NDArray[np.int64] | None:
+        """Returns the order `(..., n)` of the tasks that are asked at present; None if every episode asks for all."""
         order = state.requested_order
-        if not self.tasks_in_turn or isinstance(order, tuple):
+        if not self.tasks_in_turn or order is None:
             return order
         return np.where(current(order, state.progress.completed), order, -1)
 
@@ -155,10 +155,10 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         shown = self.shown_mask(state)
         return shown | state.progress.completed if self.tasks_in_turn else shown
 
-    def start_shaping(self, reading: KitchenReading) -> Shaping | tuple[()]:
-        """Returns what a dense reward remembers at a reset; `()` for the sparse one."""
+    def start_shaping(self, reading: KitchenReading) -> Shaping | None:
+        """Returns what a dense reward remembers at a reset; None for the sparse one."""
         if reading.hand_distances is None:
-            return ()
+            return None
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
 
     def step(
@@ -174,20 +174,22 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         positions, achieved, hand_distances = reading
         distances = self.goals.distances(achieved)
         within, order = self.success.within(achieved, distances), state.requested_order
-        if not isinstance(order, tuple):
+        if order is not None:
             within = within & self._attempted(state)
         progress = state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed)
-        after = KitchenState(self.noise_scale * draws, positions, target, achieved, distances, progress, (), (), order)
+        after = KitchenState(
+            self.noise_scale * draws, positions, target, achieved, distances, progress, requested_order=order
+        )
         return after if hand_distances is None else self._shaped(after, state, hand_distances)
 
     def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
         """Returns a state with the terms of a dense reward."""
-        assert isinstance(before.shaping, Shaping)
         remembered = before.shaping
+        assert remembered is not None
         if self.tasks_in_turn:
             remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
         shaping = remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-        asked = None if isinstance(after.requested_order, tuple) else self._attempted(before)
+        asked = None if after.requested_order is None else self._attempted(before)
         terms = self.shaped_terms(shaping, after.achieved, self.goals.desired, asked)
         return after._replace(shaping=shaping, terms=terms)
 
@@ -218,7 +220,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def terms(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
         """Returns the terms `(...)` of the last step's reward by name."""
-        return dict(state.terms) if self.is_shaped else self.reward_terms(state.progress.completions)
+        return dict(state.terms) if state.terms is not None else self.reward_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed
@@ -231,7 +233,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def all_completed(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns whether `(...)` all tasks that the episode asks for have been completed."""
         order = state.requested_order
-        if isinstance(order, tuple):
+        if order is None:
             return state.progress.all_completed
         completed: NDArray[np.bool_] = np.logical_and.reduce(state.progress.completed | (order < 0), axis=-1)
         return completed
@@ -250,13 +252,13 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             "task_distances": state.distances.copy(),
             "is_success": self.all_completed(state),
         }
-        if not isinstance(state.requested_order, tuple):
+        if state.requested_order is not None:
             infos |= {f"{REQUESTED}_mask": state.requested_order >= 0, REQUESTED_ORDER: state.requested_order.copy()}
         if self.tasks_in_turn:
             # A step that completes a task has not attempted the next one.
             attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self._attempted(state))
             infos[f"{ATTEMPTED}_mask"] = attempted
-        if isinstance(state.shaping, Shaping):
+        if state.shaping is not None:
             infos |= {f"reward/{name}": np.array(term) for name, term in self.terms(state).items()}
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}
         return infos

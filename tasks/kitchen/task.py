@@ -15,7 +15,6 @@ from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import SiteArena
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.episode import scaled
 from kitchen_suite.tasks.goals import Goal, Progress
 from kitchen_suite.tasks.instructions import joined
 from kitchen_suite.tasks.kitchen import observation as noise
@@ -57,9 +56,8 @@ class RequestingTask(SuiteTask):
 
     reset_options = (REQUESTED,)
     _mdp: KitchenMDP
-    _state: KitchenState
-    # Order of the episode that starts; `()` if all tasks are asked.
-    _start_order: NDArray[np.int64] | tuple[()] = ()
+    # Order of the episode that starts; None if all tasks are asked.
+    _start_order: NDArray[np.int64] | None = None
     _requested: NDArray[np.int64] | None = None
     _task_weights: NDArray[np.float64] | None = None
 
@@ -81,23 +79,23 @@ class RequestingTask(SuiteTask):
     @property
     def requested_tasks(self) -> list[str]:
         """Tasks that the episode asks for, in the order asked; all in configured order without `tasks_per_episode`."""
-        return self.tasks_in(self._state.requested_order)
+        return self.tasks_in(self.state.requested_order)
 
-    def tasks_in(self, order: NDArray[np.int64] | tuple[()]) -> list[str]:
-        """Returns the tasks that an order `(n,)` asks for; all for `()`."""
+    def tasks_in(self, order: NDArray[np.int64] | None) -> list[str]:
+        """Returns the tasks that an order `(n,)` asks for; all for None."""
         tasks = self._mdp.goals.tasks
-        return [*tasks] if isinstance(order, tuple) else [tasks[index] for index in in_order(order)]
+        return [*tasks] if order is None else [tasks[index] for index in in_order(order)]
 
-    def instructions_in(self, order: NDArray[np.int64] | tuple[()]) -> tuple[str, ...]:
-        """Returns the instructions of the tasks that an order `(n,)` asks for; those of all for `()`."""
+    def instructions_in(self, order: NDArray[np.int64] | None) -> tuple[str, ...]:
+        """Returns the instructions of the tasks that an order `(n,)` asks for; those of all for None."""
         goals = self._mdp.goals
-        if isinstance(order, tuple):
+        if order is None:
             return goals.instructions
         return joined(goals.goals[index].instructions for index in in_order(order))
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        return self.instructions_in(self._mdp.shown_order(self._state) if self._state else ())
+        return self.instructions_in(self._mdp.shown_order(self.state) if self.state else None)
 
     @property
     def task_weights(self) -> NDArray[np.float64]:
@@ -145,7 +143,7 @@ class RequestingTask(SuiteTask):
 
     def _observed_requests(self) -> NDArray[np.float64]:
         """Returns the observation `requested_tasks`, `(n,)`."""
-        return self._mdp.shown_mask(self._state).astype(np.float64)
+        return self._mdp.shown_mask(self.state).astype(np.float64)
 
     def _may_be_done(self) -> dict[str, Goal]:
         """Returns the goals of the tasks that may be done at the start of the episode that starts."""
@@ -171,7 +169,7 @@ class RequestingTask(SuiteTask):
 
     def _initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
         state: KitchenState = super()._initial_state(draws)
-        return state if isinstance(self._start_order, tuple) else self._mdp.asked(state, self._start_order)
+        return state if self._start_order is None else self._mdp.asked(state, self._start_order)
 
     def _prepare_requests(self) -> None:
         """Makes the state before the first reset ask for all tasks."""
@@ -181,7 +179,7 @@ class RequestingTask(SuiteTask):
 
     def _is_asked(self) -> NDArray[np.bool_]:
         """Returns which tasks `(n,)` the episode that starts asks for."""
-        if isinstance(self._start_order, tuple):
+        if self._start_order is None:
             return np.full(len(self._mdp.goals.tasks), True)
         return self._start_order >= 0
 
@@ -215,17 +213,17 @@ class KitchenProgress(RequestingTask):
     @property
     def reward_terms(self) -> dict[str, float]:
         """The terms of the last step's reward by name; zeros before the first step of an episode."""
-        return {name: float(term) for name, term in self._mdp.terms(self._state).items()}
+        return {name: float(term) for name, term in self._mdp.terms(self.state).items()}
 
     @property
     def progress(self) -> Progress:
         """Completion of the tasks; arrays of shape `(n,)`, in configured order."""
-        return self._state.progress
+        return self.state.progress
 
     @property
     def task_distances(self) -> NDArray[np.float64]:
         """Distance of each task from its goal, in configured order [rad, m]."""
-        return self._state.distances.copy()
+        return self.state.distances.copy()
 
     @property
     def tasks_to_complete(self) -> list[str]:
@@ -418,10 +416,6 @@ class KitchenTask(KitchenProgress):
         return self._mdp.sensors.indices
 
     @property
-    def state(self) -> KitchenState:
-        return self._state
-
-    @property
     def goals(self) -> dict[str, NDArray[np.float64]]:
         """Goal of each task, in configured order."""
         return self._mdp.goals.split(self._mdp.goals.desired.copy())
@@ -449,7 +443,7 @@ class KitchenTask(KitchenProgress):
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics
         present = self._mdp.sensors.observed(self._simulation)
-        greatest = scaled(self.sensing, self._mdp.noise_scale)
+        greatest = self.episode.scaled(self._mdp.noise_scale)
         return bool((np.abs(observation - present) <= greatest + _ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
@@ -457,7 +451,7 @@ class KitchenTask(KitchenProgress):
         self._mdp.sensors.refresh(physics)
         reading = self._mdp.sensors.read(self._simulation)
         self._set_state(
-            self._state._replace(
+            self.state._replace(
                 positions=reading.positions,
                 target=reading.positions,
                 achieved=reading.achieved,
@@ -468,9 +462,9 @@ class KitchenTask(KitchenProgress):
         self._start_command(physics)
 
     def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
-        robot, changed = noise.SLICES[0], self._state.noise.copy()
-        changed[robot] = observation[robot] - self._state.positions
-        self._set_state(self._state._replace(noise=changed))
+        robot, changed = noise.SLICES[0], self.state.noise.copy()
+        changed[robot] = observation[robot] - self.state.positions
+        self._set_state(self.state._replace(noise=changed))
 
     def _bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self._scene, self._mdp.goals)
@@ -518,7 +512,7 @@ class KitchenTask(KitchenProgress):
     def _saved_state(self) -> dict[str, Any]:
         goals = self._mdp.goals
         tasks = {"tasks": ", ".join(goals.tasks), "desired": goals.desired.copy()}
-        return {**tasks, **as_dict(self._state), **self._saved_requests()}
+        return {**tasks, **as_dict(self.state), **self._saved_requests()}
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         goals = self._mdp.goals
@@ -527,9 +521,9 @@ class KitchenTask(KitchenProgress):
         self._restore_requests(state)
         self._set_state(from_dict(state))
 
-    def _show(self, physics: mjcf.Physics | None) -> None:
+    def _publish_state(self, physics: mjcf.Physics | None) -> None:
         """Updates observation noise and colours."""
         del physics
-        self._observables.noise[:] = self._state.noise
+        self._observables.noise[:] = self.state.noise
         if self._visualize_reward:
-            self._highlighting.update(self._state.progress.within)
+            self._highlighting.update(self.state.progress.within)

@@ -26,7 +26,6 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     PHYSICS_TIMESTEP,
     SIZE,
     MicrowaveTableMDP,
-    MicrowaveTableState,
     OpenReward,
 )
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
@@ -154,10 +153,6 @@ class MicrowaveTableTask(SuiteTask):
         return self._mdp
 
     @property
-    def state(self) -> MicrowaveTableState:
-        return self._state
-
-    @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return self._observables.copy()
 
@@ -212,11 +207,11 @@ class MicrowaveTableTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[self._indices.ctrl] = pose
 
-    def _show(self, physics: mjcf.Physics | None) -> None:
+    def _publish_state(self, physics: mjcf.Physics | None) -> None:
         """Updates the observation and, given a physics, the door's colour."""
-        self._observation = self._mdp.observation(self._simulation, self._state)
+        self._observation = self._mdp.observation(self._simulation, self.state)
         if self._visualize_reward and physics is not None:
-            self._highlighting.update([bool(self._state.is_success)])
+            self._highlighting.update([bool(self.state.is_success)])
 
     def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
         del physics

@@ -70,7 +70,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
     reward_terms: RewardTerms
 
     # The weights of the penalties depend on the control steps of all episodes.
-    carried = ("total_steps",)
+    persistent = ("total_steps",)
 
     @property
     def noise_draws(self) -> int:

@@ -20,7 +20,7 @@ from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, spl
 from kitchen_suite.tasks.mdp import columns
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
-from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP, OpenCabinetState
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import GraspReward, RewardTerms, reward_terms
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
@@ -163,37 +163,33 @@ class OpenCabinetTask(SuiteTask):
         return self._mdp
 
     @property
-    def state(self) -> OpenCabinetState:
-        return self._state
-
-    @property
     def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
         return collections.OrderedDict({**self._observables.by_name, **self.extra_observables})
 
     @property
     def reward_terms(self) -> dict[str, float]:
         """The seven terms of the last step's reward by name; zeros before the first step of an episode."""
-        return {name: float(term) for name, term in self._state.terms.items()}
+        return {name: float(term) for name, term in self.state.terms.items()}
 
     @property
     def drawer_opening(self) -> float:
         """Present opening of the drawer [m]."""
-        return float(Features(self._state.features).drawer_position)
+        return float(Features(self.state.features).drawer_position)
 
     @property
     def is_success(self) -> bool:
         """Whether the present opening is 0.3 m or more."""
-        return bool(self._state.is_success)
+        return bool(self.state.is_success)
 
     @property
     def total_steps(self) -> int:
-        """Control steps since the task was built or `begin_run` was called; resets do not restart the count."""
-        return int(self._state.total_steps)
+        """Control steps since the task was built or `reset_statistics` was called; resets do not restart the count."""
+        return int(self.state.total_steps)
 
     @total_steps.setter
     def total_steps(self, value: int) -> None:
         count = checks.integer(value, "total_steps", minimum=0)
-        self._state = self._state._replace(total_steps=np.array(count))
+        self.episode = self.episode._replace(mdp=self.state._replace(total_steps=np.array(count)))
 
     @property
     def observation_size(self) -> int:
@@ -242,7 +238,7 @@ class OpenCabinetTask(SuiteTask):
         physics.data.ctrl[self._mdp.sensors.ctrl] = pose
 
     def _saved_state(self) -> dict[str, Any]:
-        state = self._state
+        state = self.state
         return {
             "drawer": self._drawer,
             "total_steps": self.total_steps,
@@ -264,8 +260,8 @@ class OpenCabinetTask(SuiteTask):
         arrays = {name: state[name] for name in ("noise", "previous_action", "terms", "terminates", "succeeded")}
         self._set_state(start._replace(**arrays, total_steps=np.array(total_steps)))
 
-    def _show(self, physics: mjcf.Physics | None) -> None:
+    def _publish_state(self, physics: mjcf.Physics | None) -> None:
         """Updates the observation and, given a physics, the handle's colour."""
-        self._observables.update(self._state.observation, self._state.noise)
+        self._observables.update(self.state.observation, self.state.noise)
         if self._visualize_reward and physics is not None:
             physics.bind(self._handle).rgba = SUCCESS_RGBA if self.is_success else self._plain_rgba

@@ -156,7 +156,7 @@ def assert_given_back(domain, split, seeds):
         env.reset(seed=seed)
         # The next episode draws again.
         assert_same(again.reset(), env.reset())
-        again.environment.task.begin_run(), env.environment.task.begin_run()
+        again.environment.task.reset_statistics(), env.environment.task.reset_statistics()
     return refusals
 
 

@@ -210,7 +210,7 @@ def test_a_run_starts_without_the_steps_of_earlier_ones():
     env.reset()
     env.step(np.zeros(8))
     assert env.task.total_steps == 1
-    env.task.begin_run()
+    env.task.reset_statistics()
     assert env.task.total_steps == 0
 
 

@@ -117,7 +117,7 @@ def test_nothing_winds_up_against_an_obstacle():
         environment.step(down)
     position, _ = tracking.end_effector_pose(environment)
     assert environment.physics.data.ncon > 4
-    assert np.linalg.norm(environment.task.command.position - position) <= 0.08 + 0.03
+    assert np.linalg.norm(environment.task.episode.command.position - position) <= 0.08 + 0.03
     for _ in range(8):
         environment.step(up)
     assert tracking.end_effector_pose(environment)[0][2] > position[2] + 0.03
@@ -136,7 +136,7 @@ def test_joint_commands_stay_near_their_joints(sign):
     for _ in range(30):
         joints = np.array(arm_of(environment).qpos)
         environment.step(np.full(8, sign))
-        command = environment.task.command.positions
+        command = environment.task.episode.command.positions
         assert (np.abs(command - joints) <= 0.3 + 1e-12).all()
         assert (command <= np.maximum(high, joints)).all()
         assert (command >= np.minimum(low, joints)).all()

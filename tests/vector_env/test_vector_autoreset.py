@@ -283,9 +283,9 @@ def test_control_steps_are_counted_over_all_episodes_of_a_run():
     assert env.total_steps.tolist() == [4, 4]
     env.total_steps[:] = 0
     assert env.total_steps.tolist() == [4, 4]
-    env.begin_run(np.array([False, True]))
+    env.reset_statistics(np.array([False, True]))
     assert env.total_steps.tolist() == [4, 0]
-    env.begin_run()
+    env.reset_statistics()
     assert env.total_steps.tolist() == [0, 0]
 
 
