@@ -222,6 +222,6 @@ class GoalSet:
         stops = [*self.starts[1:], self.desired.size]
         return {task: slice(start, stop) for task, start, stop in zip(self.tasks, self.starts, stops, strict=True)}
 
-    def distances(self, achieved: NDArray) -> NDArray[np.float64]:
-        """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals."""
-        return goal_distances(achieved, self.desired, self.starts)
+    def distances(self, achieved: NDArray, desired: NDArray | None = None) -> NDArray[np.float64]:
+        """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals, or from others `(..., k)`."""
+        return goal_distances(achieved, self.desired if desired is None else desired, self.starts)

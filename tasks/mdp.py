@@ -16,19 +16,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.franka import Franka
 
-
-class Reward(Protocol):
-    """A reward function; which values of a step it takes is the domain's own.
-
-    Attributes:
-      terms: names of the terms, which sum to the reward.
-    """
-
-    @property
-    def terms(self) -> tuple[str, ...]: ...
-
-    def __call__(self, *values: Any, **named: Any) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` of a step by name."""
+RewardTerm = Callable[[Any, NDArray[np.float64], Any], NDArray[np.float64]]
+"""A term of a reward: takes the MDP's state before a control step, the action `(..., k)`, and the state after it, and
+returns `(...)`."""
 
 
 def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -224,11 +214,13 @@ class MDP(abc.ABC, Generic[Reading, State]):
     Attributes:
       sensors: sensors of the scene, bound to its compiled model.
       action_mode: meaning of the action.
+      rewards: the terms of the reward by name; their sum is the reward.
       persistent: fields of the state that a reset leaves as they are.
     """
 
     sensors: Sensors[Reading]
     action_mode: ActionMode
+    rewards: Mapping[str, RewardTerm]
     persistent: ClassVar[Sequence[str]] = ()
 
     @property
@@ -279,9 +271,17 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
 
-    @abc.abstractmethod
+    def reward_terms(self, before: State, action: NDArray[np.float64], after: State) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms `(...)` of a step's reward by name; arguments as of `RewardTerm`."""
+        return {name: term(before, action, after) for name, term in self.rewards.items()}
+
+    def no_reward(self, axes: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
+        """Returns the terms before the first step: zeros of the shape `axes`."""
+        return {name: np.zeros(axes) for name in self.rewards}
+
     def reward(self, state: State) -> NDArray[np.float64]:
-        """Returns the reward `(...)` of the last step."""
+        """Returns the reward `(...)` of the last step: the sum of the terms that the state holds."""
+        return total(state.terms)  # type: ignore[attr-defined]
 
     @abc.abstractmethod
     def terminates(self, state: State) -> NDArray[np.bool_]:

@@ -37,27 +37,19 @@ class Success(abc.ABC):
 
     @abc.abstractmethod
     def within(
-        self,
-        achieved: NDArray[np.float64],
-        distances: NDArray[np.float64],
-        *,
-        desired: NDArray[np.float64] | None = None,
-        factor: float = 1.0,
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
     ) -> NDArray[np.bool_]:
         """Returns whether `(..., n)` each task is complete.
 
         Args:
           achieved: `(..., k)`, positions of the goals' joints, end to end.
-          distances: `(..., n)`, their distances from the goals, as `GoalSet.distances` returns them.
           desired: `(..., k)`, the goals, where they are not those of the tasks.
           factor: by which thresholds or tolerances are greater.
         """
 
-    def within_recorded(
-        self, achieved: NDArray[np.float64] | None, distances: NDArray[np.float64]
-    ) -> NDArray[np.bool_] | None:
-        """Returns `within` for a recording, which may lack the achieved goals; None if it needs them."""
-        return None if achieved is None else self.within(achieved, distances)
+    def within_distances(self, distances: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+        """Returns whether `(..., n)` tasks at some distances from their goals are complete; None if that needs more."""
+        return None
 
 
 class ThresholdSuccess(Success):
@@ -75,20 +67,11 @@ class ThresholdSuccess(Success):
         return self.goals.distances(achieved) / self.thresholds
 
     def within(
-        self,
-        achieved: NDArray[np.float64],
-        distances: NDArray[np.float64],
-        *,
-        desired: NDArray[np.float64] | None = None,
-        factor: float = 1.0,
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
     ) -> NDArray[np.bool_]:
-        del achieved, desired
-        return distances < factor * self.thresholds
+        return self.goals.distances(achieved, desired) < factor * self.thresholds
 
-    def within_recorded(
-        self, achieved: NDArray[np.float64] | None, distances: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
-        del achieved
+    def within_distances(self, distances: NDArray[np.float64]) -> NDArray[np.bool_]:
         return distances < self.thresholds
 
 
@@ -110,21 +93,13 @@ class StrictSuccess(Success):
         ]
         self._tolerances = np.array([tolerance for each in tolerances for tolerance in each])
 
-    def ratios(self, achieved: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self._ratios(achieved, self.goals.desired)
-
     def within(
-        self,
-        achieved: NDArray[np.float64],
-        distances: NDArray[np.float64],
-        *,
-        desired: NDArray[np.float64] | None = None,
-        factor: float = 1.0,
+        self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None, factor: float = 1.0
     ) -> NDArray[np.bool_]:
-        del distances
-        return self._ratios(achieved, self.goals.desired if desired is None else desired) <= factor
+        return self.ratios(achieved, desired) <= factor
 
-    def _ratios(self, achieved: NDArray[np.float64], desired: NDArray[np.float64]) -> NDArray[np.float64]:
+    def ratios(self, achieved: NDArray[np.float64], desired: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        desired = self.goals.desired if desired is None else desired
         errors = np.abs(achieved - desired) / self._tolerances
         ratios: NDArray[np.float64] = np.maximum.reduceat(errors, self.goals.starts, axis=-1)
         for number in self._free:

@@ -18,7 +18,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import InstructedTask
-from kitchen_suite.tasks.mdp import MEDIAN, ActionMode, PhysicsSimulation, columns
+from kitchen_suite.tasks.mdp import MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
 from kitchen_suite.tasks.observables import ObservedTask
 from kitchen_suite.tasks.variations.variations import VariedTask
 
@@ -174,6 +174,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
 
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
+      extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
       episode: state of the present episode; arrays without leading axes, not to be written to.
@@ -182,6 +183,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     episode = EpisodeState()
     domain_name: str | None = None
     truncates = False
+    extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     _random: np.random.RandomState
     _visualize_reward = False

@@ -6,16 +6,16 @@ under a key such as `tasks_to_complete`, or has a mask in configured order under
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.tasks.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
-from kitchen_suite.tasks.kitchen.reward import Shaping
+from kitchen_suite.tasks.kitchen.reward import Shaping, Shares
 from kitchen_suite.tasks.mdp import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -52,16 +52,37 @@ def reward(
 
     With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
     info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
-    have under `reward_state/...`.
+    have under `reward_state/...`. Terms of a user's own do not follow the goals: infos have them under `reward/...`.
     """
-    if mdp.is_shaped:
-        shape = achieved.shape[:-1]
-        shaping, asked = _shaping(info, shape, mdp.goals), _asked(info, shape, mdp, _attempted_key(mdp))
-        return total(mdp.shaped_terms(shaping, achieved, desired, asked))
-    within = _within(achieved, desired, mdp)
-    listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-    rewarded, asked = np.where(has_lists, listed, True), _asked(info, within.shape[:-1], mdp, _attempted_key(mdp))
-    return total(mdp.reward_terms(within & (rewarded if asked is None else rewarded & asked)))
+    shape = achieved.shape[:-1]
+    asked = _asked(info, shape, mdp, _attempted_key(mdp))
+    if mdp.sensors.measures_hand:
+        step = Step(shares=mdp.shares(_shaping(info, shape, mdp.goals), achieved, desired, asked))
+    else:
+        within = _within(achieved, desired, mdp)
+        listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
+        rewarded = np.where(has_lists, listed, True)
+        step = Step(completions=within & (rewarded if asked is None else rewarded & asked))
+    action = np.zeros(0)
+    return total(
+        {
+            name: term(None, action, step) if name in mdp.goal_terms else _recorded_term(info, shape, name)
+            for name, term in mdp.rewards.items()
+        }
+    )
+
+
+class Step(NamedTuple):
+    """The parts of a state after a step that terms of goals read; see `KitchenState`."""
+
+    completions: NDArray[np.bool_] | None = None
+    shares: Shares | None = None
+
+
+def _recorded_term(info: Infos, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    """Returns the values `(...)` of a term that does not depend on goals, from infos `(...)`."""
+    parts = [_part(one, f"reward/{name}", 1) for one in broadcast_infos(info, shape).ravel()]
+    return np.array(parts).reshape(shape)
 
 
 def terminated(
@@ -90,8 +111,7 @@ def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP, key: str) -> ND
 def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
     """Returns whether `(..., n)` each task is complete; infinitely far goals are not."""
     with np.errstate(over="ignore"):
-        distances = goal_distances(achieved, desired, mdp.goals.starts)
-        return mdp.success.within(achieved, distances, desired=desired)
+        return mdp.success.within(achieved, desired)
 
 
 def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
@@ -112,8 +132,8 @@ def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
 
 def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
     if key not in info:
-        raise ValueError(f"a dense reward needs {key!r} of the step's infos, got {sorted(info)}")
-    value = checks.array_of(info[key], key)
+        raise ValueError(f"the reward needs {key!r} of the step's infos, got {sorted(info)}")
+    value = np.atleast_1d(checks.array_of(info[key], key))
     return checks.vector(value.astype(np.float64) if value.dtype == bool else value, width, key)
 
 

@@ -1,7 +1,7 @@
 """The kitchen's Markov decision process: the state after a control step, its reward, observation and infos."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +11,8 @@ from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, current
-from kitchen_suite.tasks.kitchen.reward import ShapedReward, Shaping, shares
-from kitchen_suite.tasks.mdp import MDP, ActionMode, Reward, Simulation, total
+from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
+from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 from kitchen_suite.tasks.success import Success
 
 
@@ -26,10 +26,11 @@ class KitchenState(NamedTuple):
       achieved: `(..., k)`, achieved goals: present positions of the goals' joints, end to end [rad, m, quaternion].
       distances: `(..., n)`, distance of each task from its goal [rad, m].
       progress: completion of the tasks.
+      terms: `(...)` each, the terms of the last step's reward by name.
       shaping: what dense rewards remember; None for the sparse reward.
-      terms: `(...)` each, the terms of the last step's dense reward by name; None for the sparse reward.
       requested_order: `(..., n)`, place of each task in the order asked, from 0, and -1 where it is not asked; None if
         every episode asks for all tasks.
+      shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
     noise: NDArray[np.float64]
@@ -38,20 +39,32 @@ class KitchenState(NamedTuple):
     achieved: NDArray[np.float64]
     distances: NDArray[np.float64]
     progress: Progress
+    terms: dict[str, NDArray[np.float64]]
     shaping: Shaping | None = None
-    terms: dict[str, NDArray[np.float64]] | None = None
     requested_order: NDArray[np.int64] | None = None
+    shares: Shares | None = None
+
+    @property
+    def completions(self) -> NDArray[np.bool_]:
+        """`(..., n)`, tasks that the last step completed."""
+        return self.progress.completions
+
+
+# Names of the terms of the sparse reward, which follow from the completions and are not saved.
+_SPARSE = REWARDS["sparse"].keys()
 
 
 def as_dict(state: KitchenState) -> dict[str, Any]:
-    """Returns a state as nested dicts of fresh arrays, without the fields that are None."""
+    """Returns a state as nested dicts of fresh arrays, without the parts that are None or follow from others."""
+    fields = state._asdict()
     parts = {"progress": state.progress._asdict()}
-    if state.shaping is not None and state.terms is not None:
-        parts |= {"shaping": state.shaping._asdict(), "terms": state.terms}
+    if state.shaping is not None:
+        parts["shaping"] = state.shaping._asdict()
+    if state.terms.keys() != _SPARSE:
+        parts["terms"] = state.terms
     nested = {name: {key: np.array(array) for key, array in part.items()} for name, part in parts.items()}
-    flat = {name: part for name, part in state._asdict().items() if name not in _NESTED and part is not None}
-    arrays = {name: np.array(array) for name, array in flat.items()}
-    return {**arrays, **nested}
+    flat = {name: part for name, part in fields.items() if name not in _NESTED and part is not None}
+    return {**{name: np.array(array) for name, array in flat.items()}, **nested}
 
 
 def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
@@ -59,10 +72,12 @@ def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
     parts = {name: arrays[name] for name in KitchenState._fields if name in arrays}
     if "shaping" in parts:
         parts["shaping"] = Shaping(**parts["shaping"])
-    return KitchenState(**{**parts, "progress": Progress(**parts["progress"])})
+    progress = Progress(**parts["progress"])
+    terms = {"completion": np.add.reduce(progress.completions, axis=-1, dtype=np.float64)}
+    return KitchenState(**{"terms": terms, **parts, "progress": progress})
 
 
-_NESTED = ("progress", "shaping", "terms")
+_NESTED = ("progress", "shaping", "terms", "shares")
 
 
 # First part of the names of infos from which a dense reward can be computed for other goals.
@@ -83,7 +98,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       sensors: sensors of robot and objects.
       action_mode: meaning of the action.
       goals: the tasks, with their goals.
-      reward_terms: reward function of a step: of its completions `(..., n)`, or of the tasks' `Shares`.
+      rewards: the terms of the reward by name; see `kitchen.reward`.
+      goal_terms: names of those that can be computed for other goals; others are read from infos.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
@@ -96,7 +112,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     sensors: KitchenSensors
     action_mode: ActionMode
     goals: GoalSet
-    reward_terms: Reward
+    rewards: Mapping[str, RewardTerm]
+    goal_terms: Collection[str]
     noise_scale: NDArray[np.float64]
     success: Success
     terminate_on_tasks_completed: bool
@@ -115,7 +132,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
-        shaping = self.start_shaping(reading)
         return KitchenState(
             noise=self.noise_scale * draws,
             positions=reading.positions,
@@ -123,8 +139,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             achieved=reading.achieved,
             distances=distances,
             progress=Progress.initial(distances.shape),
-            shaping=shaping,
-            terms={name: np.zeros(distances.shape[:-1]) for name in self.reward_terms.terms} if shaping else None,
+            terms=self.no_reward(distances.shape[:-1]),
+            shaping=self.start_shaping(reading),
         )
 
     def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
@@ -170,57 +186,52 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         reading: KitchenReading,
         draws: NDArray[np.float64],
     ) -> KitchenState:
-        del action
         positions, achieved, hand_distances = reading
-        distances = self.goals.distances(achieved)
-        within, order = self.success.within(achieved, distances), state.requested_order
-        if order is not None:
+        within = self.success.within(achieved)
+        if state.requested_order is not None:
             within = within & self._attempted(state)
-        progress = state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed)
         after = KitchenState(
-            self.noise_scale * draws, positions, target, achieved, distances, progress, requested_order=order
+            noise=self.noise_scale * draws,
+            positions=positions,
+            target=target,
+            achieved=achieved,
+            distances=self.goals.distances(achieved),
+            progress=state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed),
+            terms={},
+            requested_order=state.requested_order,
         )
-        return after if hand_distances is None else self._shaped(after, state, hand_distances)
+        if hand_distances is not None:
+            after = self._with_shares(after, state, hand_distances)
+        return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
-    def _shaped(self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]) -> KitchenState:
-        """Returns a state with the terms of a dense reward."""
+    def _with_shares(
+        self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]
+    ) -> KitchenState:
+        """Returns a state with what a dense reward follows."""
         remembered = before.shaping
         assert remembered is not None
         if self.tasks_in_turn:
             remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
         shaping = remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
         asked = None if after.requested_order is None else self._attempted(before)
-        terms = self.shaped_terms(shaping, after.achieved, self.goals.desired, asked)
-        return after._replace(shaping=shaping, terms=terms)
+        return after._replace(shaping=shaping, shares=self.shares(shaping, after.achieved, self.goals.desired, asked))
 
-    @property
-    def is_shaped(self) -> bool:
-        """Whether the reward is a dense one, which depends on more than completions."""
-        return isinstance(self.reward_terms, ShapedReward)
-
-    def shaped_terms(
+    def shares(
         self,
         shaping: Shaping,
         achieved: NDArray[np.float64],
         desired: NDArray[np.float64],
         asked: NDArray[np.bool_] | None = None,
-    ) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` of a dense reward for goals `(..., k)`; see `shaping.shares`.
+    ) -> Shares:
+        """Returns how far each task has come towards goals `(..., k)`; see `reward.shares`.
 
-        Tasks outside the mask `asked`, `(..., n)`, add nothing.
+        Tasks outside the mask `asked`, `(..., n)`, have not come anywhere.
         """
         each = shares(shaping, success=self.success, achieved=achieved, desired=desired)
-        return self.reward_terms(each if asked is None else each.masked(asked))
+        return each if asked is None else each.masked(asked)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
-
-    def reward(self, state: KitchenState) -> NDArray[np.float64]:
-        return total(self.terms(state))
-
-    def terms(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` of the last step's reward by name."""
-        return dict(state.terms) if state.terms is not None else self.reward_terms(state.progress.completions)
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed
@@ -258,7 +269,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             # A step that completes a task has not attempted the next one.
             attempted = np.where(progress.advanced[..., np.newaxis], progress.completed, self._attempted(state))
             infos[f"{ATTEMPTED}_mask"] = attempted
+        if state.terms.keys() != _SPARSE:
+            infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
         if state.shaping is not None:
-            infos |= {f"reward/{name}": np.array(term) for name, term in self.terms(state).items()}
             infos |= {f"{REWARD_STATE}/{name}": np.array(part) for name, part in state.shaping._asdict().items()}
         return infos

@@ -92,6 +92,7 @@ class KitchenSensors:
 
     Attributes:
       indices: of the joints in the compiled model.
+      measures_hand: whether the distances of the hand from the tasks' handles are read, as dense rewards need.
       stage: see `Sensors`.
     """
 
@@ -110,13 +111,13 @@ class KitchenSensors:
         observed = tuple(name for name, prop in scene.props.items() if prop.joints)
         if observed != OBSERVED_PROPS:
             raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
-        self._scene, self._goals, self._measures_hand = scene, goals, measures_hand
+        self._scene, self._goals, self.measures_hand = scene, goals, measures_hand
         # Joint positions and velocities are up to date after every physics step, positions in space are not.
         self.stage = mujoco.mjtStage.mjSTAGE_POS if measures_hand else mujoco.mjtStage.mjSTAGE_NONE
 
     def bind(self, physics: mjcf.Physics) -> None:
         self.indices = SceneIndices(self._scene, self._goals, physics)
-        if self._measures_hand:
+        if self.measures_hand:
             sites = [self._scene.robot.end_effector, *(goal.handle_in(self._scene) for goal in self._goals.goals)]
             self._sites = np.array([physics.bind(site).element_id for site in sites])
 
@@ -127,14 +128,14 @@ class KitchenSensors:
 
     def refresh(self, physics: mjcf.Physics) -> None:
         """Updates positions in space if they are read; joints need no evaluation."""
-        if self._measures_hand:
+        if self.measures_hand:
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
 
     def read(self, simulation: Simulation) -> KitchenReading:
         """Returns the positions of the robot's joints, the achieved goals and, if measured, the hand's distances."""
         indices = self.indices
         positions, achieved = simulation.read("qpos", indices.robot_qpos), simulation.read("qpos", indices.goal_qpos)
-        return KitchenReading(positions, achieved, self._hand_distances(simulation) if self._measures_hand else None)
+        return KitchenReading(positions, achieved, self._hand_distances(simulation) if self.measures_hand else None)
 
     def _hand_distances(self, simulation: Simulation) -> NDArray[np.float64]:
         sites = simulation.read("site_xpos", self._sites)

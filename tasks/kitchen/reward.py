@@ -12,15 +12,15 @@ that completion pays more than waiting before it.
 `dense` is the potential after each step, `dense_gain` how far it exceeds its greatest value before.
 """
 
-import abc
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.goals import GoalSet, goal_distances
+from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.mdp import RewardTerm
 from kitchen_suite.tasks.success import Success
 
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
@@ -124,6 +124,11 @@ class Shares(NamedTuple):
     completed: NDArray[np.bool_]
     previously_completed: NDArray[np.bool_]
 
+    @property
+    def remains(self) -> NDArray[np.float64]:
+        """`(..., n)`, 0 for completed tasks, 1 for others."""
+        return np.where(self.completed, 0.0, 1.0)
+
     def masked(self, mask: NDArray[np.bool_]) -> Self:
         """Returns the shares with those of tasks outside a mask `(..., n)` set to 0 and False, which pay nothing."""
         return type(self)(*(np.where(mask, part, np.zeros((), part.dtype)) for part in self))
@@ -146,21 +151,20 @@ def shares(
     """
     goals, before = success.goals, shaping.previous_achieved
     with np.errstate(over="ignore"):
-        initial = goal_distances(shaping.initial_achieved, desired, goals.starts)
-        distances = goal_distances(achieved, desired, goals.starts)
-        previous = goal_distances(before, desired, goals.starts)
+        initial, distances, previous = (
+            goals.distances(each, desired) for each in (shaping.initial_achieved, achieved, before)
+        )
+        within_before, within = success.within(before, desired), success.within(achieved, desired)
     is_relabelled = np.logical_or.reduceat(desired != goals.desired, goals.starts, axis=-1)
     # Of another goal, only the last step before is known.
-    previously_completed = np.where(
-        is_relabelled, success.within(before, previous, desired=desired), shaping.previously_completed
-    )
+    previously_completed = np.where(is_relabelled, within_before, shaping.previously_completed)
     return Shares(
         approach=shaping.approach,
         previous_approach=shaping.best_approach,
         progress=covered(distances, initial),
         previous_progress=np.where(is_relabelled, covered(previous, initial), shaping.best_progress),
         is_relabelled=is_relabelled,
-        completed=previously_completed | success.within(achieved, distances, desired=desired),
+        completed=previously_completed | within,
         previously_completed=previously_completed,
     )
 
@@ -173,81 +177,68 @@ def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDA
 
 _APPROACH_WEIGHT, _PROGRESS_WEIGHT = 0.25, 0.75
 
-
-class SparseReward:
-    """One for each task completed in a step.
-
-    Attributes:
-      terms: names of the terms, which sum to the reward.
-    """
-
-    terms = ("completion",)
-
-    def __call__(self, completions: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` by name.
-
-        Args:
-          completions: `(..., n)`, whether each task was completed in the step.
-        """
-        return {"completion": np.add.reduce(completions, axis=-1, dtype=np.float64)}
+# The terms are functions of the state before a step, its action, and the state after it; see `tasks.mdp.RewardTerm`.
+# They read `completions` and, of a dense reward, `shares` of the latter alone, so that goals can be relabelled.
 
 
-class ShapedReward(abc.ABC):
-    """A reward that follows the tasks' potential.
-
-    Attributes:
-      terms: names of the terms, which sum to the reward.
-    """
-
-    terms: ClassVar[tuple[str, ...]] = ("approach", "progress", "completion")
-
-    def __call__(self, shares: Shares) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` by name.
-
-        Args:
-          shares: how far each task has come.
-        """
-        return {
-            name: np.add.reduce(np.ascontiguousarray(each), axis=-1)
-            for name, each in zip(self.terms, self._by_task(shares), strict=True)
-        }
-
-    @abc.abstractmethod
-    def _by_task(self, shares: Shares) -> tuple[NDArray[np.float64], ...]:
-        """Returns the terms `(..., n)` of each task."""
+def _summed(by_task: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the sums `(...)` over the tasks of values `(..., n)`."""
+    # In C order, a row has the same sum alone and among many.
+    return np.add.reduce(np.ascontiguousarray(by_task), axis=-1)
 
 
-class DenseReward(ShapedReward):
-    """The potential of each task after the step."""
-
-    def _by_task(self, shares: Shares) -> tuple[NDArray[np.float64], ...]:
-        remains = np.where(shares.completed, 0.0, 1.0)
-        return (
-            _APPROACH_WEIGHT * shares.approach * remains,
-            _PROGRESS_WEIGHT * shares.progress * remains,
-            1.0 - remains,
-        )
+def completions(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The number of tasks completed in the step."""
+    return np.add.reduce(after.completions, axis=-1, dtype=np.float64)
 
 
-class DenseGainReward(ShapedReward):
-    """Gains of each task over its greatest shares so far: at most 1 in an episode, so that no cycle pays.
+def approach(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The part of the approach in the potential after the step."""
+    return _summed(_APPROACH_WEIGHT * after.shares.approach * after.shares.remains)
+
+
+def progress(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The part of the progress in the potential after the step."""
+    return _summed(_PROGRESS_WEIGHT * after.shares.progress * after.shares.remains)
+
+
+def completed(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The number of tasks that have been completed."""
+    return _summed(1.0 - after.shares.remains)
+
+
+def approach_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The gain of the approach over its greatest value before."""
+    shares = after.shares
+    return _summed(_APPROACH_WEIGHT * (shares.approach - shares.previous_approach) * shares.remains)
+
+
+def progress_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """The gain of the progress over its greatest value before.
 
     For a goal other than the episode's, as hindsight relabelling has them, the greatest progress so far is unknown. The
     change of the progress, which may be negative, stands for the gain then.
     """
-
-    def _by_task(self, shares: Shares) -> tuple[NDArray[np.float64], ...]:
-        remains = np.where(shares.completed, 0.0, 1.0)
-        change = shares.progress - shares.previous_progress
-        gain = np.where(shares.is_relabelled, change, np.maximum(change, 0.0))
-        paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress
-        return (
-            _APPROACH_WEIGHT * (shares.approach - shares.previous_approach) * remains,
-            _PROGRESS_WEIGHT * gain * remains,
-            np.where(shares.completed & ~shares.previously_completed, 1.0 - paid, 0.0),
-        )
+    shares = after.shares
+    change = shares.progress - shares.previous_progress
+    gain = np.where(shares.is_relabelled, change, np.maximum(change, 0.0))
+    return _summed(_PROGRESS_WEIGHT * gain * shares.remains)
 
 
-REWARDS: Mapping[str, type[SparseReward] | type[DenseReward] | type[DenseGainReward]] = MappingProxyType(
-    {"sparse": SparseReward, "dense": DenseReward, "dense_gain": DenseGainReward}
+def completion_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    """What is left of the potential's greatest value, 1, for each task that the step completes."""
+    shares = after.shares
+    paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress
+    return _summed(np.where(shares.completed & ~shares.previously_completed, 1.0 - paid, 0.0))
+
+
+REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
+    {
+        "sparse": MappingProxyType({"completion": completions}),
+        "dense": MappingProxyType({"approach": approach, "progress": progress, "completion": completed}),
+        "dense_gain": MappingProxyType(
+            {"approach": approach_gain, "progress": progress_gain, "completion": completion_gain}
+        ),
+    }
 )
+"""The terms of each reward, by the names of reward and term."""

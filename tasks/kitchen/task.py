@@ -213,7 +213,7 @@ class KitchenProgress(RequestingTask):
     @property
     def reward_terms(self) -> dict[str, float]:
         """The terms of the last step's reward by name; zeros before the first step of an episode."""
-        return {name: float(term) for name, term in self._mdp.terms(self.state).items()}
+        return {name: float(term) for name, term in self.state.terms.items()}
 
     @property
     def progress(self) -> Progress:
@@ -261,9 +261,12 @@ class KitchenProgress(RequestingTask):
         return Completions(tuple(tasks), asked, infos["completion_steps"])
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
-        achieved, goals = self._recorded_goals(arrays), self._mdp.goals
-        distances = arrays.get("info/task_distances") if achieved is None else goals.distances(achieved)
-        within = None if distances is None else self._mdp.success.within_recorded(achieved, distances)
+        achieved, success, goals = self._recorded_goals(arrays), self._mdp.success, self._mdp.goals
+        if achieved is not None:
+            within: NDArray[np.bool_] | None = success.within(achieved)
+        else:
+            distances = arrays.get("info/task_distances")
+            within = None if distances is None else success.within_distances(distances)
         if within is None:
             return None
         asked = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
@@ -370,7 +373,8 @@ class KitchenTask(KitchenProgress):
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
             action_mode=make_mode(control_mode, CONTROL_MODES, control),
             goals=goal_set,
-            reward_terms=REWARDS[reward](),
+            rewards={**REWARDS[reward], **self.extra_rewards},
+            goal_terms=REWARDS[reward].keys(),
             noise_scale=noise.scale(**ratios),
             success=make_success(goal_set, scene, default=THRESHOLD, **self._success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
@@ -500,7 +504,7 @@ class KitchenTask(KitchenProgress):
     def _corrected(self, values: Values) -> Values:
         """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
-        near = self._mdp.success.within(achieved, goals.distances(achieved), factor=START_DISTANCE) & self._is_asked()
+        near = self._mdp.success.within(achieved, factor=START_DISTANCE) & self._is_asked()
         qpos = self._simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
         props |= {start.prop for start in self._asked_starts() if not start.allows(qpos)}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.mdp import MDP, ActionMode, Simulation, total
+from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 from kitchen_suite.tasks.sensors import FeatureSensors
 
 PHYSICS_TIMESTEP = 0.005  # [s]
@@ -25,6 +25,9 @@ PARTS: Mapping[str, slice] = MappingProxyType(
     }
 )
 SIZE = 23
+
+# Angle of the open door [rad].
+OPEN_ANGLE = -0.75
 
 # Distance of the fingertips from the handle [m] at which `approach` is about a quarter.
 _APPROACH_DISTANCE = 0.1
@@ -45,28 +48,41 @@ class MicrowaveTableState(NamedTuple):
     is_success: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
 
+    @property
+    def joint_positions(self) -> NDArray[np.float64]:
+        """`(..., 9)`, of the robot [rad, m]."""
+        return self.observation[..., PARTS["joint_positions"]]
 
-class OpenReward:
-    """Dense reward: 1 near the handle, and 5 more where the door is open.
+    @property
+    def joint_velocities(self) -> NDArray[np.float64]:
+        """`(..., 9)`, of the robot [rad/s, m/s]."""
+        return self.observation[..., PARTS["joint_velocities"]]
 
-    Attributes:
-      terms: names of the terms, which sum to the reward.
-    """
+    @property
+    def handle_offset(self) -> NDArray[np.float64]:
+        """`(..., 3)`, from the fingertips to the handle [m]."""
+        return self.observation[..., PARTS["handle_offset"]]
 
-    terms = ("approach", "opening")
+    @property
+    def door_opening(self) -> NDArray[np.float64]:
+        """`(...)`, angle of the door as a share of its goal."""
+        return self.observation[..., PARTS["door_position"].start] / OPEN_ANGLE
 
-    def __call__(self, observation: NDArray[np.float64], goal: float) -> dict[str, NDArray[np.float64]]:
-        """Returns the terms `(...)` by name.
 
-        Args:
-          observation: `(..., 23)`, after the control step.
-          goal: angle of the open door [rad].
-        """
-        # In C order, a row has the same sum alone and among many.
-        squares = np.square(observation[..., PARTS["handle_offset"]], order="C")
-        distance = np.sqrt(np.add.reduce(squares, axis=-1))
-        share = np.clip(observation[..., PARTS["door_position"].start] / goal, 0.0, 1.0)
-        return {"approach": 1.0 - np.tanh(distance / _APPROACH_DISTANCE), "opening": 5.0 * share}
+def approach(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> NDArray[np.float64]:
+    """`1 - tanh(d / 0.1)`, `d` the distance of the fingertips from the handle [m]."""
+    # In C order, a row has the same sum alone and among many.
+    distance = np.sqrt(np.add.reduce(np.square(after.handle_offset, order="C"), axis=-1))
+    return 1.0 - np.tanh(distance / _APPROACH_DISTANCE)
+
+
+def opening(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> NDArray[np.float64]:
+    """`5 * o`, `o` the angle of the door as a share of its goal, in [0, 1]."""
+    return 5.0 * np.clip(after.door_opening, 0.0, 1.0)
+
+
+REWARDS: Mapping[str, RewardTerm] = MappingProxyType({"approach": approach, "opening": opening})
+"""The terms of the reward by name: 1 near the handle, and 5 more where the door is open."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,21 +92,18 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
     Attributes:
       sensors: sensors of robot, handle and door; see `task.MicrowaveTableTask`.
       action_mode: meaning of the action.
-      reward_terms: reward function of a step.
-      goal: angle of the open door [rad].
+      rewards: the terms of the reward by name.
       threshold: distance from the goal below which the door counts as open [rad].
     """
 
     sensors: FeatureSensors
     action_mode: ActionMode
-    reward_terms: OpenReward
-    goal: float
+    rewards: Mapping[str, RewardTerm]
     threshold: float
 
     def initial_state(self, reading: NDArray[np.float64], draws: NDArray[np.float64]) -> MicrowaveTableState:
-        del draws
-        start = self._state(reading, np.zeros(reading.shape[:-1], bool))
-        return start._replace(terms={name: np.zeros(reading.shape[:-1]) for name in self.reward_terms.terms})
+        axes = reading.shape[:-1]
+        return self._state(reading, np.zeros(axes, bool))._replace(terms=self.no_reward(axes))
 
     def step(
         self,
@@ -101,15 +114,11 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
         reading: NDArray[np.float64],
         draws: NDArray[np.float64],
     ) -> MicrowaveTableState:
-        del action, target, draws
-        return self._state(reading, state.succeeded)
+        after = self._state(reading, state.succeeded)
+        return after._replace(terms=self.reward_terms(state, action, after))
 
     def observation(self, simulation: Simulation, state: MicrowaveTableState) -> NDArray[np.float32]:
-        del simulation
         return state.observation.astype(np.float32)
-
-    def reward(self, state: MicrowaveTableState) -> NDArray[np.float64]:
-        return total(state.terms)
 
     def terminates(self, state: MicrowaveTableState) -> NDArray[np.bool_]:
         return np.zeros(state.is_success.shape, bool)
@@ -118,19 +127,15 @@ class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
         """Returns the infos on door and reward: fresh arrays `(...)`."""
         return {
             **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
-            "door_opening": np.array(state.observation[..., PARTS["door_position"].start] / self.goal),
+            "door_opening": np.array(state.door_opening),
             "is_success": np.array(state.is_success),
             "success_at_any_time": np.array(state.succeeded),
         }
 
     def _state(self, reading: NDArray[np.float64], succeeded: NDArray[np.bool_]) -> MicrowaveTableState:
-        """Returns the state for sensor values `(..., 26)` and whether `(...)` the door was open before."""
-        robot, tcp, handle, door = (reading[..., part] for part in _READING)
-        observation = np.concatenate([robot, handle - tcp, door], axis=-1)
-        is_success = np.abs(door[..., 0] - self.goal) < self.threshold
-        terms = self.reward_terms(observation, self.goal)
-        return MicrowaveTableState(observation, terms, is_success, succeeded | is_success)
-
-
-# Slices of the sensors' values: the robot's joints, fingertips, handle, door; in the order in which the task adds them.
-_READING = (slice(0, 18), slice(18, 21), slice(21, 24), slice(24, 26))
+        """Returns the state without reward for sensor values, and whether `(...)` the door was open before."""
+        read = {name: reading[..., part] for name, part in self.sensors.indices.items()}
+        parts = {**read, "handle_offset": read["handle_position"] - read["tcp_position"]}
+        is_success = np.abs(read["door_position"][..., 0] - OPEN_ANGLE) < self.threshold
+        observation = np.concatenate([parts[name] for name in PARTS], axis=-1)
+        return MicrowaveTableState(observation, {}, is_success, succeeded | is_success)

@@ -22,11 +22,12 @@ from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
+    OPEN_ANGLE,
     PARTS,
     PHYSICS_TIMESTEP,
+    REWARDS,
     SIZE,
     MicrowaveTableMDP,
-    OpenReward,
 )
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import GoalHighlighting, Metrics, SuiteTask
@@ -71,7 +72,7 @@ CAMERA = looks.cameras({"overview": 40, "left": 44, "right": 44, "franka/wrist":
 VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
 
 
-GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
+GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)
 
 # Initial joint positions of the robot [rad; fingers: m], and greatest noise on each arm joint [rad].
 INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
@@ -88,7 +89,7 @@ class MicrowaveTableTask(SuiteTask):
 
     Start: the robot in its initial pose before the microwave, with noise U(-0.05, 0.05) rad on the arm's joints; the
       door closed.
-    Reward: at each step, the sum of two terms, those of `mdp.OpenReward`, in [0, 6].
+    Reward: at each step, the sum of two terms, those of `mdp.REWARDS`, in [0, 6].
     End: discount 1 at the time limit. Success, the door within 0.3 rad of -0.75 rad, does not end the episode.
     Observations: 23 numbers in five named parts, in single precision, without noise.
     """
@@ -119,8 +120,7 @@ class MicrowaveTableTask(SuiteTask):
         self._mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
             action_mode=make_mode(control_mode, CONTROL_MODES, control),
-            reward_terms=OpenReward(),
-            goal=GOAL.value[0],
+            rewards={**REWARDS, **self.extra_rewards},
             threshold=checks.number(threshold, "threshold"),
         )
         self._observables = collections.OrderedDict(

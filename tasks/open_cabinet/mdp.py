@@ -2,15 +2,16 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.mdp import MDP, ActionMode, Simulation, total
+from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
-from kitchen_suite.tasks.open_cabinet.reward import TERMS, RewardTerms, succeeds, terminates
+from kitchen_suite.tasks.open_cabinet.reward import succeeds, terminates
 
 
 class OpenCabinetState(NamedTuple):
@@ -25,6 +26,8 @@ class OpenCabinetState(NamedTuple):
       terminates: `(...)`, whether the last step terminated the episode.
       succeeded: `(...)`, whether the drawer has been open by 0.3 m or more after some step.
       total_steps: `(...)`, control steps so far, over all episodes.
+      gripper: `(...)`, target of the fingers [m], while the terms of the reward are computed; None otherwise.
+      view: the features by name, while the terms of the reward are computed; None otherwise.
     """
 
     features: NDArray[np.float64]
@@ -35,11 +38,8 @@ class OpenCabinetState(NamedTuple):
     terminates: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
     total_steps: NDArray[np.int64]
-
-    @property
-    def reward(self) -> NDArray[np.float64]:
-        """`(...)`, reward of the last step."""
-        return total(self.terms)
+    gripper: NDArray[np.float64] | None = None
+    view: Features | None = None
 
     @property
     def is_success(self) -> NDArray[np.bool_]:
@@ -60,14 +60,14 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
       action_mode: meaning of the action.
       action_size: number of its elements.
       noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
-      reward_terms: reward function of a step.
+      rewards: the terms of the reward by name.
     """
 
     sensors: OpenCabinetSensors
     action_mode: ActionMode
     action_size: int
     noise_scale: NDArray[np.float64]
-    reward_terms: RewardTerms
+    rewards: Mapping[str, RewardTerm]
 
     # The weights of the penalties depend on the control steps of all episodes.
     persistent = ("total_steps",)
@@ -88,7 +88,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
             observation=observe(Features(reading)),
             noise=self.noise_scale * draws if self.is_noisy else np.zeros((*axes, SIZE)),
             previous_action=np.zeros((*axes, self.action_size)),
-            terms=dict.fromkeys(TERMS, np.zeros(axes)),
+            terms=self.no_reward(axes),
             terminates=np.zeros(axes, bool),
             succeeded=np.zeros(axes, bool),
             total_steps=np.zeros(axes, np.int64),
@@ -103,35 +103,23 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
         reading: NDArray[np.float64],
         draws: NDArray[np.float64],
     ) -> OpenCabinetState:
-        after = Features(reading)
-        # The change may be infinite; the reward bounds it.
-        with np.errstate(over="ignore"):
-            change = action - state.previous_action
-        terminated = terminates(after)
-        terms = self.reward_terms(
-            after,
-            gripper=scalars(target[..., 7]),
-            action_change=change,
-            total_steps=state.total_steps,
-            terminated=terminated,
-        )
-        return OpenCabinetState(
+        view = Features(reading)
+        after = OpenCabinetState(
             features=reading,
-            observation=observe(after),
+            observation=observe(view),
             noise=self.noise_scale * draws if self.is_noisy else state.noise,
             previous_action=action,
-            terms=terms,
-            terminates=terminated,
-            succeeded=state.succeeded | succeeds(after.drawer_position),
+            terms={},
+            terminates=terminates(view),
+            succeeded=state.succeeded | succeeds(view.drawer_position),
             total_steps=state.total_steps + 1,
+            gripper=scalars(target[..., 7]),
+            view=view,
         )
+        return after._replace(terms=self.reward_terms(state, action, after), gripper=None, view=None)
 
     def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
-        del simulation
         return clipped(state.observation + state.noise if self.is_noisy else state.observation)
-
-    def reward(self, state: OpenCabinetState) -> NDArray[np.float64]:
-        return state.reward
 
     def terminates(self, state: OpenCabinetState) -> NDArray[np.bool_]:
         return state.terminates

@@ -4,18 +4,22 @@ Constants are those of MotrixLab's franka-open-cabinet (Apache-2.0), except for 
 which follows the environment's published description.
 """
 
-import dataclasses
-from typing import NamedTuple, Protocol
+import functools
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.entities.franka_specs import PAD_HALF_SIZE
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
+from kitchen_suite.tasks.mdp import RewardTerm
 from kitchen_suite.tasks.open_cabinet.features import Features, scalars
 
-# Names of the terms in order; each is a function of this module.
+# Names of the terms in order.
 TERMS = ("approach", "orientation", "grasp", "opening", "straddling", "effort", "termination")
 
 # Control steps of a task, over all its episodes, after which the penalties grow.
@@ -33,20 +37,6 @@ _SPEED_LIMIT = 5.0
 
 # Greatest change of an action that enters the reward: any finite action is legal, but its square may overflow.
 _CHANGE_LIMIT = 1e150
-
-
-class RewardTerms(Protocol):
-    """Signature of a reward function: features after a control step to named terms. See `reward_terms`."""
-
-    def __call__(
-        self,
-        features: Features,
-        *,
-        gripper: NDArray[np.float64] | float,
-        action_change: NDArray[np.float64],
-        total_steps: NDArray[np.int64] | int,
-        terminated: NDArray[np.bool_],
-    ) -> dict[str, NDArray[np.float64]]: ...
 
 
 def approach(features: Features) -> NDArray[np.float64]:
@@ -99,38 +89,6 @@ def effort(
 def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
     return _choose(terminated, -10.0, 0.0)
-
-
-def reward_terms(
-    features: Features,
-    *,
-    gripper: NDArray[np.float64] | float,
-    action_change: NDArray[np.float64],
-    total_steps: NDArray[np.int64] | int,
-    terminated: NDArray[np.bool_],
-) -> dict[str, NDArray[np.float64]]:
-    """Returns the seven terms by name, in order; their sum is the reward.
-
-    Args:
-      features: features after the control step.
-      gripper: `(...)`, target of the fingers during it [m].
-      action_change: `(..., 8)`, its action minus the previous one.
-      total_steps: `(...)`, control steps of the task before it, over all episodes.
-      terminated: `(...)`, whether it terminates the episode; see `terminates`.
-
-    Returns:
-      Arrays of shape `(...)`.
-    """
-    values = (
-        approach(features),
-        orientation(features),
-        grasp(features, gripper),
-        opening(features),
-        straddling(features),
-        effort(features, action_change, total_steps),
-        termination(terminated),
-    )
-    return dict(zip(TERMS, values, strict=True))
 
 
 def terminates(features: Features) -> NDArray[np.bool_]:
@@ -199,6 +157,8 @@ def bar_in_gripper_frame(features: Features) -> tuple[NDArray[np.float64], NDArr
     return along, rotations.rotate(rotations.inverse_2(features.tcp_quaternion), nearest)
 
 
+# Two terms of a step ask for the same.
+@functools.lru_cache(maxsize=1)
 def grip(features: Features, handle_radius: float) -> Grip:
     """Returns the pose of the bar relative to the finger pads.
 
@@ -239,39 +199,55 @@ def grasp_opening(features: Features, held: Grip) -> NDArray[np.float64]:
     return 50.0 * holding * position + 10.0 * np.minimum(velocity, holding * velocity)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class GraspReward:
-    """Reward function for a bar of a given size; its signature is `reward.RewardTerms`.
-
-    Attributes:
-      handle_radius: radius of the bar [m].
-    """
-
-    handle_radius: float
-
-    def __call__(
-        self,
-        features: Features,
-        *,
-        gripper: NDArray[np.float64] | float,
-        action_change: NDArray[np.float64],
-        total_steps: NDArray[np.int64] | int,
-        terminated: NDArray[np.bool_],
-    ) -> dict[str, NDArray[np.float64]]:
-        """Returns the seven terms by name; arguments as in `reward.reward_terms`."""
-        held = grip(features, self.handle_radius)
-        values = (
-            approach(features),
-            grasp_orientation(features),
-            grip_closing(held, gripper),
-            grasp_opening(features, held),
-            straddling(features),
-            effort(features, action_change, total_steps),
-            termination(terminated),
-        )
-        return dict(zip(TERMS, values, strict=True))
-
-
 def _inside(share: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns 1 for shares up to two thirds of the way from the middle to the end, falling linearly to 0 at the end."""
     return np.clip(3.0 * (1.0 - np.abs(share)), 0.0, 1.0)
+
+
+def _term(formula: Callable[[Features], NDArray[np.float64]]) -> RewardTerm:
+    """Returns the term of a reward that depends on the features after the step alone."""
+    return lambda before, action, after: formula(after.view)
+
+
+def _effort_term(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
+    # The change may be infinite; the term bounds it.
+    with np.errstate(over="ignore"):
+        change = action - before.previous_action
+    return effort(after.view, change, before.total_steps)
+
+
+_SHARED: Mapping[str, RewardTerm] = {
+    "approach": _term(approach),
+    "straddling": _term(straddling),
+    "effort": _effort_term,
+    "termination": lambda before, action, after: termination(after.terminates),
+}
+
+
+def original_rewards(config: CabinetConfig) -> dict[str, RewardTerm]:
+    """Returns the terms of the source's reward by name, in the order of `TERMS`."""
+    terms = {
+        **_SHARED,
+        "orientation": _term(orientation),
+        "grasp": lambda before, action, after: grasp(after.view, after.gripper),
+        "opening": _term(opening),
+    }
+    return {name: terms[name] for name in TERMS}
+
+
+def grasp_rewards(config: CabinetConfig) -> dict[str, RewardTerm]:
+    """Returns the terms, by the same names, of the reward that pays for opening only while both pads hold the bar."""
+    radius = config.handle_radius
+    terms = {
+        **_SHARED,
+        "orientation": _term(grasp_orientation),
+        "grasp": lambda before, action, after: grip_closing(grip(after.view, radius), after.gripper),
+        "opening": _term(lambda features: grasp_opening(features, grip(features, radius))),
+    }
+    return {name: terms[name] for name in TERMS}
+
+
+REWARDS: Mapping[str, Callable[[CabinetConfig], dict[str, RewardTerm]]] = MappingProxyType(
+    {"original": original_rewards, "grasp": grasp_rewards}
+)
+"""The terms of each reward, by the names of reward and term, as functions of the cabinet's config."""

@@ -1,7 +1,7 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
 import collections
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -11,7 +11,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
+from kitchen_suite.entities import OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene
@@ -22,7 +22,7 @@ from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
-from kitchen_suite.tasks.open_cabinet.reward import GraspReward, RewardTerms, reward_terms
+from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
 from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Randomizer
@@ -52,21 +52,13 @@ TIME_LIMIT = 7.0  # [s], 700 control steps
 DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
 RESET_NOISE = 0.125
 
-# Reward functions by public name, as functions of the cabinet's config.
-REWARDS: Mapping[str, Callable[[CabinetConfig], RewardTerms]] = MappingProxyType(
-    {
-        "original": lambda config: reward_terms,
-        "grasp": lambda config: GraspReward(handle_radius=config.handle_radius),
-    }
-)
-
 
 class OpenCabinetTask(SuiteTask):
     """Pull a drawer of the cabinet open.
 
     Start: the robot in its default pose in front of the cabinet, with noise U(-0.125, 0.125) on each joint within its
       limits; drawers and doors closed.
-    Reward: at each step, the sum of seven terms, those of `reward.reward_terms` or of `GraspReward`.
+    Reward: at each step, the sum of seven terms, those of `reward.original_rewards` or `reward.grasp_rewards`.
     End: discount 0 when the gripper reaches behind the handle or a joint moves faster than 5 rad/s or m/s; discount 1
       at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
@@ -121,7 +113,10 @@ class OpenCabinetTask(SuiteTask):
             action_mode=action_mode,
             action_size=action_size,
             noise_scale=self._observables.noise_scale,
-            reward_terms=REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
+            rewards={
+                **REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
+                **self.extra_rewards,
+            },
         )
         self._reward_name = reward
         super().__init__(scene, **observables)
