@@ -32,10 +32,10 @@ def parameter_table(domain: str) -> str:
     options = {"visuals": False, **_NOISY.get(domain, {})}
     task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
     units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
-    if DONE in task.wanted_variations:
+    if DONE in task.variations.wanted:
         units[DONE] = done_parameter(task.scene, dict).unit
     names = collections.defaultdict(list)
-    for varied in task.wanted_variations.values():
+    for varied in task.variations.wanted.values():
         values = [_described(domain, varied, each) for each in (varied.seen, varied.held_out)]
         row = (varied.group, units[varied.name], _number_or_vector(varied.default), *values)
         names[row].append(f"`{varied.name}`")

@@ -18,9 +18,10 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import InstructedTask
-from kitchen_suite.tasks.mdp import MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
+from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
 from kitchen_suite.tasks.observables import ObservedTask
-from kitchen_suite.tasks.variations.variations import VariedTask
+from kitchen_suite.tasks.variations.distributions import Varied
+from kitchen_suite.tasks.variations.variations import Variations
 
 # Number of axes of an observed picture.
 _PICTURE_AXES = 3
@@ -169,7 +170,7 @@ class OptionedTask:
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedTask, ObservedTask):
+class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -178,10 +179,14 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
       episode: state of the present episode; arrays without leading axes, not to be written to.
+      varied: the parameters that groups vary, in the order in which they are drawn.
+      variations: the parameters that vary in this task; its constructor sets them.
     """
 
     episode = EpisodeState()
     domain_name: str | None = None
+    varied: ClassVar[Sequence[Varied]] = ()
+    variations: Variations
     truncates = False
     extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
@@ -201,6 +206,11 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     @visualize_reward.setter
     def visualize_reward(self, value: bool) -> None:
         self._visualize_reward = checks.boolean(value, "visualize_reward")
+
+    @property
+    @abc.abstractmethod
+    def mdp(self) -> MDP:
+        """The task's settings, and the mathematics of an episode under them."""
 
     @property
     @abc.abstractmethod
@@ -256,7 +266,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        return {**self._saved_state(), **self.episode.memory(), **self.variation_info}
+        return {**self._saved_state(), **self.episode.memory(), **self.variations.info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -267,10 +277,14 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
             unchanged then.
         """
         state = checks.matching(state, self.get_state(), "task state")
-        values = self.randomizer.checked(self._values_in(state))
+        values = self.variations.randomizer.checked(self._values_in(state))
         self._restore_state(state)
-        self._restore_variation(state, values)
-        self.episode = self.episode.with_memory(state)._replace(variation=self.variation_info)
+        self.variations.restore(values, int(state.get("layout_refusals", 0)))
+        self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
+
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        """Returns the values of all parameters in a state that `get_state` returned."""
+        return dict(state.get("variation_values", {}))
 
     def _saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
@@ -301,7 +315,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         self._stepper = Stepper(mdp, self._simulation)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
-        self.randomizer.bind(physics)
+        self.variations.randomizer.bind(physics)
         self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
         if self._extras is not None:
             self._extras.bind(physics)
@@ -312,7 +326,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         self._reset_physics(physics, random_state)
-        self._vary(physics, random_state)
+        self.variations.draw(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
     def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
@@ -364,7 +378,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
         start = EpisodeState(
-            sensing=Sensing.start(self.randomizer.values, mdp, positions), variation=self.variation_info
+            sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
         )
         start = start._replace(mdp=self._initial_state(start.scaled(draws)))
         self._set_episode(start if before is None else start.persisting(mdp.persistent, before, True), physics)

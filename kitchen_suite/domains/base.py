@@ -154,9 +154,8 @@ def check_task_options(
       TypeError: there is no such argument.
     """
     from kitchen_suite.tasks.observables import ObservedTask, Pictures
-    from kitchen_suite.tasks.variations.variations import VariedTask
 
-    takers: list[Callable[..., Any]] = [builder, task, VariedTask, ObservedTask, Pictures.build, *modes.values()]
+    takers: list[Callable[..., Any]] = [builder, task, ObservedTask, Pictures.build, *modes.values()]
     checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))
 
 

@@ -19,7 +19,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.variations import VariedTask
+from kitchen_suite.tasks.variations.variations import Variations
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -141,11 +141,11 @@ class VariationSettings:
         return {name: value for name, value, default in values if value is not default}
 
 
-def space_of(task: VariedTask) -> spaces.Dict:
+def space_of(variations: Variations) -> spaces.Dict:
     """Returns the space of the parameters that vary in a task, by name."""
     boxes: dict[str, spaces.Space] = {
         name: spaces.Box(varied.low, varied.high, varied.default.shape, np.float64)
-        for name, varied in task.wanted_variations.items()
+        for name, varied in variations.wanted.items()
     }
     return spaces.Dict(boxes)
 
@@ -153,11 +153,11 @@ def space_of(task: VariedTask) -> spaces.Dict:
 def request(task: SuiteTask, options: Mapping[str, Any]) -> None:
     """Makes a task's next reset follow the options of a reset.
 
-    Raises as `VariedTask.variation_request` and `OptionedTask.reset_request`; the task is unchanged then.
+    Raises as `Variations.request` and `OptionedTask.reset_request`; the task is unchanged then.
     """
     own = task.reset_request(options)
-    chosen = task.variation_request(options.get(VARIATION), options.get(VARIATION_VALUES))
-    task.request_variation(chosen)
+    chosen = task.variations.request(options.get(VARIATION), options.get(VARIATION_VALUES))
+    task.variations.follow(chosen)
     task.request_reset(own)
 
 
@@ -169,17 +169,17 @@ class VariedEnv:
     @property
     def variation_space(self) -> spaces.Dict:
         """Ranges of the parameters that vary, by name; empty if nothing varies."""
-        return space_of(self._environment.task)
+        return space_of(self._environment.task.variations)
 
     @property
     def variation_values(self) -> dict[str, Any]:
         """Values of these parameters in the present episode, in fresh arrays."""
-        return self._environment.task.variation_values
+        return self._environment.task.variations.values
 
     @property
     def variation_split(self) -> str:
         """`seen` or `held_out`."""
-        return self._environment.task.variation_split
+        return self._environment.task.variations.split
 
 
 # Classes whose attributes are keyword arguments of every environment.
@@ -329,7 +329,7 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
 
     def _info(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation."""
-        return {**self._get_info(), **self._task.variation_info}
+        return {**self._get_info(), **self._task.variations.info}
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` as they are applied."""

@@ -71,7 +71,7 @@ class BatchEpisodes:
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
         self._stepper = Stepper(self._mdp, self._simulation)
-        model, randomizer = environment.physics.model.ptr, self._task.randomizer
+        model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = checks.repeat(getattr(model, name), count)
@@ -115,7 +115,7 @@ class BatchEpisodes:
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
             if i in self._requests:
-                self._task.request_variation(self._requests.pop(i))
+                self._task.variations.follow(self._requests.pop(i))
             if i in self._own_requests:
                 self._task.request_reset(self._own_requests.pop(i))
             environment.start_episode()

@@ -17,6 +17,7 @@ from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
@@ -32,9 +33,9 @@ from kitchen_suite.tasks.microwave_table.mdp import (
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import GoalHighlighting, Metrics, SuiteTask
 from kitchen_suite.tasks.variations import appearance as looks
-from kitchen_suite.tasks.variations.distributions import Varied, around, between, one_of
+from kitchen_suite.tasks.variations.distributions import Variation, Varied, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
-from kitchen_suite.tasks.variations.variations import START_DISTANCE
+from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
 
 START = (
     around("franka/joint_offset", "start", default=np.zeros(7), seen=0.05, held_out=0.1),
@@ -99,7 +100,14 @@ class MicrowaveTableTask(SuiteTask):
     varied = VARIED
 
     def __init__(
-        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
+        self,
+        scene: Scene,
+        *,
+        threshold: float = 0.3,
+        control_mode: str = "joint_offset",
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
+        **options: Any,
     ) -> None:
         """Sets the task up in a scene.
 
@@ -107,6 +115,8 @@ class MicrowaveTableTask(SuiteTask):
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
           control_mode: meaning of the action, one of `CONTROL_MODES`.
+          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode, as of `OpenCabinetTask`;
             `gripper` is `deterministic` by default.
 
@@ -129,6 +139,16 @@ class MicrowaveTableTask(SuiteTask):
         for part in self._observables.values():
             part.enabled = True
         super().__init__(scene, **observables)
+        self.variations = Variations(
+            scene,
+            self.varied,
+            variations,
+            variation_split,
+            handles=[goal.handle_in(scene) for goal in self._goals.goals],
+            parameters=sensing_parameters(self._mdp.noise_parts),
+            home=INITIAL_POSE,
+            correct=self._corrected,
+        )
         self._observables |= self.extra_observables
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -180,13 +200,6 @@ class MicrowaveTableTask(SuiteTask):
         key = "info/is_success"
         return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    @property
-    def _home(self) -> NDArray[np.float64]:
-        return INITIAL_POSE
-
-    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        return [goal.handle_in(scene) for goal in self._goals.goals]
-
     def _bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self._scene, self._goals, physics)
         self._highlighting = GoalHighlighting(physics, self._scene, self._goals)
@@ -197,7 +210,7 @@ class MicrowaveTableTask(SuiteTask):
         is_near = self._goals.distances(door) < START_DISTANCE * self._mdp.threshold
         if "microwave/door" not in values or not is_near.any():
             return values
-        return {**values, "microwave/door": self._randomizer.defaults["microwave/door"]}
+        return {**values, "microwave/door": self.variations.randomizer.defaults["microwave/door"]}
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         data = physics.data
