@@ -65,7 +65,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
             learner.learn()
             if learner.steps // INTERVAL > before // INTERVAL:
                 seeds = range(FIRST_SEED, FIRST_SEED + EPISODES)
-                metrics = evaluate(network_controller(learner.export({})), evaluation, seeds)
+                metrics = evaluate(network_controller(learner.export({}), evaluation), evaluation, seeds)
                 failed += metrics["episode/return"][metrics["episode/success"] == 0].tolist()
     return {"task": task, "reward": reward, "episodes": len(failed), "greatest_return": max(failed, default=None)}
 

@@ -160,7 +160,7 @@ def ship(folder: Path) -> None:
         if rows := [row for row in read() if row["task"] == task]:
             best = max(rows, key=lambda row: (min(row["success"]), sum(row["success"]), -row["seed"]))
             with suite.load("kitchen", task, {"visuals": False}) as environment:
-                name = environment.task.policy_key
+                name = environment.task.policy_inputs.names[0]
             shutil.copyfile(folder / f"{task}_{best['seed']}" / "policy.npz", SHIPPED / f"{name}.npz")
 
 

@@ -1,6 +1,7 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -27,44 +28,64 @@ from kitchen_suite.tasks.variations.variations import Variations
 _PICTURE_AXES = 3
 
 
-class LearnedTask(abc.ABC):
-    """A task that trained policies act in."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolicyInputs:
+    """The observation of a task as trained policies take it.
+
+    The flat observation is the state, then goals and requests of tasks, without pictures.
+
+    Attributes:
+      names: names of trained policies for the task, the most specific one first. The first is equal for tasks that
+        differ neither in goals nor in rewards.
+      state_size: number of elements of the state.
+      goal_size: number of elements of the achieved and the desired goal.
+      tasks: names of the tasks that episodes may ask for; empty if the task has no parts.
+      observes_requests: whether the observation ends with the request, 1 for each of `tasks` that is asked and 0 for
+        the others.
+      keys: beginnings of the keys of goals and requests, in the order of the flat observation; all other keys are of
+        the state.
+    """
+
+    names: tuple[str, ...]
+    state_size: int
+    goal_size: int = 0
+    tasks: tuple[str, ...] = ()
+    observes_requests: bool = False
+    keys: tuple[str, ...] = ()
 
     @property
-    @abc.abstractmethod
-    def observation_size(self) -> int:
-        """Number of elements of the flat observation, goals included."""
+    def size(self) -> int:
+        """Number of elements of the flat observation."""
+        return self.state_size + self.goal_size + self.observes_requests * len(self.tasks)
 
-    @property
-    def state_size(self) -> int:
-        """Number of elements at the beginning of the flat observation that are no goals and no requests of tasks."""
-        return self.observation_size
-
-    @property
-    def task_names(self) -> tuple[str, ...]:
-        """Names of the tasks that episodes may ask for; empty if the task has no parts."""
-        return ()
-
-    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
-        """Returns the inputs `(m,)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.
+    def flatten(self, observation: NDArray | Mapping[str, Any]) -> NDArray:
+        """Returns the flat observation `(..., m)`.
 
         Args:
-          observation: of a dm_env time step.
+          observation: of a dm_env time step, a Gymnasium environment or a recorded episode: `(..., m)`, returned as it
+            is; or arrays `(..., k)` by key, with goals as arrays or by task.
+        """
+        if not isinstance(observation, Mapping):
+            return observation
+        order = {key: place for place, key in enumerate(self.keys, start=1)}
+        keys = sorted(observation, key=lambda key: order.get(key.partition("/")[0], 0))
+        arrays: list[NDArray] = []
+        for value in (observation[key] for key in keys):
+            arrays += value.values() if isinstance(value, Mapping) else [np.atleast_1d(value)]
+        return np.concatenate([array for array in arrays if array.ndim < _PICTURE_AXES], axis=-1)
+
+    def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> NDArray[np.float64]:
+        """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.
+
+        Args:
+          observation: as `flatten` takes it; without requests, it asks for all tasks.
           tasks: names, in the order of the policy.
         """
-        del tasks
-        flat = [np.ravel(array) for array in observation.values() if np.ndim(array) < _PICTURE_AXES]
-        return np.concatenate(flat)[: self.state_size]
-
-    @property
-    def policy_key(self) -> str:
-        """Name of trained policies for the task; equal for tasks that differ neither in goals nor in rewards."""
-        return type(self).__name__
-
-    @property
-    def general_policy_keys(self) -> tuple[str, ...]:
-        """Names of trained policies for more than the task, which can be asked for the task alone."""
-        return ()
+        flat = self.flatten(observation)
+        count, none = len(self.tasks), np.zeros((*flat.shape[:-1], 1))
+        requests = flat[..., -count:] if self.observes_requests else np.ones((*flat.shape[:-1], count))
+        asked = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
+        return np.concatenate([flat[..., : self.state_size], *(asked.get(name, none) for name in tasks)], axis=-1)
 
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
@@ -170,7 +191,7 @@ class OptionedTask:
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, ObservedTask):
+class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
@@ -216,6 +237,11 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, Observe
     @abc.abstractmethod
     def robot(self) -> Franka:
         """The robot that acts."""
+
+    @property
+    @abc.abstractmethod
+    def policy_inputs(self) -> PolicyInputs:
+        """The observation as trained policies take it."""
 
     @property
     def state(self) -> Any:

@@ -118,9 +118,10 @@ class ImitatedPolicy(StoredPolicy):
 
     def check_fits(self, task: "SuiteTask") -> None:
         elements = self.state_elements
-        observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, task.state_size)
-        self._check(task, observed=observed, expected=task.state_size)
-        if self.tasks and (others := sorted(set(task.task_names) - set(self.tasks))):
+        size = task.policy_inputs.state_size
+        observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, size)
+        self._check(task, observed=observed, expected=size)
+        if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
     @property
@@ -166,13 +167,13 @@ class Chunks:
           task: reads the tasks asked from observations.
           generator: of the episode.
         """
-        self._policy, self._task, self._generator = policy, task, generator
+        self._policy, self._inputs, self._generator = policy, task.policy_inputs, generator
         self._waiting: list[NDArray[np.float32]] = []
 
     def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
         """Returns the action `(k,)`."""
         if timestep.first() or not self._waiting:
-            inputs = self._task.policy_inputs(timestep.observation, self._policy.tasks)
+            inputs = self._inputs.state_and_requests(timestep.observation, self._policy.tasks).ravel()
             chunk = self._policy.predict(self._policy.select(inputs), self._generator)
             self._waiting = [*chunk[: self._policy.metadata["executed"]]]
         return self._waiting.pop(0)

@@ -135,7 +135,8 @@ class StoredPolicy(abc.ABC):
         convert = task.mdp.action_mode.conversion(self._control_mode(task))
         if not convert:
             return act
-        return lambda timestep: convert(task.policy_inputs(timestep.observation, ()), act(timestep))
+        inputs = task.policy_inputs
+        return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
 
 
 def read(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:

@@ -22,9 +22,6 @@ _LAYER = ("weight", "bias")
 # Folder of the policies that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
 
-# Keys of a goal observation, in the order of the dm_env observation; the last one only with `tasks_per_episode`.
-_GOAL_KEYS = ("observation", "achieved_goal", "desired_goal", "requested_tasks")
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class TrainedPolicy(StoredPolicy):
@@ -142,14 +139,15 @@ class TrainedPolicy(StoredPolicy):
         )
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check(task, observed=self.observation_size, expected=task.observation_size)
+        self._check(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
         del generator
         self.check_fits(task)
-        return self._acting_in(task, lambda timestep: self(flat_timestep(timestep)))
+        flatten = task.policy_inputs.flatten
+        return self._acting_in(task, lambda timestep: self(flatten(timestep.observation).ravel()))
 
 
 def _scalar(array: NDArray) -> NDArray:
@@ -163,33 +161,16 @@ def _scalar(array: NDArray) -> NDArray:
     return array
 
 
-def flat(observations: Any) -> NDArray:
-    """Returns the observations `(..., m)` of a Gymnasium environment in the form that a trained policy takes.
-
-    Args:
-      observations: `(..., m)`, returned as they are; or a dict of the kitchen with `goal_format="flat"`, whose arrays
-        are concatenated in the order of the dm_env observation: state, achieved goals, desired goals, tasks asked.
-    """
-    if not isinstance(observations, Mapping):
-        return observations
-    return np.concatenate([observations[key] for key in _GOAL_KEYS if key in observations], axis=-1)
-
-
-def flat_timestep(timestep: dm_env.TimeStep) -> NDArray:
-    """Returns the observation `(m,)` of a dm_env time step without pictures, in the order of the observation's keys."""
-    return np.concatenate([np.ravel(array) for array in timestep.observation.values() if np.ndim(array) < 3])
-
-
 def shipped(task: "SuiteTask") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward, or for a set with the task.
 
     Raises:
       ValueError: there is none.
     """
-    for key in (task.policy_key, *task.general_policy_keys):
+    for key in task.policy_inputs.names:
         if (path := SHIPPED / f"{key}.npz").exists():
             return path
-    title = f"{task.domain_name or 'task'} {task.policy_key}"
+    title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
     present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 

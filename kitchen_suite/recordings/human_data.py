@@ -278,7 +278,7 @@ def _achieved(task: KitchenTask, shown: Demonstration) -> NDArray[np.float64]:
     """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
     objects = shown.observations[:, OBJECTS]
     parts = []
-    for name in task.task_names:
+    for name in task.policy_inputs.tasks:
         goal = GOALS[name]
         parts.append(shown.achieved.get(name, objects[:, task.scene.elements(goal.prop, goal.joints)]))
     return np.concatenate(parts, axis=1)
@@ -371,7 +371,7 @@ class ConvertJob:
                 self._finished += 1
         print(f"{self._finished} episodes of {self._settings.source} ({self._data.format}), {steps} control steps")
         print(f"goals of the data: {', '.join(sorted(goals)) or 'none of the suite'}\n")
-        by_task = [(task, tasks[task]) for task in self._task.task_names]
+        by_task = [(task, tasks[task]) for task in self._task.policy_inputs.tasks]
         print(tabulate.tabulate(by_task, ("task", "episodes that complete it"), tablefmt="simple"), "\n")
         print(tabulate.tabulate(sorted(numbers.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
         if not self._data.has_velocities:

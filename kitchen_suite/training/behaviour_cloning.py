@@ -4,7 +4,7 @@ import contextlib
 import inspect
 import json
 import pkgutil
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import base
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training.ppo import Agent
@@ -56,7 +57,9 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     episodes = [recording.load(index).arrays for index in recording.indices]
-    observations = np.concatenate([flat_observations(arrays)[:-1] for arrays in episodes])
+    with spec.make_environment() as environment:
+        flatten = suite_env(environment).environment.task.policy_inputs.flatten
+    observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])
     return observations.astype(np.float32), actions.astype(np.float32)
 
@@ -108,18 +111,6 @@ def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
     with contextlib.closing(spec.make_environment()) as environment:
         mode = suite_env(environment).environment.task.mdp.action_mode
     return mode.name if name == "control_mode" else getattr(mode, name, None)
-
-
-def flat_observations(arrays: Mapping[str, NDArray]) -> NDArray:
-    """Returns an episode's observations `(T + 1, n)` as a trained policy takes them; see `trained.flat`.
-
-    Goals recorded by task have one array for each task, in the configured order, which is that of flat goals.
-    """
-    if "observation" in arrays:
-        return arrays["observation"]
-    keys = [f"observation/{key}" for key in ("observation", "achieved_goal", "desired_goal", "requested_tasks")]
-    parts = [array for key in keys for name, array in arrays.items() if name.startswith(key)]
-    return np.concatenate(parts, axis=-1)
 
 
 def clone(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.policies.trained import TrainedPolicy, flat
+from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller, NetworkController, VectorRollout
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -32,9 +32,10 @@ def episode_metrics(task: SuiteTask, infos: Mapping[str, Any]) -> dict[str, NDAr
     return {name: np.asarray(value, np.float64) for name, value in zip(EPISODE_METRICS, values, strict=True)}
 
 
-def network_controller(policy: TrainedPolicy) -> Controller:
+def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
     """Returns a controller that acts by a policy of PPO in all environments at once."""
-    return NetworkController(lambda observations: policy(flat(observations)))
+    flatten = environments.template_env.environment.task.policy_inputs.flatten
+    return NetworkController(lambda observations: policy(flatten(observations)))
 
 
 def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequence[int]) -> dict[str, NDArray]:

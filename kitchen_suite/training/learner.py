@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.policies.trained import TrainedPolicy, flat
+from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training import behaviour_cloning
@@ -106,7 +106,8 @@ class Learner:
         self.steps = 0
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
-        self._balance = TaskBalance.of(environments.template_env.environment.task)
+        self._task: SuiteTask = environments.template_env.environment.task
+        self._balance = TaskBalance.of(self._task)
         # Whether the standardisation of observations has been fitted, and batches that still train the values alone.
         self._standardised, self._warmup_batches = False, 0
 
@@ -147,7 +148,7 @@ class Learner:
         # Rewards may depend on the steps made before an interruption.
         environments.reset_statistics(total_steps=self.steps // count)
         observations, _ = environments.reset(seed=seed)
-        self._observations = _tensor(observations)
+        self._observations = self._tensor(observations)
         length = _episode_length(environments)
         start_steps = np.random.default_rng(seed).permutation(count) * length // count
         for step in range(length):
@@ -160,7 +161,7 @@ class Learner:
         observations, *_ = self._environments.step(self._applied(actions))
         if starting.any():
             observations, _ = self._environments.reset(options={"reset_mask": starting})
-        self._observations = _tensor(observations)
+        self._observations = self._tensor(observations)
         if not self._standardised:
             self.agent.observation_scaler.update(self._observations)
 
@@ -170,9 +171,8 @@ class Learner:
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         """Returns a controller that acts by a policy of PPO, in all environments at once."""
-        del environments
         assert isinstance(policy, TrainedPolicy)
-        return network_controller(policy)
+        return network_controller(policy, environments)
 
     def state(self) -> dict[str, Any]:
         """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
@@ -244,16 +244,19 @@ class Learner:
         batch.rewards[step] = torch.as_tensor(rewards * self._config.reward_scale)
         ended = terminations | truncations
         batch.ended[step] = torch.as_tensor(ended)
-        self._observations = _tensor(observations)
+        self._observations = self._tensor(observations)
         metrics = {"step/reward": rewards, **step_metrics(infos)}
         if ended.any():
             for i in np.flatnonzero(truncations & ~terminations).tolist():
-                batch.add_truncated(step, i, _tensor(infos["final_obs"][i]))
-            task = self._environments.template_env.environment.task
-            of_episodes = episode_metrics(task, infos["final_info"])
+                batch.add_truncated(step, i, self._tensor(infos["final_obs"][i]))
+            of_episodes = episode_metrics(self._task, infos["final_info"])
             metrics |= {name: values[ended] for name, values in of_episodes.items()}
             metrics |= self._balance.add(infos["final_info"], ended) if self._balance else {}
         return metrics
+
+    def _tensor(self, observations: Any) -> torch.Tensor:
+        flat = self._task.policy_inputs.flatten(observations)
+        return torch.as_tensor(flat, dtype=torch.float32)
 
     def _applied(self, actions: torch.Tensor) -> NDArray[np.float32]:
         """Returns the actions `(n, k)` of the environments for those of the policy."""
@@ -272,7 +275,3 @@ def _episode_length(environments: SuiteVectorEnv) -> int:
     length = environments.template_env.max_episode_steps
     assert length
     return length
-
-
-def _tensor(observations: Any) -> torch.Tensor:
-    return torch.as_tensor(flat(observations), dtype=torch.float32)

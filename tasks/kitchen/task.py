@@ -1,6 +1,7 @@
 """The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
 import collections
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -46,7 +47,7 @@ from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter, may_be_done
 from kitchen_suite.tasks.sensors import SceneIndices
 from kitchen_suite.tasks.success import Thresholds, ThresholdSuccess, make_success
-from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, SuiteTask
+from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
@@ -65,17 +66,6 @@ class RequestingTask(SuiteTask):
     @property
     def drawn_tasks(self) -> tuple[str, ...]:
         return self._mdp.goals.tasks if self._mdp.task_draw else ()
-
-    @property
-    def task_names(self) -> tuple[str, ...]:
-        return self._mdp.goals.tasks
-
-    def policy_inputs(self, observation: Mapping[str, NDArray], tasks: Sequence[str]) -> NDArray[np.float64]:
-        state, names = super().policy_inputs(observation, tasks), self.task_names
-        # The observation of the tasks asked is the last one, or the end of a flat one.
-        requested = [*observation.values()][-1][-len(names) :] if self._mdp.task_draw else np.ones(len(names))
-        asked = {name for name, is_asked in zip(names, requested > 0.5, strict=True) if is_asked}
-        return np.concatenate([state, [float(task in asked) for task in tasks]])
 
     @property
     def requested_tasks(self) -> list[str]:
@@ -440,25 +430,20 @@ class KitchenTask(KitchenProgress):
         """Goal of each task, in configured order."""
         return self._mdp.goals.split(self._mdp.goals.desired.copy())
 
-    @property
-    def observation_size(self) -> int:
-        goals = self._mdp.goals
-        requested = len(goals.tasks) if self._mdp.task_draw else 0
-        return self._mdp.noise_scale.size + self.extra_size + 2 * goals.desired.size + requested
-
-    @property
-    def state_size(self) -> int:
-        return self._mdp.noise_scale.size + self.extra_size
-
-    @property
-    def policy_key(self) -> str:
-        goals, reward = self._mdp.goals.tasks, self._reward_name
-        names = "seven" if goals == DEFAULT_TASKS else "_".join(goals).replace(" ", "_")
-        return f"{names}{self._mdp.request_key}{'' if reward == 'sparse' else f'_{reward}'}"
-
-    @property
-    def general_policy_keys(self) -> tuple[str, ...]:
-        return ("kitchen",) if set(self._mdp.goals.tasks) <= set(DEFAULT_TASKS) else ()
+    @functools.cached_property
+    def policy_inputs(self) -> PolicyInputs:
+        mdp, reward = self._mdp, self._reward_name
+        tasks = mdp.goals.tasks
+        name = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
+        own = f"{name}{mdp.request_key}{'' if reward == 'sparse' else f'_{reward}'}"
+        return PolicyInputs(
+            names=(own, "kitchen") if set(tasks) <= set(DEFAULT_TASKS) else (own,),
+            state_size=mdp.noise_scale.size + self.extra_size,
+            goal_size=2 * mdp.goals.desired.size,
+            tasks=tasks,
+            observes_requests=mdp.task_draw is not None,
+            keys=("achieved_goal", "desired_goal", REQUESTED),
+        )
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         del physics

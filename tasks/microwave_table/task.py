@@ -31,7 +31,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     MicrowaveTableMDP,
 )
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
-from kitchen_suite.tasks.task import GoalHighlighting, Metrics, SuiteTask
+from kitchen_suite.tasks.task import GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations import appearance as looks
 from kitchen_suite.tasks.variations.distributions import Variation, Varied, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -180,9 +180,9 @@ class MicrowaveTableTask(SuiteTask):
     def instructions(self) -> tuple[str, ...]:
         return self._goals.instructions
 
-    @property
-    def observation_size(self) -> int:
-        return SIZE + self.extra_size
+    @functools.cached_property
+    def policy_inputs(self) -> PolicyInputs:
+        return PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""

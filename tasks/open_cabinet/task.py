@@ -1,6 +1,7 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
 import collections
+import functools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -24,7 +25,7 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMES
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
-from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, SuiteTask
+from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Randomizer
 from kitchen_suite.tasks.variations.variations import Variations
@@ -202,13 +203,10 @@ class OpenCabinetTask(SuiteTask):
         count = checks.integer(value, "total_steps", minimum=0)
         self.episode = self.episode._replace(mdp=self.state._replace(total_steps=np.array(count)))
 
-    @property
-    def observation_size(self) -> int:
-        return observation.SIZE + self.extra_size
-
-    @property
-    def policy_key(self) -> str:
-        return f"{self._drawer}_drawer" + ("" if self._reward_name == "original" else f"_{self._reward_name}")
+    @functools.cached_property
+    def policy_inputs(self) -> PolicyInputs:
+        name = f"{self._drawer}_drawer" + ("" if self._reward_name == "original" else f"_{self._reward_name}")
+        return PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""

@@ -138,12 +138,13 @@ def test_inputs_are_the_state_and_the_tasks_asked(task_name, arguments, asked, f
         environment_kwargs={"flat_observation": flat},
     )
     timestep = environment.reset()
-    inputs = environment.task.policy_inputs(timestep.observation, TASKS)
+    inputs = environment.task.policy_inputs.state_and_requests(timestep.observation, TASKS)
     asked = asked or [float(task in environment.task.requested_tasks) for task in TASKS]
     np.testing.assert_array_equal(inputs[STATE:], asked)
     state = np.concatenate([np.ravel(array) for array in timestep.observation.values()])[:STATE]
     np.testing.assert_array_equal(inputs[:STATE], state)
-    np.testing.assert_array_equal(environment.task.policy_inputs(timestep.observation, []), state)
+    without = environment.task.policy_inputs.state_and_requests(timestep.observation, [])
+    np.testing.assert_array_equal(without, state)
 
 
 def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():

@@ -11,7 +11,7 @@ from kitchen_suite.cli import play as play_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.policies import find
 from kitchen_suite.policies import registry as policy_files
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, flat, shipped_as
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
@@ -40,9 +40,10 @@ def through_vector(task, count):
         **suite.task_arguments("kitchen", task),
     )
     observations, infos = environments.reset(seed=UNSEEN)
+    flatten = environments.template_env.environment.task.policy_inputs.flatten
     ended, successes = np.zeros(count, bool), np.zeros(count, bool)
     while not ended.all():
-        observations, _, terminations, truncations, infos = environments.step(policy(flat(observations)))
+        observations, _, terminations, truncations, infos = environments.step(policy(flatten(observations)))
         ending = (terminations | truncations) & ~ended
         successes[ending] = infos["is_success"][ending]
         ended |= ending

@@ -294,12 +294,13 @@ def test_dm_env_and_gymnasium_observations_are_flattened_alike(domain):
     name, settings = IDS[domain]
     environment, gym = load(domain, seed=3), gymnasium.make(name, **settings)
     timestep, (observation, _) = environment.reset(), gym.reset(seed=3)
+    flatten = environment.task.policy_inputs.flatten
     for action in 0.05 * np.random.default_rng(0).normal(size=(5, SIZES[domain][1])):
-        flat = trained_policy.flat_timestep(timestep)
+        flat = flatten(timestep.observation)
         assert flat.shape == SIZES[domain][:1]
-        np.testing.assert_array_equal(flat, trained_policy.flat(observation))
+        np.testing.assert_array_equal(flat, flatten(observation))
         timestep, (observation, *_) = environment.step(action), gym.step(action)
-    assert not np.array_equal(flat, trained_policy.flat(observation))
+    assert not np.array_equal(flat, flatten(observation))
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
@@ -309,6 +310,7 @@ def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
     name, settings = IDS[domain]
     environments, gyms = [load(domain, seed) for seed in range(count)], [gymnasium.make(name, **settings)] * count
     vector = gymnasium.make_vec(name, count, vectorization_mode="vector_entry_point", **settings)
+    flatten = environments[0].task.policy_inputs.flatten
 
     def of_the_suite(seed):
         act, timestep = acting(tmp_path / "policy.npz", environments[seed]), environments[seed].reset()
@@ -320,14 +322,14 @@ def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
     def of_gymnasium(seed):
         observation, _ = gyms[seed].reset(seed=seed)
         for _ in range(steps):
-            action = policy(trained_policy.flat(observation))
+            action = policy(flatten(observation))
             observation, reward, *_ = gyms[seed].step(action)
             yield action, reward
 
     def of_the_vector():
         observations, _ = vector.reset(seed=0)
         for _ in range(steps):
-            actions = policy(trained_policy.flat(observations))
+            actions = policy(flatten(observations))
             observations, rewards, *_ = vector.step(actions)
             yield actions, rewards
 
@@ -347,6 +349,7 @@ def test_a_policy_acts_alike_in_all_kinds_of_environments(domain, tmp_path):
 def test_a_policy_can_be_recorded(domain, tmp_path):
     policy, path = make(domain), tmp_path / "policy.npz"
     policy.save(path)
+    flatten = load(domain).task.policy_inputs.flatten
     arguments = [f"--domain_name={domain}", f"--task_name={TASKS[domain]}", f"--policy=trained(file={str(path)!r})"]
     if domain == "kitchen":
         arguments.append('--task_kwargs={"goal_format": "flat"}')
@@ -354,7 +357,7 @@ def test_a_policy_can_be_recorded(domain, tmp_path):
     assert record.main(arguments) == 0
     for index in range(2):
         arrays = RecordingFolder.open(tmp_path / "episodes").load(index).arrays
-        seen = trained_policy.flat(unflatten(arrays, "observation"))[:-1]
+        seen = flatten(unflatten(arrays, "observation"))[:-1]
         # Several observations are summed up in another order than one.
         np.testing.assert_allclose(policy(seen), arrays["action"], rtol=1e-4, atol=1e-6)
 

@@ -31,7 +31,7 @@ def test_all_offered_quantities_can_be_observed(domain):
     of_robot = ["end_effector_pose", "end_effector_velocity", "gripper_width", "base_pose"]
     assert names[:4] == [f"franka/{name}" for name in of_robot]
     assert all(name.endswith(("/handle_positions", "/pose")) for name in names[4:])
-    assert environment.task.extra_size == environment.task.observation_size - plain.task.observation_size
+    assert environment.task.extra_size == environment.task.policy_inputs.size - plain.task.policy_inputs.size
     for one, other in zip(play(plain), play(environment), strict=True):
         extra = {name: other.observation[name] for name in names}
         assert one.reward == other.reward

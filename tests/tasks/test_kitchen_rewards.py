@@ -189,7 +189,7 @@ def test_a_copy_continues_with_the_same_rewards(reward):
 
 
 def test_the_reward_is_part_of_the_policys_name():
-    names = {reward: make(["kettle"], reward).environment.task.policy_key for reward in REWARDS}
+    names = {reward: make(["kettle"], reward).environment.task.policy_inputs.names[0] for reward in REWARDS}
     assert names == {"sparse": "kettle", "dense": "kettle_dense", "dense_gain": "kettle_dense_gain"}
 
 

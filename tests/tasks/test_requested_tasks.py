@@ -9,7 +9,6 @@ from sweeps import brief_named
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.policies.trained import flat, flat_timestep
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 NO_NOISE = {"object_noise_ratio": 0.0, "robot_noise_ratio": 0.0}
@@ -22,7 +21,7 @@ def actions(count, seed=0):
 
 def test_the_observation_and_the_infos_are_of_the_tasks_asked():
     env = FrankaKitchenEnv(tasks_per_episode=(2, 3), goal_format="flat")
-    seen = set()
+    inputs, seen = env.environment.task.policy_inputs, set()
     for seed in range(10):
         observation, info = env.reset(seed=seed)
         names, mask = info["requested_tasks"], info["requested_tasks_mask"]
@@ -32,10 +31,10 @@ def test_the_observation_and_the_infos_are_of_the_tasks_asked():
         np.testing.assert_array_equal(info["tasks_to_complete_mask"], mask)
         np.testing.assert_array_equal(np.isin(DEFAULT_TASKS, names), mask)
         assert [names.index(task) if task in names else -1 for task in DEFAULT_TASKS] == [*info["requested_order"]]
-        np.testing.assert_array_equal(flat(observation)[-7:], mask)
+        np.testing.assert_array_equal(inputs.flatten(observation)[-7:], mask)
         seen.add(len(names))
     assert seen == {2, 3}
-    assert flat(observation).size == env.environment.task.observation_size == 59 + 2 * 17 + 7
+    assert inputs.flatten(observation).size == inputs.size == 59 + 2 * 17 + 7
 
 
 def test_the_suite_observes_the_tasks_asked_last():
@@ -43,8 +42,8 @@ def test_the_suite_observes_the_tasks_asked_last():
     timestep = environment.reset()
     assert list(timestep.observation)[-1] == "requested_tasks"
     assert timestep.observation["requested_tasks"].sum() == 4.0
-    assert flat_timestep(timestep).size == environment.task.observation_size
     task = environment.task
+    assert task.policy_inputs.flatten(timestep.observation).size == task.policy_inputs.size
     task.request_reset(task.reset_request({"requested_tasks": ["kettle", "microwave"]}))
     assert environment.reset().observation["requested_tasks"].tolist() == [0, 0, 0, 0, 0, 1, 1]
     assert task.requested_tasks == ["kettle", "microwave"]
@@ -273,4 +272,4 @@ def test_without_draws_nothing_is_added_and_requests_are_refused():
     ],
 )
 def test_policies_are_named_by_tasks_and_by_how_they_are_asked(arguments, key):
-    assert FrankaKitchenEnv(**arguments).environment.task.policy_key == key
+    assert FrankaKitchenEnv(**arguments).environment.task.policy_inputs.names[0] == key

@@ -94,7 +94,7 @@ def test_the_current_task_is_the_first_that_remains_and_the_last_at_the_end():
 def test_the_suite_and_its_policies_tell_such_tasks_apart():
     environment = suite.load("kitchen", "random_4", task_kwargs={"tasks_in_turn": True, "random": 0})
     assert environment.reset().observation["requested_tasks"].sum() == 1.0
-    assert environment.task.policy_key == "seven_in_turn"
+    assert environment.task.policy_inputs.names[0] == "seven_in_turn"
 
 
 def test_bad_arguments_are_refused():

@@ -200,10 +200,10 @@ def test_an_evaluation_does_not_depend_on_earlier_ones():
     from kitchen_suite.training.evaluation import evaluate, network_controller
 
     evaluated = environments(3, AutoresetMode.DISABLED)
-    first = evaluate(network_controller(random_policy()), evaluated, [7, 8, 9])
+    first = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
     # As after many evaluations: the penalties of an environment grow with its steps.
     evaluated.total_steps = np.full(3, 8000)
-    again = evaluate(network_controller(random_policy()), evaluated, [7, 8, 9])
+    again = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
     evaluated.close()
     assert set(first) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}
     for name, values in first.items():
@@ -218,7 +218,7 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
     # Wild enough that joints move too fast, which terminates episodes at different times.
     policy, seeds = random_policy(scale=0.1), [5, 6, 7, 8]
     evaluated, single = environments(len(seeds), AutoresetMode.DISABLED), gymnasium.make(OPEN_CABINET_ID)
-    metrics = evaluate(network_controller(policy), evaluated, seeds)
+    metrics = evaluate(network_controller(policy, evaluated), evaluated, seeds)
     evaluated.close()
     assert len(set(metrics["episode/length"])) > 1
     assert metrics["episode/length"].max() < 700
@@ -246,7 +246,7 @@ def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
         return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
 
     monkeypatch.setattr(type(evaluated), "step_some", diverge)
-    metrics = evaluate(network_controller(random_policy()), evaluated, [1, 2])
+    metrics = evaluate(network_controller(random_policy(), evaluated), evaluated, [1, 2])
     evaluated.close()
     assert set(metrics) == {f"episode/{name}" for name in ("success", "progress", "length", "return")}
     for values in metrics.values():

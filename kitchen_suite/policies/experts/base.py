@@ -15,7 +15,6 @@ from kitchen_suite import checks, suite
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.kinematics import ARM
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
-from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.mdp import ActionMode
 
 # A trajectory that the arm does not follow is halted, and fails after this many control steps.
@@ -165,9 +164,9 @@ class Expert(abc.ABC):
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded
 
-    def observed(self, timestep: dm_env.TimeStep) -> NDArray:
-        """Returns the observation that `act` takes, from a time step of the environment: without goals."""
-        return flat_timestep(timestep)[: self.observation_size]
+    def without_goals(self, flat: NDArray) -> NDArray:
+        """Returns the observation that `act` takes, from the flat one with goals."""
+        return flat[: self.observation_size]
 
     @property
     def _current_trajectory(self) -> JointTrajectory:
@@ -246,11 +245,11 @@ def make_policy(
       generator: source of jitter and action noise.
       **options: see `make`.
     """
-    expert = make(environment.task, **options)
+    expert, flatten = make(environment.task, **options), environment.task.policy_inputs.flatten
 
     def policy(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
         if timestep.first():
             expert.reset(generator)
-        return expert.act(expert.observed(timestep))
+        return expert.act(expert.without_goals(flatten(timestep.observation).ravel()))
 
     return policy

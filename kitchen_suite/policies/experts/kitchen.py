@@ -4,7 +4,6 @@ import functools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
-import dm_env
 import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,12 +35,10 @@ from kitchen_suite.policies.experts.trajectories import (
     plan,
     plan_retreat,
 )
-from kitchen_suite.policies.trained import flat_timestep
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
@@ -184,10 +181,9 @@ class KitchenExpert(Expert):
             "observes_requests": task.mdp.task_draw is not None,
         }
 
-    def observed(self, timestep: dm_env.TimeStep) -> NDArray:
-        flat, size = flat_timestep(timestep), self.observation_size - self._num_requests
-        requested = timestep.observation.get(REQUESTED, flat[flat.size - self._num_requests :])
-        return np.concatenate([flat[:size], requested]) if self._num_requests else flat[:size]
+    def without_goals(self, flat: NDArray) -> NDArray:
+        count = self._num_requests
+        return np.concatenate([flat[: self.observation_size - count], flat[flat.size - count :]])
 
     @property
     def _observed_extras(self) -> Collection[str]:

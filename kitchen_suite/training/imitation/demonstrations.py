@@ -1,7 +1,7 @@
 """Demonstrations as inputs of a policy and chunks of the actions that follow them."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training import behaviour_cloning
-
-_REQUESTED = "observation/requested_tasks"
 
 
 class Demonstrations(NamedTuple):
@@ -91,10 +89,12 @@ def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | N
         task = suite_env(environment).environment.task
     episodes = [recording.load(index).arrays for index in indices]
     lengths = [len(arrays["action"]) for arrays in episodes]
-    inputs = np.concatenate([_inputs(arrays, task, tasks) for arrays in episodes])
-    elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.state_size)
+    observations = (unflatten(arrays, "observation") for arrays in episodes)
+    inputs = np.concatenate([task.policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
+    inputs = inputs.astype(np.float32)
+    elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
     if elements is not None:
-        inputs = inputs[:, [*elements, *range(task.state_size, inputs.shape[1])]]
+        inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
     return Demonstrations(
         inputs=inputs,
         actions=np.concatenate([arrays["action"] for arrays in episodes]).astype(np.float32),
@@ -107,13 +107,3 @@ def _recorded_elements(inputs: NDArray[np.float32], size: int) -> tuple[int, ...
     """Returns which of the `size` elements of the state another program has recorded; None for all."""
     recorded = np.isfinite(inputs[:, :size]).all(axis=0)
     return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
-
-
-def _inputs(arrays: Mapping[str, NDArray], task: SuiteTask, tasks: Sequence[str]) -> NDArray[np.float32]:
-    """Returns the inputs `(t, n)` of an episode of a recorded task."""
-    state = behaviour_cloning.flat_observations(arrays)[:-1, : task.state_size]
-    # Without draws, every episode asks for all tasks.
-    requested = arrays.get(_REQUESTED, np.ones((len(state) + 1, len(task.task_names))))[:-1]
-    columns = dict(zip(task.task_names, requested.T, strict=True))
-    asked = [columns.get(name, np.zeros(len(state))) for name in tasks]
-    return np.column_stack([state, *asked]).astype(np.float32)
