@@ -37,8 +37,8 @@ class GentleTask(MicrowaveTableTask):
     def mdp(self):
         return dataclasses.replace(super().mdp, reward_terms=GentleReward())
 
-    def _reset_physics(self, physics, random_state):
-        super()._reset_physics(physics, random_state)
+    def reset_physics(self, physics, random_state):
+        super().reset_physics(physics, random_state)
         physics.bind(self.scene.joints("microwave")).qpos = random_state.uniform(-0.2, 0.0)
 
 

@@ -1,6 +1,7 @@
 """The base of the suite's tasks: steps and resets by the task's MDP, beyond the interface of `composer.Task`."""
 
 import abc
+import collections
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -9,18 +10,18 @@ from typing import Any, ClassVar, NamedTuple
 import mujoco
 import numpy as np
 import tree
-from dm_control import mjcf
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
 from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.instructions import InstructedTask
+from kitchen_suite.tasks.instructions import checked, draw
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
-from kitchen_suite.tasks.observables import ObservedTask
+from kitchen_suite.tasks.observables import ExtraObservables, Pictures
 from kitchen_suite.tasks.variations.distributions import Varied
 from kitchen_suite.tasks.variations.variations import Variations
 
@@ -112,8 +113,166 @@ class Completions(NamedTuple):
         return {name: step if step > 0 else None for name, is_asked, step in rows if is_asked}
 
 
-class MeasuredTask(abc.ABC):
-    """A task with metrics of its episodes, read from their infos."""
+class ResetRequests:
+    """Options of a reset that belong to a task; this class has none.
+
+    Attributes:
+      options: names of the options.
+      drawn_tasks: names of the `n` tasks of which each episode draws some; empty if every episode asks for the same.
+      weights: `(n,)`, with which later episodes draw them; only where tasks are drawn.
+    """
+
+    options: tuple[str, ...] = ()
+    drawn_tasks: tuple[str, ...] = ()
+    weights: Any
+
+    def checked(self, options: Mapping[str, Any]) -> Any:
+        """Returns the checked request for a reset of one episode; None if the options have none.
+
+        Args:
+          options: of the reset, among them those named `options`.
+
+        Raises:
+          TypeError: an option is of the wrong type.
+          ValueError: an option has a value that the task refuses.
+        """
+        return None
+
+    def follow(self, request: Any) -> None:
+        """Makes the next reset follow a request that `checked` returned."""
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draws what the episode that starts asks for, or discards the draw where a request says so."""
+
+    def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
+        """Returns the options of a reset that repeat what was drawn in a recorded episode.
+
+        Args:
+          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
+        """
+        return {}
+
+
+# Colour of objects that the task counts as a success.
+SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
+
+
+class SuiteTask(composer.Task):
+    """A task that steps by its MDP, with saved states, metrics of its episodes, and optional highlighting of success.
+
+    A task of one's own overrides `reset_physics`, and the class attributes. It sets `policy_inputs`, `observed` and
+    `variations` in its constructor, where they are not those of a class of the suite.
+
+    Attributes:
+      domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
+      control_modes: the task's control modes by name, the default first; empty if it has only one.
+      varied: the parameters that groups vary, in the order in which they are drawn.
+      extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
+      instructions: the task in words: its sentence, then paraphrases of it; see `tasks.instructions`.
+      scene: arena, robot and props.
+      robot: the robot that acts.
+      mdp: the task's settings, and the mathematics of an episode under them.
+      variations: the parameters that vary.
+      requests: the options of resets that belong to the task.
+      policy_inputs: the observation as trained policies take it.
+      observed: the enabled observables of the task by observation key, in order.
+      extras: quantities that are observed beside the task's own; None if there are none.
+      extra_observables: their observables by observation key.
+      extra_size: number of their elements.
+      pictures: the pictures of cameras that are observed.
+      random: the random state that the environment last passed to the task.
+      episode: state of the present episode; arrays without leading axes, not to be written to.
+      truncates: whether the last step truncated the episode, whatever the environment's time limit.
+    """
+
+    domain_name: str | None = None
+    control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
+    varied: ClassVar[Sequence[Varied]] = ()
+    extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
+    # A class may have a property instead.
+    instructions: Any = ()
+
+    variations: Variations
+    policy_inputs: PolicyInputs
+    random: np.random.RandomState
+
+    def __init__(self, scene: Scene, mdp: MDP, *, extra_observables: Sequence[str] = (), **pictures: Any) -> None:
+        """Sets up what all tasks have.
+
+        Args:
+          scene: of the task; not yet compiled.
+          mdp: the task's settings and mathematics.
+          extra_observables: further quantities to observe, by the names of `observables.offered`.
+          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures.build`.
+
+        Raises:
+          TypeError: an argument of the wrong type.
+          ValueError: an unknown or repeated name, or a size out of range.
+        """
+        extras = ExtraObservables(scene, extra_observables)
+        self.extras = extras if extras.size else None
+        self.extra_observables: dict[str, observable.Observable] = dict(extras.by_name)
+        self.extra_size = extras.size
+        self.pictures = Pictures.build(scene.arena.mjcf_model, **pictures)
+        self.observed: Mapping[str, observable.Observable] = {}
+        self.scene, self.robot, self.mdp = scene, scene.robot, mdp
+        self.requests = ResetRequests()
+        self.episode, self.truncates, self._terminates = EpisodeState(), False, False
+        self._visualize_reward = False
+
+    @property
+    def root_entity(self) -> SiteArena:
+        return self.scene.arena
+
+    @property
+    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        return collections.OrderedDict(self.observed)
+
+    @property
+    def observables(self) -> collections.OrderedDict[str, observable.Observable]:
+        """All observables: those of the task, of its entities, and the pictures."""
+        return collections.OrderedDict({**super().observables, **self.pictures.by_name})
+
+    @property
+    def visualize_reward(self) -> bool:
+        """Whether objects change their colour while the task rewards their position."""
+        return self._visualize_reward
+
+    @visualize_reward.setter
+    def visualize_reward(self, value: bool) -> None:
+        self._visualize_reward = checks.boolean(value, "visualize_reward")
+
+    @property
+    def instruction(self) -> str:
+        """The task's sentence, such as `open the microwave door`; the empty string if it has none.
+
+        Raises:
+          TypeError: the task's class sets `instructions` to something else than a tuple of strings.
+          ValueError: it sets an empty string.
+        """
+        return next(iter(checked(self.instructions, type(self).__name__)), "")
+
+    def draw_instruction(self, generator: np.random.Generator) -> str:
+        """Returns one of the `instructions`, each with the same probability.
+
+        Args:
+          generator: that is drawn from; the environment's random stream is not.
+
+        Raises:
+          TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
+          ValueError: the task has no instructions, or as of `instruction`.
+        """
+        return draw(checked(self.instructions, type(self).__name__), generator)
+
+    @property
+    def state(self) -> Any:
+        """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
+        return self.episode.mdp
+
+    @property
+    def reward_terms(self) -> dict[str, float]:
+        """The terms of the last step's reward by name; zeros before the first step of an episode."""
+        return {name: float(term) for name, term in self.state.terms.items()}
 
     @abc.abstractmethod
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
@@ -132,7 +291,6 @@ class MeasuredTask(abc.ABC):
 
         None if the task does not consist of tasks that can be counted.
         """
-        del infos
         return None
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
@@ -145,113 +303,6 @@ class MeasuredTask(abc.ABC):
           `n` names and a mask `(T + 1, n)`; None if the arrays do not determine it.
         """
         return None
-
-
-class OptionedTask:
-    """A task whose resets may take options of its own.
-
-    Attributes:
-      reset_options: names of the options.
-    """
-
-    reset_options: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def drawn_tasks(self) -> tuple[str, ...]:
-        """Names of the tasks of which each episode draws some; empty if every episode asks for the same."""
-        return ()
-
-    def reset_request(self, options: Mapping[str, Any]) -> Any:
-        """Returns the checked request for a reset of one episode; None if the options have none.
-
-        Args:
-          options: of the reset, among them those of `reset_options`.
-
-        Raises:
-          TypeError: an option is of the wrong type.
-          ValueError: an option has a value that the task refuses.
-        """
-        del options
-        return None
-
-    def request_reset(self, request: Any) -> None:
-        """Makes the next reset follow a request that `reset_request` returned."""
-
-    def recorded_options(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
-        """Returns the options of a reset that repeat what was drawn in a recorded episode.
-
-        Args:
-          arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
-        """
-        del arrays
-        return {}
-
-
-# Colour of objects that the task counts as a success.
-SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
-
-
-class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
-    """A task with saved states, metrics of its episodes, and optional highlighting of success.
-
-    Attributes:
-      domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
-      extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
-      control_modes: the task's control modes by name, the default first; empty if it has only one.
-      truncates: whether the last step truncated the episode, whatever the environment's time limit.
-      episode: state of the present episode; arrays without leading axes, not to be written to.
-      varied: the parameters that groups vary, in the order in which they are drawn.
-      variations: the parameters that vary in this task; its constructor sets them.
-    """
-
-    episode = EpisodeState()
-    domain_name: str | None = None
-    varied: ClassVar[Sequence[Varied]] = ()
-    variations: Variations
-    truncates = False
-    extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
-    control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
-    _random: np.random.RandomState
-    _visualize_reward = False
-
-    @property
-    def random(self) -> np.random.RandomState:
-        """The random state that the environment last passed to the task."""
-        return self._random
-
-    @property
-    def visualize_reward(self) -> bool:
-        """Whether objects change their colour while the task rewards their position."""
-        return self._visualize_reward
-
-    @visualize_reward.setter
-    def visualize_reward(self, value: bool) -> None:
-        self._visualize_reward = checks.boolean(value, "visualize_reward")
-
-    @property
-    @abc.abstractmethod
-    def mdp(self) -> MDP:
-        """The task's settings, and the mathematics of an episode under them."""
-
-    @property
-    @abc.abstractmethod
-    def robot(self) -> Franka:
-        """The robot that acts."""
-
-    @property
-    @abc.abstractmethod
-    def policy_inputs(self) -> PolicyInputs:
-        """The observation as trained policies take it."""
-
-    @property
-    def state(self) -> Any:
-        """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
-        return self.episode.mdp
-
-    @property
-    def default_control_mode(self) -> str:
-        """Name of the control mode where none is asked for."""
-        return next(iter(self.control_modes), self.mdp.action_mode.name)
 
     @property
     def episode_metrics(self) -> Metrics:
@@ -292,7 +343,7 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
 
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
-        return {**self._saved_state(), **self.episode.memory(), **self.variations.info}
+        return {**self.saved_state(), **self.episode.memory(), **self.variations.info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -304,7 +355,7 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
         """
         state = checks.matching(state, self.get_state(), "task state")
         values = self.variations.randomizer.checked(self._values_in(state))
-        self._restore_state(state)
+        self.restore_state(state)
         self.variations.restore(values, int(state.get("layout_refusals", 0)))
         self.episode = self.episode.with_memory(state)._replace(variation=self.variations.info)
 
@@ -312,46 +363,49 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
         """Returns the values of all parameters in a state that `get_state` returned."""
         return dict(state.get("variation_values", {}))
 
-    def _saved_state(self) -> dict[str, Any]:
+    def saved_state(self) -> dict[str, Any]:
         """Returns what `get_state` returns of the MDP's state, and what else the task keeps."""
         return tree.map_structure(np.array, self.state._asdict())
 
-    def _restore_state(self, state: Mapping[str, Any]) -> None:
+    def restore_state(self, state: Mapping[str, Any]) -> None:
         """Sets what `_saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
-        self._set_state(type(self.state)(**{name: state[name] for name in self.state._fields}))
+        self.set_mdp_state(type(self.state)(**{name: state[name] for name in self.state._fields}))
 
     @abc.abstractmethod
-    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        """Moves robot and objects to the start of an episode."""
+    def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        """Moves robot and objects to the start of an episode, before variations are drawn."""
 
-    def _bind(self, physics: mjcf.Physics) -> None:
+    def initial_state(self, draws: NDArray[np.float64]) -> Any:
+        """Returns the MDP's state before the first step; `draws` as in `MDP.initial_state`."""
+        return self.mdp.initial_state(self.mdp.sensors.read(self._simulation), draws)
+
+    def bind(self, physics: mjcf.Physics) -> None:
         """Looks up what the task needs beside the MDP in a compiled scene."""
 
-    @abc.abstractmethod
-    def _publish_state(self, physics: mjcf.Physics | None) -> None:
+    def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates observables and, given a physics, colours after a change of state."""
 
     def action_spec(self, physics: mjcf.Physics) -> specs.Array:
-        del physics
         return self.mdp.action_mode.spec(self.robot)
 
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random = random_state
+        self.random = random_state
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         self._stepper = Stepper(mdp, self._simulation)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.randomizer.bind(physics)
         self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
-        if self._extras is not None:
-            self._extras.bind(physics)
+        if self.extras is not None:
+            self.extras.bind(physics)
         (self._action_size,) = self.action_spec(physics).shape
-        self._bind(physics)
+        self.bind(physics)
         self._start(physics, np.zeros(mdp.noise_draws))
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random = random_state
-        self._reset_physics(physics, random_state)
+        self.random = random_state
+        self.requests.draw(random_state)
+        self.reset_physics(physics, random_state)
         self.variations.draw(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
@@ -368,7 +422,7 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
           TypeError: the action does not hold real numbers.
           ValueError: the action has another shape than its spec, holds NaN or inf, or has no meaning.
         """
-        self._random, mode = random_state, self.mdp.action_mode
+        self.random, mode = random_state, self.mdp.action_mode
         checked = self.checked_action(action)
         if mode.reads_derived and not physics.legacy_step:
             mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
@@ -377,25 +431,22 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
         self._simulation.write("ctrl", self.mdp.sensors.ctrl, ctrl)
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        self._random, mdp = random_state, self.mdp
+        self.random, mdp = random_state, self.mdp
         if not physics.legacy_step:
             # MuJoCo's own step leaves kinematics and sensors as they were before it.
             mdp.sensors.refresh(physics)
-            if self._extras is not None:
-                self._extras.refresh(physics)
+            if self.extras is not None:
+                self.extras.refresh(physics)
         reading = mdp.sensors.read(self._simulation)
         self._set_episode(self._stepper.observe(self.episode, reading, mdp.draw_noise(random_state)), physics)
 
     def get_reward(self, physics: mjcf.Physics) -> float:
-        del physics
         return float(self.mdp.reward(self.state))
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
-        del physics
         return self._terminates or self.truncates
 
     def get_discount(self, physics: mjcf.Physics) -> float:
-        del physics
         return 0.0 if self._terminates else 1.0
 
     def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
@@ -406,13 +457,9 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
         start = EpisodeState(
             sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
         )
-        start = start._replace(mdp=self._initial_state(start.scaled(draws)))
+        start = start._replace(mdp=self.initial_state(start.scaled(draws)))
         self._set_episode(start if before is None else start.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
-
-    def _initial_state(self, draws: NDArray[np.float64]) -> Any:
-        """Returns the state before the first step; `draws` as in `MDP.initial_state`."""
-        return self.mdp.initial_state(self.mdp.sensors.read(self._simulation), draws)
 
     def _start_command(self, physics: mjcf.Physics) -> None:
         """Makes the control mode start from the present state of the physics."""
@@ -420,7 +467,7 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
             mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
         self.episode = self.episode._replace(command=self.mdp.action_mode.start(self._simulation))
 
-    def _set_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
+    def set_mdp_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
         """Sets the MDP's state, and publishes it."""
         self._set_episode(self.episode._replace(mdp=state), physics)
 
@@ -429,7 +476,7 @@ class SuiteTask(InstructedTask, OptionedTask, MeasuredTask, ObservedTask):
         self.episode, state = episode, episode.mdp
         # composer asks twice.
         self._terminates, self.truncates = bool(self.mdp.terminates(state)), bool(self.mdp.truncates(state))
-        self._publish_state(physics)
+        self.publish(physics)
 
 
 class GoalHighlighting:

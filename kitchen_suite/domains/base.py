@@ -153,9 +153,10 @@ def check_task_options(
     Raises:
       TypeError: there is no such argument.
     """
-    from kitchen_suite.tasks.observables import ObservedTask, Pictures
+    from kitchen_suite.tasks.observables import Pictures
+    from kitchen_suite.tasks.task import SuiteTask
 
-    takers: list[Callable[..., Any]] = [builder, task, ObservedTask, Pictures.build, *modes.values()]
+    takers: list[Callable[..., Any]] = [builder, task, SuiteTask, Pictures.build, *modes.values()]
     checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))
 
 

@@ -153,12 +153,12 @@ def space_of(variations: Variations) -> spaces.Dict:
 def request(task: SuiteTask, options: Mapping[str, Any]) -> None:
     """Makes a task's next reset follow the options of a reset.
 
-    Raises as `Variations.request` and `OptionedTask.reset_request`; the task is unchanged then.
+    Raises as `Variations.request` and `ResetRequests.checked`; the task is unchanged then.
     """
-    own = task.reset_request(options)
+    own = task.requests.checked(options)
     chosen = task.variations.request(options.get(VARIATION), options.get(VARIATION_VALUES))
     task.variations.follow(chosen)
-    task.request_reset(own)
+    task.requests.follow(own)
 
 
 class VariedEnv:
@@ -378,13 +378,13 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)
-        names = (STATE, VARIATION, VARIATION_VALUES, *self._task.reset_options)
+        names = (STATE, VARIATION, VARIATION_VALUES, *self._task.requests.options)
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)
         if state is None:
             request(self._task, chosen)
         elif len(chosen) > 1:
-            others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.reset_options))
+            others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.requests.options))
             raise ValueError(f"a state has its own values: leave out {others}")
         if isinstance(state, Mapping) and state.get("reset_next_step"):
             raise ValueError("the state is of no episode: it was saved before a reset, or after the physics diverged")

@@ -123,7 +123,7 @@ class StoredPolicy(abc.ABC):
     def _control_mode(self, task: "SuiteTask") -> str:
         """Returns the name of the control mode that the policy was trained in."""
         arguments = self.metadata.get("task_kwargs") or {}
-        return arguments.get("control_mode") or task.default_control_mode
+        return arguments.get("control_mode") or next(iter(task.control_modes), task.mdp.action_mode.name)
 
     def _acting_in(self, task: "SuiteTask", act: Callable[[dm_env.TimeStep], NDArray]) -> Callable[..., NDArray]:
         """Returns the policy of an episode of a task, which may have another control mode.

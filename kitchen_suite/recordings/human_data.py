@@ -268,8 +268,8 @@ def convert(task: KitchenTask, index: int, shown: Demonstration) -> tuple[Episod
             is_last,
             _info(task, state, step),
         )
-    completed = task.tasks_in(order)
-    instruction = task.instructions_in(order)[0] if completed else ""
+    completed = task.requests.tasks_in(order)
+    instruction = task.requests.instructions_in(order)[0] if completed else ""
     episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
     return episode, {**task.metrics(episode.last_info), "success": bool(completed)}, completed
 

@@ -96,7 +96,7 @@ def _options(task: SuiteTask, recorded: EpisodeArrays) -> dict[str, Any] | None:
     """Returns the options of a reset that repeat what was drawn in a recorded episode; None if there are none."""
     prefix = f"info/{VARIATION_VALUES}/"
     values = {name.removeprefix(prefix): rows[0] for name, rows in recorded.arrays.items() if name.startswith(prefix)}
-    return {**({VARIATION_VALUES: values} if values else {}), **task.recorded_options(recorded.arrays)} or None
+    return {**({VARIATION_VALUES: values} if values else {}), **task.requests.recorded(recorded.arrays)} or None
 
 
 def _recorded_actions(environment: gymnasium.Env, recorded: EpisodeArrays) -> Actions:

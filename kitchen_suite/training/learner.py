@@ -3,7 +3,7 @@
 import collections
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, Self, cast
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller
-from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.evaluation import episode_metrics, network_controller, step_metrics
@@ -28,18 +28,6 @@ _LEAST_WEIGHT = 0.05
 _MEMORY = 50
 
 
-class DrawingTask(Protocol):
-    """A task that draws what each episode asks for.
-
-    Attributes:
-      drawn_tasks: names of the `n` tasks that are drawn from.
-      task_weights: `(n,)`, with which later episodes draw them.
-    """
-
-    drawn_tasks: tuple[str, ...]
-    task_weights: Any
-
-
 class TaskBalance:
     """Sets the weights with which tasks are drawn: 1.05 minus their recent success.
 
@@ -47,15 +35,15 @@ class TaskBalance:
       success: `(n,)`, recent success rates, in the order of the tasks.
     """
 
-    def __init__(self, task: DrawingTask) -> None:
-        """Takes the task that starts the episodes; none of those that it draws has succeeded yet."""
-        self._task, self._names = task, task.drawn_tasks
+    def __init__(self, requests: ResetRequests) -> None:
+        """Takes the requests of the task that starts the episodes; no drawn task has succeeded yet."""
+        self._requests, self._names = requests, requests.drawn_tasks
         self.success = np.zeros(len(self._names))
 
     @classmethod
     def of(cls, task: SuiteTask) -> Self | None:
         """Returns the balance of a task; None if it does not draw tasks."""
-        return cls(cast(DrawingTask, task)) if task.drawn_tasks else None
+        return cls(task.requests) if task.requests.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
         """Adds the episodes that have ended.
@@ -72,7 +60,7 @@ class TaskBalance:
         asked = infos.get("attempted_tasks_mask", asked)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(asked[i], completed[i] - self.success, 0.0) / _MEMORY
-        self._task.task_weights = 1.0 + _LEAST_WEIGHT - self.success
+        self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
         each = {name: completed[ended & asked[:, column], column] for column, name in enumerate(self._names)}
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 

@@ -209,7 +209,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         self._check_process()
         task = self._template_env.environment.task
         seeds = vector_checks.seeds(seed, self.num_envs)
-        mask = vector_checks.reset_mask(options, self.num_envs, task.reset_options)
+        mask = vector_checks.reset_mask(options, self.num_envs, task.requests.options)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
         requests = vector_checks.variation_requests(options, task.variations, mask)

@@ -104,20 +104,20 @@ def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
 def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:
     """Returns the task's own requests of a reset's options for the environments of its mask, by index.
 
-    Each option is a sequence with an element for each environment, None for none; see `OptionedTask.reset_request`.
+    Each option is a sequence with an element for each environment, None for none; see `ResetRequests.checked`.
 
     Raises:
       TypeError: an option is no sequence, or one of its elements is of the wrong type.
       ValueError: an option has not one element for each environment, or one that the task refuses.
     """
-    each = {name: (options or {})[name] for name in task.reset_options if (options or {}).get(name) is not None}
+    each = {name: (options or {})[name] for name in task.requests.options if (options or {}).get(name) is not None}
     for name, rows in each.items():
         if not isinstance(rows, list | tuple | np.ndarray):
             raise TypeError(f"{name} must be a sequence of one element for each environment, got {rows!r}")
         if len(rows) != mask.size:
             raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(rows)}")
     indices = mask.nonzero()[0].tolist() if each else ()
-    return {i: task.reset_request({name: rows[i] for name, rows in each.items()}) for i in indices}
+    return {i: task.requests.checked({name: rows[i] for name, rows in each.items()}) for i in indices}
 
 
 def variation_requests(

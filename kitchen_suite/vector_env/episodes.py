@@ -99,7 +99,7 @@ class BatchEpisodes:
 
         Args:
           variations: those of variations.
-          own: those that `OptionedTask.reset_request` returned.
+          own: those that `ResetRequests.checked` returned.
         """
         self._requests, self._own_requests = dict(variations), dict(own)
 
@@ -117,7 +117,7 @@ class BatchEpisodes:
             if i in self._requests:
                 self._task.variations.follow(self._requests.pop(i))
             if i in self._own_requests:
-                self._task.request_reset(self._own_requests.pop(i))
+                self._task.requests.follow(self._own_requests.pop(i))
             environment.start_episode()
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():

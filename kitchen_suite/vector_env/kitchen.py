@@ -63,7 +63,9 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         task = self._template_env.environment.task
         if name not in _WORDS or task.mdp.task_draw is None:
             return super()._each(name)
-        instructions = [task.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state.mdp)]
+        instructions = [
+            task.requests.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state.mdp)
+        ]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
@@ -76,6 +78,6 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
             **({VARIATION_SPLIT: (task.variations.split,) * self.num_envs} if task.variations.wanted else {}),
-            **({REQUESTED: [task.tasks_in(row) for row in self._orders]} if task.mdp.task_draw else {}),
+            **({REQUESTED: [task.requests.tasks_in(row) for row in self._orders]} if task.mdp.task_draw else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

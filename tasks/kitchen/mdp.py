@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.goals import GoalSet, Progress
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, current
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, current
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
 from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 from kitchen_suite.tasks.success import Success
@@ -82,9 +82,6 @@ _NESTED = ("progress", "shaping", "terms", "shares")
 
 # First part of the names of infos from which a dense reward can be computed for other goals.
 REWARD_STATE = "reward_state"
-
-# Name of the info on the order of the tasks asked.
-REQUESTED_ORDER = "requested_order"
 
 # First part of the name of the info on the tasks that a step could complete, where they are asked in turn.
 ATTEMPTED = "attempted_tasks"

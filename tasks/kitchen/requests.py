@@ -9,12 +9,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.instructions import joined
+from kitchen_suite.tasks.task import ResetRequests
 
 # Option of a reset, observation and info.
 REQUESTED = "requested_tasks"
+
+# Name of the info on the order of the tasks asked.
+REQUESTED_ORDER = "requested_order"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -156,3 +162,90 @@ def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
     if (weights < 0.0).any():
         raise ValueError(f"{name} must be non-negative, got {weights}")
     return weights
+
+
+class TaskRequests(ResetRequests):
+    """The tasks that episodes of a kitchen task ask for: all, or those drawn or requested at each reset.
+
+    Attributes:
+      order: `(n,)`, of the episode that starts; None if every episode asks for all tasks.
+    """
+
+    options = (REQUESTED,)
+
+    def __init__(self, goals: GoalSet, draw: TaskDraw | None) -> None:
+        """Makes the first episode ask for all tasks.
+
+        Args:
+          goals: the `n` configured tasks.
+          draw: how many of them an episode asks for; None for all.
+        """
+        count = len(goals.tasks)
+        self._goals, self._draw, self._weights = goals, draw, np.ones(count)
+        self._request: NDArray[np.int64] | None = None
+        self.order = None if draw is None else order_of(range(count), count)
+        self.drawn_tasks = () if draw is None else goals.tasks
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weights `(n,)` with which later episodes draw their tasks; see `KitchenTask.task_weights`."""
+        return self._weights.copy()
+
+    @weights.setter
+    def weights(self, value: ArrayLike | Mapping[str, float]) -> None:
+        if self._draw is None:
+            raise ValueError("every task is asked in every episode: build the environment with tasks_per_episode")
+        weights = checked_weights(value, self._goals.tasks)
+        if np.count_nonzero(weights) < self._draw.most:
+            raise ValueError(f"task_weights must be positive for at least {self._draw.most} tasks, got {weights}")
+        self._weights = weights
+
+    def checked(self, options: Mapping[str, Any]) -> NDArray[np.int64] | None:
+        if options.get(REQUESTED) is None:
+            return None
+        if self._draw is None:
+            raise ValueError(
+                f"{REQUESTED} cannot be chosen, as every episode asks for all tasks: build the environment with "
+                "tasks_per_episode"
+            )
+        return requested_order(options[REQUESTED], self._goals.tasks)
+
+    def follow(self, request: NDArray[np.int64] | None) -> None:
+        self._request = request
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        if self._draw is not None:
+            drawn = self._draw.draw(random_state, self._weights)
+            self.order, self._request = drawn if self._request is None else self._request, None
+
+    def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
+        orders = arrays.get(f"info/{REQUESTED_ORDER}")
+        if orders is None or self._draw is None:
+            return {}
+        order = checked_order(orders[0], len(self._goals.tasks), f"recorded {REQUESTED_ORDER}")
+        return {REQUESTED: self.tasks_in(order)}
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Which tasks `(n,)` the episode that starts asks for."""
+        return np.full(len(self._goals.tasks), True) if self.order is None else self.order >= 0
+
+    def tasks_in(self, order: NDArray[np.int64] | None) -> list[str]:
+        """Returns the tasks that an order `(n,)` asks for; all for None."""
+        tasks = self._goals.tasks
+        return [*tasks] if order is None else [tasks[index] for index in in_order(order)]
+
+    def instructions_in(self, order: NDArray[np.int64] | None) -> tuple[str, ...]:
+        """Returns the instructions of the tasks that an order `(n,)` asks for; those of all for None."""
+        goals = self._goals
+        return goals.instructions if order is None else joined(goals.goals[i].instructions for i in in_order(order))
+
+    def saved(self) -> dict[str, NDArray]:
+        """Returns what the task's state holds for draws of later episodes."""
+        return {} if self._draw is None else {"task_weights": self.weights}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Sets what `saved` returned, after checking the order of the present episode."""
+        if self._draw is not None:
+            checked_order(state["requested_order"], len(self._goals.tasks), "state's requested_order")
+            self.weights = state["task_weights"]

@@ -1,6 +1,5 @@
 """The task of the microwave_table domain: reach for the handle of the microwave, and pull its door open."""
 
-import collections
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,8 +12,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.scenes import Scene, SiteArena
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
@@ -95,6 +93,8 @@ class MicrowaveTableTask(SuiteTask):
     Observations: 23 numbers in five named parts, in single precision, without noise.
     """
 
+    mdp: MicrowaveTableMDP
+
     domain_name = "microwave_table"
     control_modes = CONTROL_MODES
     varied = VARIED
@@ -125,64 +125,34 @@ class MicrowaveTableTask(SuiteTask):
           ValueError: an unknown name, or a threshold that is negative or not finite.
         """
         control, observables = split_options(options, CONTROL_MODES)
-        self._scene = scene
         self._goals = GoalSet.build({"microwave": GOAL}, ["microwave"])
-        self._mdp = MicrowaveTableMDP(
+        mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
             action_mode=make_mode(control_mode, CONTROL_MODES, control),
             rewards={**REWARDS, **self.extra_rewards},
             threshold=checks.number(threshold, "threshold"),
         )
-        self._observables = collections.OrderedDict(
-            (name, observable.Generic(functools.partial(self._part, part))) for name, part in PARTS.items()
-        )
-        for part in self._observables.values():
-            part.enabled = True
-        super().__init__(scene, **observables)
+        super().__init__(scene, mdp, **observables)
         self.variations = Variations(
             scene,
             self.varied,
             variations,
             variation_split,
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
-            parameters=sensing_parameters(self._mdp.noise_parts),
+            parameters=sensing_parameters(mdp.noise_parts),
             home=INITIAL_POSE,
-            correct=self._corrected,
+            correct=self._away_from_goal,
         )
-        self._observables |= self.extra_observables
+        parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
+        for part in parts.values():
+            part.enabled = True
+        self.observed = {**parts, **self.extra_observables}
+        self.instructions = self._goals.instructions
+        self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
-        return f"MicrowaveTableTask(threshold={self._mdp.threshold:g})"
-
-    @property
-    def root_entity(self) -> SiteArena:
-        return self._scene.arena
-
-    @property
-    def scene(self) -> Scene:
-        """Arena, robot and microwave."""
-        return self._scene
-
-    @property
-    def robot(self) -> Franka:
-        return self._scene.robot
-
-    @property
-    def mdp(self) -> MicrowaveTableMDP:
-        return self._mdp
-
-    @property
-    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return self._observables.copy()
-
-    @property
-    def instructions(self) -> tuple[str, ...]:
-        return self._goals.instructions
-
-    @functools.cached_property
-    def policy_inputs(self) -> PolicyInputs:
-        return PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
+        return f"MicrowaveTableTask(threshold={self.mdp.threshold:g})"
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the door is open now, whether it was at any time, and its opening as a share of the goal."""
@@ -200,19 +170,19 @@ class MicrowaveTableTask(SuiteTask):
         key = "info/is_success"
         return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    def _bind(self, physics: mjcf.Physics) -> None:
-        self._indices = SceneIndices(self._scene, self._goals, physics)
-        self._highlighting = GoalHighlighting(physics, self._scene, self._goals)
+    def bind(self, physics: mjcf.Physics) -> None:
+        self._indices = SceneIndices(self.scene, self._goals, physics)
+        self._highlighting = GoalHighlighting(physics, self.scene, self._goals)
 
-    def _corrected(self, values: Values) -> Values:
+    def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""
         door = self._simulation.read("qpos", self._indices.object_qpos)
-        is_near = self._goals.distances(door) < START_DISTANCE * self._mdp.threshold
+        is_near = self._goals.distances(door) < START_DISTANCE * self.mdp.threshold
         if "microwave/door" not in values or not is_near.any():
             return values
         return {**values, "microwave/door": self.variations.randomizer.defaults["microwave/door"]}
 
-    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+    def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         data = physics.data
         pose = INITIAL_POSE + np.append(random_state.uniform(-RESET_NOISE, RESET_NOISE, 7), (0.0, 0.0))
         data.qpos[self._indices.robot_qpos] = pose
@@ -220,14 +190,13 @@ class MicrowaveTableTask(SuiteTask):
         data.qvel[:] = 0.0
         data.ctrl[self._indices.ctrl] = pose
 
-    def _publish_state(self, physics: mjcf.Physics | None) -> None:
+    def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates the observation and, given a physics, the door's colour."""
-        self._observation = self._mdp.observation(self._simulation, self.state)
+        self._observation = self.mdp.observation(self._simulation, self.state)
         if self._visualize_reward and physics is not None:
             self._highlighting.update([bool(self.state.is_success)])
 
     def _part(self, part: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        del physics
         return self._observation[part]
 
 

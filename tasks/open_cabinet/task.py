@@ -1,20 +1,16 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
-import collections
-import functools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from dm_control import mjcf
-from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import OpenCabinetArena, OpenCabinetScene
+from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
-from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
@@ -66,7 +62,15 @@ class OpenCabinetTask(SuiteTask):
       at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
     Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists the differences and their reasons.
+
+    Attributes:
+      scene: robot and cabinet in their arena.
+      drawer: the drawer to be opened: `top` or `bottom`.
+      reward_name: key of the reward in `reward.REWARDS`.
     """
+
+    scene: OpenCabinetScene
+    mdp: OpenCabinetMDP
 
     domain_name = "open_cabinet"
     control_modes = OFFSET_MODES
@@ -107,7 +111,7 @@ class OpenCabinetTask(SuiteTask):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a width that is negative or not finite.
         """
-        self._drawer = checks.choice(drawer, DRAWERS, "drawer")
+        self.drawer = checks.choice(drawer, DRAWERS, "drawer")
         control, observables = split_options(options, OFFSET_MODES)
         action_mode = make_mode(control_mode, OFFSET_MODES, control)
         (action_size,) = action_mode.spec(scene.robot).shape
@@ -115,7 +119,7 @@ class OpenCabinetTask(SuiteTask):
         wanted = Randomization.make(randomization).by_name
         randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
         self._randomized = randomizer.names
-        self._mdp = OpenCabinetMDP(
+        mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
             action_size=action_size,
@@ -125,63 +129,29 @@ class OpenCabinetTask(SuiteTask):
                 **self.extra_rewards,
             },
         )
-        self._reward_name = reward
-        super().__init__(scene, **observables)
+        self.reward_name = reward
+        super().__init__(scene, mdp, **observables)
         self.variations = Variations(
             scene,
             self.varied,
             variations,
             variation_split,
             handles=[scene.cabinet.handle_site(drawer)],
-            parameters=sensing_parameters(self._mdp.noise_parts),
+            parameters=sensing_parameters(mdp.noise_parts),
             home=DEFAULT_POSE,
             randomizer=randomizer,
         )
-        self._scene = scene
+        self.observed = {**self._observables.by_name, **self.extra_observables}
+        name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
+        self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
     def __repr__(self) -> str:
-        return f"OpenCabinetTask(drawer={self._drawer!r}, reward={self._reward_name!r})"
-
-    @property
-    def root_entity(self) -> OpenCabinetArena:
-        return self._scene.arena
-
-    @property
-    def scene(self) -> OpenCabinetScene:
-        """Robot and cabinet in their arena."""
-        return self._scene
-
-    @property
-    def drawer(self) -> str:
-        """The drawer to be opened: `top` or `bottom`."""
-        return self._drawer
+        return f"OpenCabinetTask(drawer={self.drawer!r}, reward={self.reward_name!r})"
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        return INSTRUCTIONS[self._drawer]
-
-    @property
-    def reward_name(self) -> str:
-        """Key of the reward function in `REWARDS`."""
-        return self._reward_name
-
-    @property
-    def robot(self) -> Franka:
-        return self._scene.robot
-
-    @property
-    def mdp(self) -> OpenCabinetMDP:
-        return self._mdp
-
-    @property
-    def task_observables(self) -> collections.OrderedDict[str, observable.Observable]:
-        return collections.OrderedDict({**self._observables.by_name, **self.extra_observables})
-
-    @property
-    def reward_terms(self) -> dict[str, float]:
-        """The seven terms of the last step's reward by name; zeros before the first step of an episode."""
-        return {name: float(term) for name, term in self.state.terms.items()}
+        return INSTRUCTIONS[self.drawer]
 
     @property
     def drawer_opening(self) -> float:
@@ -203,11 +173,6 @@ class OpenCabinetTask(SuiteTask):
         count = checks.integer(value, "total_steps", minimum=0)
         self.episode = self.episode._replace(mdp=self.state._replace(total_steps=np.array(count)))
 
-    @functools.cached_property
-    def policy_inputs(self) -> PolicyInputs:
-        name = f"{self._drawer}_drawer" + ("" if self._reward_name == "original" else f"_{self._reward_name}")
-        return PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
-
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""
         return {
@@ -224,24 +189,24 @@ class OpenCabinetTask(SuiteTask):
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    def _bind(self, physics: mjcf.Physics) -> None:
-        self._handle = self._scene.cabinet.handle_geoms(self._drawer)
+    def bind(self, physics: mjcf.Physics) -> None:
+        self._handle = self.scene.cabinet.handle_geoms(self.drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
-        self._joint_qpos = columns(physics.bind(self._scene.robot.joints).qposadr)
-        self._joint_range = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
+        self._joint_qpos = columns(physics.bind(self.scene.robot.joints).qposadr)
+        self._joint_range = np.transpose([actuator.range for actuator in self.scene.robot.joint_actuators])
 
-    def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+    def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
         pose = np.clip(DEFAULT_POSE + offsets, *self._joint_range)
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._joint_qpos] = pose
         physics.data.qvel[:] = 0.0
-        physics.data.ctrl[self._mdp.sensors.ctrl] = pose
+        physics.data.ctrl[self.mdp.sensors.ctrl] = pose
 
-    def _saved_state(self) -> dict[str, Any]:
+    def saved_state(self) -> dict[str, Any]:
         state = self.state
         return {
-            "drawer": self._drawer,
+            "drawer": self.drawer,
             "total_steps": self.total_steps,
             "previous_action": state.previous_action.copy(),
             "terminates": bool(state.terminates),
@@ -255,13 +220,13 @@ class OpenCabinetTask(SuiteTask):
     def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
         return {**state["randomization"], **super()._values_in(state)}
 
-    def _restore_state(self, state: Mapping[str, Any]) -> None:
+    def restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)
-        start = self._mdp.initial_state(Features.of(**state["features"]).values, np.zeros(self._mdp.noise_draws))
+        start = self.mdp.initial_state(Features.of(**state["features"]).values, np.zeros(self.mdp.noise_draws))
         arrays = {name: state[name] for name in ("noise", "previous_action", "terms", "terminates", "succeeded")}
-        self._set_state(start._replace(**arrays, total_steps=np.array(total_steps)))
+        self.set_mdp_state(start._replace(**arrays, total_steps=np.array(total_steps)))
 
-    def _publish_state(self, physics: mjcf.Physics | None) -> None:
+    def publish(self, physics: mjcf.Physics | None) -> None:
         """Updates the observation and, given a physics, the handle's colour."""
         self._observables.update(self.state.observation, self.state.noise)
         if self._visualize_reward and physics is not None:

@@ -41,7 +41,7 @@ class ImitationTraining:
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
-            self._tasks = suite_env(environment).environment.task.drawn_tasks
+            self._tasks = suite_env(environment).environment.task.requests.drawn_tasks
         self._demonstrations = demonstrations.load_all(folders, spec, self._tasks, settings.num_demonstrations)
 
     def make_learner(self, seed: int) -> ImitationLearner:
