@@ -47,7 +47,7 @@ def command(case: Case, folder: Path) -> list[str]:
         f"--output={output}",
         f"--json={result_file(case)}",
     ]
-    return [sys.executable, "-m", "kitchen_suite.cli.evaluate", *flags, *resume]
+    return [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, *resume]
 
 
 def cases_of(names: Sequence[str]) -> list[Case]:

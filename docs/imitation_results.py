@@ -89,7 +89,7 @@ KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episode
 
 def call(command: str, *flags: str) -> str:
     """Runs a command of the suite; returns its output."""
-    arguments = [sys.executable, "-m", f"kitchen_suite.cli.{command}", *flags]
+    arguments = [sys.executable, "-m", "kitchen_suite", command, *flags]
     return subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 

@@ -83,7 +83,7 @@ def evaluate(folder: Path, name: str, policy: Path, length: int) -> None:
 
 def call(command: str, *flags: str) -> None:
     """Runs a command of the suite."""
-    subprocess.run([sys.executable, "-m", f"kitchen_suite.cli.{command}", *flags], check=True)
+    subprocess.run([sys.executable, "-m", "kitchen_suite", command, *flags], check=True)
 
 
 def main(arguments: Sequence[str]) -> int:

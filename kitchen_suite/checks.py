@@ -5,7 +5,10 @@ import importlib.util
 import inspect
 import math
 import numbers
+import pkgutil
+import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,6 +46,25 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
     """
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
         raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
+
+
+def imported(name: str, what: str) -> Any:
+    """Returns the object that `module:name` names; modules are also looked for in the working directory.
+
+    Args:
+      name: of module and object.
+      what: kind of the object, for the message.
+
+    Raises:
+      ValueError: it cannot be imported.
+    """
+    # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
+    if (directory := str(Path.cwd())) not in sys.path:
+        sys.path.append(directory)
+    try:
+        return pkgutil.resolve_name(name)
+    except (Exception, SystemExit) as error:  # Importing runs the code of the module.
+        raise ValueError(f"{what} {name!r} cannot be imported: {type(error).__name__}: {error}") from error
 
 
 def _hint(value: str, choices: Collection[str]) -> str:

@@ -101,11 +101,22 @@ for _domain in DOMAINS.values():
 def find_domain(name: str) -> Domain:
     """Returns a domain.
 
+    Args:
+      name: a key of `DOMAINS`; or `module:NAME`, a `Domain` of the user's own, which is imported and, unless it is
+        registered already, registered. Modules are also looked for in the working directory.
+
     Raises:
       TypeError: the name is no string.
-      ValueError: there is no domain of that name.
+      ValueError: there is no domain of that name, or the `Domain` cannot be imported or registered.
     """
-    return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
+    if not isinstance(name, str) or ":" not in name:
+        return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
+    domain = checks.imported(name, "domain")
+    if not isinstance(domain, Domain):
+        raise ValueError(f"domain {name!r} is no kitchen_suite.suite.Domain: it is {domain!r}")
+    if DOMAINS.get(domain.name) is not domain:
+        register(domain)
+    return domain
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
@@ -115,11 +126,11 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
       TypeError: a name is no string.
       ValueError: an unknown domain or task.
     """
-    tasks = find_domain(domain_name).tasks
+    domain = find_domain(domain_name)
     others = [other.name for other in DOMAINS.values() if task_name in tuple(other.tasks)]
-    if others and domain_name not in others:
-        raise ValueError(f"task {task_name!r} belongs to domain {others[0]!r}, not {domain_name!r}")
-    return dict(tasks[checks.choice(task_name, tasks.keys(), f"{domain_name!r} task")])
+    if others and domain.name not in others:
+        raise ValueError(f"task {task_name!r} belongs to domain {others[0]!r}, not {domain.name!r}")
+    return dict(domain.tasks[checks.choice(task_name, domain.tasks.keys(), f"{domain.name!r} task")])
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
@@ -128,7 +139,7 @@ def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, 
     Raises:
       ValueError: an argument is fixed by the task.
     """
-    fixed = task_arguments(domain_name, task_name).keys() - DOMAINS[domain_name].replaceable
+    fixed = task_arguments(domain_name, task_name).keys() - find_domain(domain_name).replaceable
     if clash := sorted(fixed & task_kwargs.keys()):
         raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
 
@@ -143,7 +154,7 @@ def load(
     """Builds an environment of the suite; the arguments are those of `dm_control.suite.load`.
 
     Args:
-      domain_name: a key of `DOMAINS`.
+      domain_name: a key of `DOMAINS`, or `module:NAME` as for `find_domain`.
       task_name: one of that domain's tasks.
       task_kwargs: arguments of the domain's builder, such as `kitchen`, among them `random` and `time_limit`.
       environment_kwargs: further arguments of `Environment`.
@@ -159,7 +170,7 @@ def load(
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
     check_not_fixed(domain_name, task_name, task_kwargs or {})
     arguments = {**task, **(task_kwargs or {})}
-    environment = DOMAINS[domain_name].build(**arguments, environment_kwargs=environment_kwargs)
+    environment = find_domain(domain_name).build(**arguments, environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
 

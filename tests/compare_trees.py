@@ -19,6 +19,7 @@ import itertools
 import json
 import os
 import pickle
+import pkgutil
 import subprocess
 import sys
 import tempfile
@@ -258,9 +259,11 @@ def run_command(name: str, *arguments: str) -> str:
     setup = configparser.RawConfigParser()
     setup.read(Path(os.environ["COMPARED_TREE"]) / "setup.cfg", encoding="utf-8")
     scripts = dict(line.split(" = ") for line in setup["options.entry_points"]["console_scripts"].strip().splitlines())
-    module = importlib.import_module(scripts[name].partition(":")[0])
+    script = pkgutil.resolve_name(scripts[name])
+    # A command of the table; in earlier trees, the bound method of one.
+    command = getattr(script, "__self__", script)
     with contextlib.redirect_stdout(io.StringIO()) as printed:
-        status = module.main(list(arguments))
+        status = command.main(list(arguments))
     assert status == 0, (name, arguments, status, printed.getvalue())
     return printed.getvalue()
 

@@ -23,7 +23,7 @@ PARSED_MARKS = ("hours", "ci")
 INTERPRETERS = {"python": (sys.executable,), "sh": ("bash", "-e")}
 PARSED_PROGRAMS = (
     *(f"kitchen-{name}" for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate")),
-    *("kitchen-export", "kitchen-convert", "kitchen-view"),
+    *("kitchen-export", "kitchen-convert", "kitchen-view", "kitchen-suite"),
     *("pytest", "python", "lerobot-train", "lerobot-eval"),
 )
 

@@ -57,7 +57,12 @@ def check_pip(command: str, *arguments: str) -> None:
 
 
 def check_command(name: str, *arguments: str) -> None:
-    importlib.import_module(f"kitchen_suite.cli.{name.removeprefix('kitchen-')}").COMMAND._parse(arguments)
+    commands = importlib.import_module("kitchen_suite.cli.commands").COMMANDS
+    if name == "kitchen-suite":
+        name, *arguments = arguments or ["--help"]
+        if name.startswith("-"):
+            return
+    commands[name.removeprefix("kitchen-")].parse(arguments)
 
 
 def check_files(*arguments: str) -> None:

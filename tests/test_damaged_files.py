@@ -14,7 +14,7 @@ from episode_files import load_episode
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitchen_suite.cli import record
+from kitchen_suite.cli.commands import record
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
 from kitchen_suite.recordings.replay import compare, replay
 from kitchen_suite.recordings.sources import FolderSource, MinariSource, find

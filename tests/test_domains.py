@@ -9,7 +9,7 @@ import pytest
 from test_layers import MODULES
 
 from kitchen_suite import gymnasium_env, suite
-from kitchen_suite.cli import benchmark, rollout
+from kitchen_suite.cli.commands import benchmark, rollout
 from kitchen_suite.policies import experts
 from kitchen_suite.training.hyperparameters import Hyperparameters
 

@@ -11,7 +11,7 @@ from typing import Any
 from kitchen_suite import checks, suite
 from kitchen_suite.benchmarks import baselines, memory, rendering, report, speed
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
-from kitchen_suite.benchmarks.settings import BenchmarkSettings
+from kitchen_suite.settings import BenchmarkSettings
 from kitchen_suite.versions import installed_versions
 
 _DEFAULT_NUM_ENVS = {"speed": (32,), "scaling": (1, 8, 32, 128, 512), "soak": (32,), "rendering": (1,)}
@@ -94,7 +94,7 @@ def find_cases(domain_name: str) -> BenchmarkDomain:
     Raises:
       ValueError: there is no such domain, or none with benchmarks.
     """
-    benchmark = suite.DOMAINS[checks.choice(domain_name, suite.DOMAINS, "domain_name")].benchmark
+    benchmark = suite.find_domain(domain_name).benchmark
     if benchmark is None:
         names = [domain.name for domain in suite.DOMAINS.values() if domain.benchmark]
         raise ValueError(f"domain {domain_name!r} has no benchmark; choose from {names}")

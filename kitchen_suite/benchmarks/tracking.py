@@ -34,7 +34,7 @@ def load(domain_name: str, control_mode: str, **settings: Any) -> Environment:
       control_mode: name of the mode.
       **settings: further arguments of the domain's builder.
     """
-    domain = suite.DOMAINS[domain_name]
+    domain = suite.find_domain(domain_name)
     options = {"random": 0, "visuals": False, "time_limit": None, "control_mode": control_mode, **settings}
     environment = suite.load(domain_name, domain.default_task, options)
     environment.reset()

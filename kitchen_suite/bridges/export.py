@@ -15,12 +15,12 @@ import numpy as np
 from dm_env import specs
 
 from kitchen_suite import files
-from kitchen_suite.bridges.export_settings import ExportSettings
 from kitchen_suite.bridges.mjcf_values import Difference, greatest_difference, write_values
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.environment import PHYSICS_STATE
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+from kitchen_suite.settings import ExportSettings
 
 # File with the licence of the installed meshes and textures.
 LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"

@@ -39,7 +39,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         """Adapts environments.
 
         Args:
-          environments: with autoreset mode `SameStep`, and one of `recordings.settings.OBS_TYPES`.
+          environments: with autoreset mode `SameStep`, and one of `settings.OBS_TYPES`.
 
         Raises:
           ValueError: the environments have another autoreset mode or observation type.

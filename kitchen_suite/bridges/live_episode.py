@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 import gymnasium
 import numpy as np
 
-from kitchen_suite.bridges.viewer_settings import ViewSettings
 from kitchen_suite.evaluation.plan import prepared
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator, reset_to_seed
+from kitchen_suite.settings import ViewSettings
 
 if TYPE_CHECKING:
     from dm_control import mjcf

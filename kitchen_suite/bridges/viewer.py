@@ -7,12 +7,12 @@ from typing import Any
 
 from kitchen_suite import suite
 from kitchen_suite.bridges.live_episode import LiveEpisode
-from kitchen_suite.bridges.viewer_settings import ViewSettings
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, local_server
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
 from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
@@ -256,8 +256,9 @@ class ViewJob:
 
     def __init__(self, settings: ViewSettings) -> None:
         """Builds the first environment, so that bad settings are refused; raises what `LiveEpisode` does."""
-        task_name = settings.task_name or suite.default_task(settings.domain_name)
-        self._settings = dataclasses.replace(settings, task_name=task_name)
+        domain = suite.find_domain(settings.domain_name)
+        task_name = settings.task_name or domain.default_task
+        self._settings = dataclasses.replace(settings, domain_name=domain.name, task_name=task_name)
         self._episode = LiveEpisode(self._settings)
 
     def progress(self) -> str:

@@ -1,30 +1,37 @@
-"""The one `main` of all commands: it parses, prepares a job, runs it, and reports every problem in one line."""
+"""A command: it parses its flags, prepares a job, runs it, and reports every problem in one line; also as a process."""
 
 import contextlib
 import dataclasses
-import functools
+import os
 import pkgutil
+import signal
 import sys
-import textwrap
+import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from io import TextIOWrapper
+from types import FrameType
+from typing import Any, Protocol, cast
 
-from absl import flags
+from absl.flags import Error as FlagError
 
 import kitchen_suite
 from kitchen_suite import checks
-from kitchen_suite.cli import process
-from kitchen_suite.cli.flag_parsing import define_flags
-from kitchen_suite.cli.options import OPTIONS, RENAMED
+from kitchen_suite.cli import flags
 from kitchen_suite.rendering import gl
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
-_WIDTH = 100  # Characters in a line of the help.
 _MAX_MESSAGE = 1000  # Characters of an error, which may quote any argument.
+_RAISE_AGAIN_AFTER = 0.01  # [s]
 
 # Flags that show the help in other programs: `-?` on Windows, the others in absl's.
 _HELP_FLAGS = ("?", "helpfull", "helpshort")
+
+# Errors of the preparation.
+_USAGE_ERRORS = (FlagError, ImportError, OSError, TypeError, ValueError)
+
+# Signals that have interrupted this process.
+_interrupts: list[int] = []
 
 
 class Job(Protocol):
@@ -51,7 +58,7 @@ class Command:
 
     Attributes:
       name: name of the script.
-      description: text above the flags in `--help`.
+      description: text above the flags in `--help`; its first sentence is the command's in the list of all.
       settings: dataclass of the command's settings; each field is a flag, those without a default are required.
       job: `module:callable` that returns a `Job` for the settings. The module is imported after the GL library has been
         chosen, since dm_control chooses one when it is imported.
@@ -61,12 +68,16 @@ class Command:
     """
 
     name: str
-    description: str | None
+    description: str
     settings: type
     job: str
     renders: Callable[[Any], bool | None] = lambda settings: False
     positional: str | None = None
     needs: tuple[tuple[str, ...], str] = ((), "")
+
+    def __call__(self) -> int:
+        """Runs the command as a process of its own; returns the exit status."""
+        return run_process(self.name, self.main)
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Runs the command.
@@ -77,71 +88,48 @@ class Command:
         Returns:
           The exit status.
         """
+        job, succeeded = None, True
         try:
-            settings = self._parse(sys.argv[1:] if arguments is None else arguments)
-            with process.interrupts_prevail():
-                job = None if isinstance(settings, str) else self._prepare(settings)
-        except KeyboardInterrupt:
-            return self._fail("interrupted", INTERRUPTED)
-        except (flags.Error, ImportError, OSError, TypeError, ValueError) as error:
-            return self._fail(error, USAGE)
+            settings = self.parse(sys.argv[1:] if arguments is None else arguments)
+            if not isinstance(settings, str):
+                job = self._prepare(settings)
+                succeeded = job.run()
+        except (Exception, KeyboardInterrupt) as error:
+            return self._end(error, job)
+        if _interrupts:
+            return self._end(KeyboardInterrupt(), job)
         if job is None:
             print(settings)
-            return SUCCESS
-        return self._run(job)
+        return SUCCESS if succeeded else FAILURE
 
-    def console_main(self) -> int:
-        """Runs the command as a process of its own; returns the exit status."""
-        process.open_closed_streams()
-        process.raise_interrupts()
-        process.shorten_warnings()
-        status = SUCCESS
-        try:
-            status = self.main()
-            sys.stdout.flush()
-        except KeyboardInterrupt:
-            return self._fail("interrupted", INTERRUPTED)
-        except BrokenPipeError:
-            # The reader of the output has left.
-            process.discard_stdout()
-            return BROKEN_PIPE
-        except OSError as error:
-            process.discard_stdout()
-            return status or self._fail(f"stdout cannot be written to: {error}", FAILURE)
-        return status
-
-    @functools.cached_property
-    def _flags(self) -> flags.FlagValues:
-        return define_flags(self.settings, exclude=self.positional)
-
-    def _parse(self, arguments: Sequence[str]) -> Any:
-        """Returns the settings, or the text that `--help` or `--version` asks for.
+    def parse(self, arguments: Sequence[str]) -> Any:
+        """Returns the settings, or the text that `--help` or `--version` prints.
 
         Raises:
-          flags.Error: a flag is unknown, missing or has a bad value, or there are too many other arguments.
+          absl.flags.Error: a flag is unknown, missing or has a bad value, or there are too many other arguments.
         """
-        values = self._flags
-        values.unparse_flags()
-        _, *rest = values([self.name, *arguments], known_only=True)
-        rest = [text for text in rest if text != "--"]
-        # absl would take the flags that --undefok names for known ones.
-        undefok = [text for text in arguments if _flag_name(text) == "undefok"]
-        unknown = [name for name in map(_flag_name, [*undefok, *rest]) if name]
+        settings = flags.settings_of(self.settings)
+        values = flags.define([setting for setting in settings if setting.name != self.positional])
+        _, *others = values([self.name, *arguments], known_only=True)
+        others = [text for text in others if text != "--"]
+        unknown = [text.lstrip("-").partition("=")[0] for text in others if text.startswith("-")]
         if values.help or (unknown and unknown[0] in _HELP_FLAGS):
-            return self._help()
+            return f"{self.description}\nFlags:\n{flags.describe(settings, self.positional)}"
         if values.version:
             return f"{self.name} {kitchen_suite.__version__}"
         if unknown:
-            raise flags.Error(self._describe_unknown(unknown[0]))
-        chosen = {field.name: values[field.name].value for field in self._fields if field.name != self.positional}
-        if self.positional and rest:
-            chosen[self.positional], *rest = rest
-        if rest:
-            raise flags.Error(f"unexpected argument {rest[0]!r}: all others are flags, see --help")
-        for field in self._fields:
-            if chosen.get(field.name) is None and _is_required(field):
-                flag = "" if field.name == self.positional else "--"
-                raise flags.Error(f"{flag}{field.name} is missing: {OPTIONS[field.name].help}")
+            near = checks.nearest(unknown[0], list(values))
+            hint = f" (did you mean --{near}?)" if near else ""
+            raise FlagError(f"there is no flag --{unknown[0]}{hint}; --help lists all")
+        chosen = {setting.name: values[setting.name].value for setting in settings if setting.name in values}
+        if self.positional and others:
+            chosen[self.positional], *others = others
+        if others:
+            raise FlagError(f"unexpected argument {others[0]!r}: all others are flags, see --help")
+        for setting in settings:
+            if setting.is_required and chosen.get(setting.name) is None:
+                flag = setting.name if setting.name == self.positional else f"--{setting.name}"
+                raise FlagError(f"{flag} is missing: {setting.flag.help}")
         return self.settings(**chosen)
 
     def _prepare(self, settings: Any) -> Job:
@@ -150,73 +138,95 @@ class Command:
         gl.prepare(rendering=self.renders(settings))
         return pkgutil.resolve_name(self.job)(settings)
 
-    def _run(self, job: Job) -> int:
+    def _end(self, error: BaseException, job: Job | None) -> int:
+        """Reports an error of a job, or of its preparation where there is none; returns the exit status.
+
+        Interrupts prevail, whatever became of them: imports of extension modules, for example, raise an ImportError.
+        """
+        if _interrupts or isinstance(error, KeyboardInterrupt):
+            return fail(self.name, f"interrupted {job.progress()}" if job else "interrupted", INTERRUPTED)
+        if not isinstance(error, BrokenPipeError):
+            if isinstance(error, job.usage_errors if job else _USAGE_ERRORS):
+                return fail(self.name, error, USAGE)
+            if job and isinstance(error, job.failures):
+                return fail(self.name, error, FAILURE)
+        raise error
+
+
+def fail(name: str, problem: object, status: int) -> int:
+    """Reports a problem in one line on stderr, if that can be written to; returns the exit status."""
+    line = " ".join(str(problem).split())
+    if len(line) > _MAX_MESSAGE:
+        line = f"{line[: _MAX_MESSAGE // 2]} (shortened) {line[-_MAX_MESSAGE // 2 :]}"
+    with contextlib.suppress(OSError):
+        print(f"{name}:", line, file=sys.stderr)
+    return status
+
+
+def run_process(name: str, main: Callable[[], int]) -> int:
+    """Runs a command as a process of its own: with its signals, and standard streams that may be closed or full.
+
+    Args:
+      name: of the command.
+      main: runs it, and returns the exit status.
+
+    Returns:
+      The exit status.
+    """
+    _raise_interrupts()
+    _open_closed_streams()
+    # Python's warnings take one line, without the line of code that they are about.
+    warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
+    status = SUCCESS
+    try:
+        status = main()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return fail(name, "interrupted", INTERRUPTED)
+    except OSError as error:
+        # What Python still has to flush at exit is sent to the null device.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # The reader of the output has left.
+            return BROKEN_PIPE
+        return status or fail(name, f"stdout cannot be written to: {error}", FAILURE)
+    return status
+
+
+def _raise_interrupts() -> None:
+    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors.
+
+    SIGINT stays ignored where it is, as in a shell's background jobs.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
+        if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+    sys.unraisablehook = _raise_again
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _interrupts.append(number)
+    raise KeyboardInterrupt
+
+
+def _raise_again(unraisable: Any) -> None:
+    """Raises an interrupt again that Python has dropped, since a destructor cannot raise exceptions."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        signal.setitimer(signal.ITIMER_REAL, _RAISE_AGAIN_AFTER)
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
+def _open_closed_streams() -> None:
+    """Opens the null device for each closed standard stream, and lets stdout escape characters that it cannot encode.
+
+    Files that are opened later would get the numbers of closed streams, and libraries would write to them.
+    """
+    for number in range(3):
         try:
-            with process.interrupts_prevail():
-                return SUCCESS if job.run() else FAILURE
-        except KeyboardInterrupt:
-            return self._fail(f"interrupted {job.progress()}", INTERRUPTED)
-        except BrokenPipeError:
-            raise
-        except job.usage_errors as error:
-            return self._fail(error, USAGE)
-        except job.failures as error:
-            return self._fail(error, FAILURE)
-
-    def _fail(self, problem: object, status: int) -> int:
-        """Reports a problem in one line on stderr, if that can be written to; returns the exit status."""
-        with contextlib.suppress(OSError):
-            print(f"{self.name}:", _one_line(str(problem)), file=sys.stderr)
-        return status
-
-    def _describe_unknown(self, flag: str) -> str:
-        """Returns the error for a flag that does not exist, with the one that may be meant."""
-        names = [name for name in OPTIONS if name in self._flags]
-        meant = RENAMED.get(flag)
-        near = meant if meant in names else checks.nearest(flag, names)
-        hint = f" (did you mean --{near}?)" if near else ""
-        return f"there is no flag --{flag}{hint}; --help lists all"
-
-    @property
-    def _fields(self) -> tuple[dataclasses.Field, ...]:
-        return dataclasses.fields(self.settings)
-
-    def _help(self) -> str:
-        """Returns the description and all flags in the order of `OPTIONS`."""
-        names = {*self._flags, self.positional}
-        rows = [self._help_of(name) for name in OPTIONS if name in names]
-        return "\n".join([self.description or "", "Flags:", *rows])
-
-    def _help_of(self, name: str) -> str:
-        required = {field.name for field in self._fields if _is_required(field)}
-        default = None if name in required else self._flags[name].default
-        unset = {field.name: field.metadata.get("unset") for field in self._fields}.get(name) or OPTIONS[name].unset
-        ending = "Required." if name in required else _default_text(default, unset)
-        text = f"{OPTIONS[name].help} {ending}".rstrip()
-        first = f"  {name.upper():<21} " if name == self.positional else f"  --{name:<19} "
-        return textwrap.fill(text, _WIDTH, initial_indent=first, subsequent_indent=" " * 24, break_on_hyphens=False)
-
-
-def _flag_name(text: str) -> str:
-    """Returns the name of a flag on the command line; empty for other arguments."""
-    return text.lstrip("-").partition("=")[0] if text.startswith("-") else ""
-
-
-def _one_line(text: str) -> str:
-    """Returns a text in one line, without the middle of a very long one."""
-    line = " ".join(text.split())
-    half = _MAX_MESSAGE // 2
-    return line if len(line) <= _MAX_MESSAGE else f"{line[:half]} (shortened) {line[-half:]}"
-
-
-def _is_required(field: dataclasses.Field) -> bool:
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-
-
-def _default_text(default: Any, unset: str) -> str:
-    """Returns the sentence on a flag's default, or on what applies without the flag; empty where there is neither."""
-    if default is None or default in ((), {}):
-        return f"Default: {unset}." if unset else ""
-    if default is False:
-        return ""
-    return f"Default: {','.join(map(str, default)) if isinstance(default, tuple) else default}."
+            os.fstat(number)
+        except OSError:
+            # Also for child processes, such as the one in which glfw looks for its library.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    sys.stdout = sys.stdout or os.fdopen(1, "w")
+    sys.stderr = sys.stderr or os.fdopen(2, "w")
+    cast(TextIOWrapper, sys.stdout).reconfigure(errors="backslashreplace")

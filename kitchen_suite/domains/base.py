@@ -57,7 +57,7 @@ class Domain:
       cloning_hyperparameters: values that replace these where demonstrations are cloned first.
       training_options: options of the environments that policies are trained in from scratch, which those that they are
         evaluated in do not have; except for `max_episode_steps`, which both have.
-      training_settings: values that replace defaults of `training.settings.TrainSettings`, those of `num_steps`,
+      training_settings: values that replace defaults of `settings.TrainSettings`, those of `num_steps`,
         `eval_interval`, `target_success` and `patience`.
       recording_presets: settings of `kitchen-record` by the name of a set of demonstrations: `task_name`, `task_kwargs`
         and `policy`.

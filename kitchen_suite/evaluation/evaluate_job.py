@@ -13,7 +13,6 @@ from kitchen_suite.benchmarks.report import Table
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
-from kitchen_suite.evaluation.settings import EvaluateSettings
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
@@ -23,6 +22,7 @@ from kitchen_suite.rollouts.report import EpisodeBar, print_line
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
 from kitchen_suite.rollouts.vector_rollout import EndedEpisode, PolicyController, VectorRollout, even_count
+from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Scores that are means in a unit of their own; all others are rates.

@@ -8,9 +8,9 @@ from typing import Any
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score
-from kitchen_suite.evaluation.settings import EvaluateSettings
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import EvaluateSettings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

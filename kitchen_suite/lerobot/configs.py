@@ -9,9 +9,8 @@ from lerobot.envs import EnvConfig
 from kitchen_suite import suite
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.recordings.settings import OBS_TYPES
-from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import OBS_TYPES, EpisodeSettings
 
 
 @dataclasses.dataclass

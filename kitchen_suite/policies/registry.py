@@ -8,8 +8,6 @@ import ast
 import contextlib
 import dataclasses
 import functools
-import pkgutil
-import sys
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -261,13 +259,7 @@ def _import_policy(name: str) -> Policy:
     Raises:
       ValueError: it cannot be imported or cannot be called.
     """
-    # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
-    if (directory := str(Path.cwd())) not in sys.path:
-        sys.path.append(directory)
-    try:
-        policy = pkgutil.resolve_name(name)
-    except (Exception, SystemExit) as error:  # Importing runs the code of the module.
-        raise ValueError(f"policy {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+    policy = checks.imported(name, "policy")
     if not callable(policy):
         raise ValueError(f"policy {name!r} cannot be called: it is {policy!r}")
     return policy

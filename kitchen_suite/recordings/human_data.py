@@ -21,10 +21,10 @@ from kitchen_suite import files
 from kitchen_suite.entities import Scene, build_kitchen_scene
 from kitchen_suite.recordings import sources
 from kitchen_suite.recordings.minari_dataset import minari_root
-from kitchen_suite.recordings.settings import ConvertSettings
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState

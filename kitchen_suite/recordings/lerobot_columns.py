@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.observations import picture_key
-from kitchen_suite.recordings.settings import OBS_TYPES
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
+from kitchen_suite.settings import OBS_TYPES
 
 AGENT_POS, ENVIRONMENT_STATE, PIXELS = "agent_pos", "environment_state", "pixels"
 

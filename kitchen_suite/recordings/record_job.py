@@ -12,12 +12,12 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.recordings import datasets
 from kitchen_suite.recordings.datasets import DatasetPlan
-from kitchen_suite.recordings.settings import RecordSettings
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import VectorRunner, even_count, play_many
+from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
@@ -43,7 +43,7 @@ class RecordJob:
           ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
         """
         self._ray = RaySettings.of(settings.workers, settings.ray_address)
-        self._settings = settings = settings.with_preset.with_format
+        self._settings = settings = settings.resolved
         self._spec = RecordingSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)

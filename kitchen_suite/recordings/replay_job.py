@@ -12,10 +12,10 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings import sources
 from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.recordings.replay import Comparison, compare, replay
-from kitchen_suite.recordings.settings import ReplaySettings
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.film import Views
 from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.settings import ReplaySettings
 from kitchen_suite.versions import installed_versions
 
 # Widths of the table's columns; `difference` is the maximum over all numbers of the observations.

@@ -13,7 +13,7 @@ from kitchen_suite.rendering import cameras, video
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.page import Page
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.settings import FilmSettings
+from kitchen_suite.settings import FilmSettings
 
 
 class Film:

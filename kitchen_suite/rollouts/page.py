@@ -12,7 +12,7 @@ from kitchen_suite.rendering.web_page import WebPage
 from kitchen_suite.rendering.web_scenes import SceneRecorder
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.settings import PageSettings
+from kitchen_suite.settings import PageSettings
 
 # Seconds that the end of an episode is shown before its player begins again.
 _LAST_FRAME = 1.0

@@ -11,7 +11,7 @@ from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
-from kitchen_suite.rollouts.settings import PlaySettings, RolloutSettings
+from kitchen_suite.settings import PlaySettings, RolloutSettings
 
 _DEFAULT_POLICY = "top_drawer_grasp"
 _DEFAULT_VIDEO = Path("kitchen-play.mp4")

@@ -17,10 +17,10 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Episode
 from kitchen_suite.rollouts.film import Views
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
-from kitchen_suite.rollouts.settings import RolloutSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner
+from kitchen_suite.settings import RolloutSettings
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 

@@ -14,7 +14,7 @@ from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import ObservationSettings
-from kitchen_suite.rollouts.settings import EpisodeSettings
+from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
@@ -98,7 +98,7 @@ class RecordingSpec:
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
-        domain = suite.DOMAINS[domain_name]
+        domain = suite.find_domain(domain_name)
         # Gymnasium takes some names itself, such as `disable_env_checker`.
         env_class = _env_class(domain)
         env_class.check_keywords(task_kwargs, exclude=_RESERVED)
@@ -146,14 +146,14 @@ class RecordingSpec:
     @property
     def env_class(self) -> type[SuiteEnv]:
         """Class of the single environment."""
-        return _env_class(suite.DOMAINS[self.domain_name])
+        return _env_class(suite.find_domain(self.domain_name))
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
         # Those of the recording are of its observations.
         arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments()}
         try:
-            return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
+            return gymnasium.make(suite.find_domain(self.domain_name).env_id, **arguments)
         except TypeError as error:
             # Gymnasium adds all arguments to the message.
             raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
@@ -179,7 +179,7 @@ class RecordingSpec:
     ) -> SuiteVectorEnv:
         """Makes vectorised environments of the same kind; `extra` are further arguments."""
         environments = gymnasium.make_vec(
-            suite.DOMAINS[self.domain_name].env_id,
+            suite.find_domain(self.domain_name).env_id,
             num_envs,
             vectorization_mode="vector_entry_point",
             num_threads=num_threads,
@@ -192,7 +192,7 @@ class RecordingSpec:
     def _arguments(self) -> dict[str, Any]:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
-        return {**arguments, **suite.DOMAINS[self.domain_name].array_options}
+        return {**arguments, **suite.find_domain(self.domain_name).array_options}
 
 
 def _env_class(domain: suite.Domain) -> type[SuiteEnv]:

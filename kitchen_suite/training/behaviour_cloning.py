@@ -48,7 +48,7 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
       ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
         episodes.
     """
-    recording = open_recording(folder, spec, suite.DOMAINS[spec.domain_name].cloning_options)
+    recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).cloning_options)
     found, expected = (f"{each.domain_name} {each.task_name}" for each in (recording.spec, spec))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
@@ -97,7 +97,7 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
 
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
-    environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
+    environment = pkgutil.resolve_name(suite.find_domain(spec.domain_name).env)
     parameter = inspect.signature(environment).parameters.get(name)
     default = {name: parameter.default if parameter else base.DEFAULTS[name]}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}

@@ -92,7 +92,7 @@ class Hyperparameters:
     @classmethod
     def defaults(cls, domain_name: str, *, cloning: bool = False) -> "Hyperparameters":
         """Returns the defaults of a domain, from scratch or with demonstrations that are cloned first."""
-        domain = suite.DOMAINS[domain_name]
+        domain = suite.find_domain(domain_name)
         return cls(**{**domain.hyperparameters, **(domain.cloning_hyperparameters if cloning else {})})
 
     @classmethod

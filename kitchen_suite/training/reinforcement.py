@@ -15,10 +15,10 @@ from tqdm import tqdm
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.settings import TrainSettings
 
 
 def make_spec(
@@ -86,7 +86,7 @@ class PPOTraining:
         )
         training = self._make_training_spec()
         self.max_episode_steps = training.max_episode_steps
-        options = suite.DOMAINS[settings.domain_name].flat_options
+        options = suite.find_domain(settings.domain_name).flat_options
         self.environments = training.make_vector_env(
             self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
         )
@@ -115,7 +115,7 @@ class PPOTraining:
           ValueError: observations or actions would have another meaning than in those that are evaluated in.
         """
         settings = self._settings
-        domain = suite.DOMAINS[settings.domain_name]
+        domain = suite.find_domain(settings.domain_name)
         own = {} if settings.demonstrations else domain.training_options
         defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
         arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))

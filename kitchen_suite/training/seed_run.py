@@ -12,11 +12,11 @@ from tqdm import tqdm
 
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller
+from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
-from kitchen_suite.training.settings import Schedule
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 

@@ -17,14 +17,13 @@ from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
-from kitchen_suite.rollouts.settings import PlaySettings
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import ALGORITHMS, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason, Training
-from kitchen_suite.training.settings import ALGORITHMS, PPO, TrainSettings
 
 # Below the success rate and mean return of any evaluation.
 _NO_RESULT = (-1.0, 0.0)
@@ -65,7 +64,7 @@ class TrainJob:
             "hyperparameters": dataclasses.asdict(self.training.config),
         }
         evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
-        options = suite.DOMAINS[settings.domain_name].flat_options
+        options = suite.find_domain(settings.domain_name).flat_options
         self._evaluation_environments = evaluation.make_vector_env(
             settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
         )

@@ -14,9 +14,9 @@ from kitchen_suite import suite
 from kitchen_suite.benchmarks import benchmark_job, rendering, report, speed
 from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
-from kitchen_suite.benchmarks.settings import BenchmarkSettings
-from kitchen_suite.cli import benchmark
+from kitchen_suite.cli.commands import benchmark
 from kitchen_suite.rendering import quality as light_meshes
+from kitchen_suite.settings import BenchmarkSettings
 
 pytestmark = pytest.mark.thorough
 
@@ -37,7 +37,7 @@ def measured(request):
 def scaling():
     """The command that measures the scaling of open_cabinet, run where no GL library can be loaded."""
     flags = ["--domain_name=open_cabinet", "--measure=scaling", "--num_envs=1,3", "--num_steps=30", "--json"]
-    command = [sys.executable, "-m", "kitchen_suite.cli.benchmark", *flags]
+    command = [sys.executable, "-m", "kitchen_suite", "benchmark", *flags]
     return subprocess.run(command, env={**os.environ, "MUJOCO_GL": "nonsense"}, capture_output=True, text=True)
 
 

@@ -12,7 +12,7 @@ import pytest
 from sweeps import brief_named
 
 from kitchen_suite import suite
-from kitchen_suite.cli import export
+from kitchen_suite.cli.commands import export
 from kitchen_suite.gymnasium_env.base import suite_env
 
 STEPS = 280

@@ -7,8 +7,8 @@ from sweeps import brief_named
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features
-from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import EpisodeSettings
 
 STATES = {"obs_type": "environment_state_agent_pos"}
 PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_quality": "fast"}

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from kitchen_suite.cli import view
+from kitchen_suite.cli.commands import view
 
 TIMEOUT = 120.0  # [s], on a machine with other work
 
@@ -59,7 +59,7 @@ def test_a_port_in_use_gets_one_line_and_status_1(port, capsys):
 def process(port):
     """The running command."""
     flags = ["--domain_name=microwave_table", "--policy=zero", f"--port={port}"]
-    command = [sys.executable, "-m", "kitchen_suite.cli.view", *flags]
+    command = [sys.executable, "-m", "kitchen_suite", "view", *flags]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         yield running
         running.kill()

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.browser
 def address(port):
     """Address of a viewer that runs."""
     flags = ["--domain_name=microwave_table", "--policy=zero", f"--port={port}"]
-    command = [sys.executable, "-m", "kitchen_suite.cli.view", *flags]
+    command = [sys.executable, "-m", "kitchen_suite", "view", *flags]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         yield running.stdout.readline().split()[0]
         running.kill()

@@ -1,114 +1,295 @@
-"""Properties of every command: its flags and its help."""
+"""The commands: their help, `kitchen-suite`, a domain of a user's own, and odd command lines."""
 
-import dataclasses
+import contextlib
 import importlib.metadata
+import io
+import json
+import os
 import re
+import resource
+import subprocess
+import sys
+import typing
+from collections.abc import Mapping
+from pathlib import Path
 
+import gymnasium
 import pytest
 from help_text import flag_lines
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import kitchen_suite
-from kitchen_suite import checks
-from kitchen_suite.cli import benchmark, convert, evaluate, export, play, record, replay, rollout, train, view
-from kitchen_suite.cli.options import OPTIONS
+from kitchen_suite import checks, suite
+from kitchen_suite.cli import commands, flags
+from kitchen_suite.cli.commands import COMMANDS, export, record, rollout
 
-MODULES = (benchmark, convert, evaluate, export, play, record, replay, rollout, train, view)
-COMMANDS = {command.COMMAND.name: command.COMMAND for command in MODULES}
+KITCHEN_SUITE = [sys.executable, "-m", "kitchen_suite"]
+
+
+def settings_of(name):
+    return flags.settings_of(COMMANDS[name].settings)
+
+
+def test_every_console_script_is_in_the_table():
+    scripts = importlib.metadata.entry_points(group="console_scripts")
+    installed = {script.name: script.load() for script in scripts if script.value.startswith("kitchen_suite.")}
+    assert installed.pop("kitchen-suite") == commands.console_main
+    assert installed == {command.name: command for command in COMMANDS.values()}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_lists_every_flag(name, capsys):
+    assert COMMANDS[name].main(["--help"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.startswith(f"{COMMANDS[name].description}\nFlags:\n")
+    assert f"\n  kitchen-{name}" in out
+    assert len(out.splitlines()) <= 60
+    named = [setting.name for setting in settings_of(name) if setting.name != COMMANDS[name].positional]
+    assert [*flag_lines(out)] == [*named, "help", "version"]
+
+
+@pytest.mark.parametrize("flag", ["-h", "-?", "--helpshort", "--helpfull"])
+def test_other_flags_of_help_are_known(flag):
+    assert record.parse([flag]) == record.parse(["--help"])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_flag_is_one_or_two_sentences(name):
+    for setting in settings_of(name):
+        assert re.fullmatch(r"[A-Za-z][^\n]*[.]", setting.flag.help)
+        assert len(setting.flag.help) <= 220
 
 
 def test_bounds_are_those_of_the_environments():
-    assert OPTIONS["num_envs"].maximum == OPTIONS["eval_episodes"].maximum == checks.MAX_ENVS
-    assert OPTIONS["num_threads"].maximum == checks.MAX_THREADS
+    by_name = {setting.name: setting.flag for setting in (*settings_of("train"), *settings_of("record"))}
+    assert by_name["num_envs"].maximum == by_name["eval_episodes"].maximum == checks.MAX_ENVS
+    assert by_name["num_threads"].maximum == checks.MAX_THREADS
 
 
-def test_all_commands_are_tested_here():
-    scripts = importlib.metadata.entry_points(group="console_scripts")
-    installed = {script.name: script.load() for script in scripts if script.value.startswith("kitchen_suite.")}
-    assert installed == {name: tested.console_main for name, tested in COMMANDS.items()}
-
-
-def flags_of(tested):
-    """Names of a command's flags."""
-    names = {field.name for field in dataclasses.fields(tested.settings)} - {tested.positional}
-    return names | {"help", "version"}
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("flag", ["--help", "-h", "-?", "--helpshort", "--helpfull"])
-def test_help_lists_every_flag_in_the_order_and_words_of_the_options(name, flag, capsys):
-    tested = COMMANDS[name]
-    assert tested.main([flag]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    assert out.startswith(f"{tested.description}\nFlags:\n")
-    assert f"\n  {name}" in tested.description
-    assert len(out.splitlines()) <= 60
-    lines = flag_lines(out)
-    assert list(lines) == [option for option in OPTIONS if option in flags_of(tested)]
-    for option, text in lines.items():
-        # The same in every command, but for the default.
-        unset = {field.name: field.metadata.get("unset") for field in dataclasses.fields(tested.settings)}.get(option)
-        unset = re.escape(f" Default: {unset or OPTIONS[option].unset}.")
-        endings = ("", r" Default: [^ ]+\.", unset, r" Required\.")
-        assert any(re.fullmatch(re.escape(OPTIONS[option].help) + ending, text) for ending in endings), text
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_version_is_that_of_the_package(name, capsys):
-    assert COMMANDS[name].main(["--version"]) == 0
-    assert capsys.readouterr() == (f"{name} {kitchen_suite.__version__}\n", "")
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_an_unknown_flag_gets_one_line_with_the_nearest_and_status_2(name, capsys):
-    flag = next(option for option in OPTIONS if option in flags_of(COMMANDS[name]) and len(option) > 5)
-    assert COMMANDS[name].main([f"--{flag[:-1]}=1"]) == 2
-    assert capsys.readouterr() == (
-        "",
-        f"{name}: there is no flag --{flag[:-1]} (did you mean --{flag}?); --help lists all\n",
-    )
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_an_argument_too_many_gets_one_line_and_status_2(name, capsys):
-    tested = COMMANDS[name]
-    assert tested.main(["one", "two"]) == 2
-    extra = "two" if tested.positional else "one"
-    assert capsys.readouterr() == ("", f"{name}: unexpected argument '{extra}': all others are flags, see --help\n")
-
-
-REQUIRED_SETTINGS = {
-    "kitchen-record": "--output",
-    "kitchen-replay": "source",
-    "kitchen-train": "--output",
-    "kitchen-export": "--output",
-}
-
-
-@pytest.mark.parametrize("name", REQUIRED_SETTINGS)
-def test_a_missing_argument_gets_one_line_and_status_2(name, capsys):
-    assert COMMANDS[name].main([]) == 2
-    argument = REQUIRED_SETTINGS[name]
-    option = OPTIONS[argument.removeprefix("--")]
-    assert capsys.readouterr() == ("", f"{name}: {argument} is missing: {option.help}\n")
-
-
-def test_options_are_the_settings_of_all_commands():
-    used = {field.name for tested in COMMANDS.values() for field in dataclasses.fields(tested.settings)}
-    assert used | {"help", "version"} == OPTIONS.keys()
-
-
-@pytest.mark.parametrize("name", OPTIONS)
-def test_the_help_of_an_option_is_one_or_two_sentences(name):
-    assert re.fullmatch(r"[A-Za-z][^\n]*[.]", OPTIONS[name].help)
-    assert len(OPTIONS[name].help) <= 220
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_reader_who_leaves_before_the_help_is_no_usage_error(name, monkeypatch):
+def test_a_reader_who_leaves_before_the_help_is_no_usage_error(monkeypatch):
     def leave(*args):
         raise BrokenPipeError
 
     monkeypatch.setattr("builtins.print", leave)
     with pytest.raises(BrokenPipeError):
-        COMMANDS[name].main(["--help"])
+        record.main(["--help"])
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
+def test_kitchen_suite_lists_the_commands_with_a_line_each(arguments, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["kitchen-suite"])
+    assert commands.main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert {*re.findall(r"^  ([a-z]+) +[A-Z][^\n]+\.$", out, flags=re.MULTILINE)} == COMMANDS.keys()
+    assert max(map(len, out.splitlines())) <= 120
+
+
+@pytest.mark.parametrize("arguments", [["record", "--version"], ["--version"]])
+def test_kitchen_suite_and_its_commands_have_the_version_of_the_package(arguments, capsys):
+    assert commands.main(arguments) == 0
+    name = "kitchen-record" if "record" in arguments else "kitchen-suite"
+    assert capsys.readouterr() == (f"{name} {kitchen_suite.__version__}\n", "")
+
+
+def test_kitchen_suite_runs_a_command_with_its_arguments():
+    done = subprocess.run([*KITCHEN_SUITE, "record", "--sed=1"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "kitchen-record: there is no flag --sed (did you mean --seed?); --help lists all\n"
+
+
+def test_an_unknown_command_gets_one_line_with_the_nearest_and_status_2(capsys):
+    assert commands.main(["rolout"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"kitchen-suite: command 'rolout' does not exist \(did you mean 'rollout'\?\)[^\n]+\n", err)
+
+
+OWN = """
+import dataclasses
+
+from kitchen_suite import suite
+
+TABLE = dataclasses.replace(suite.DOMAINS["microwave_table"], name="own_table", env_id="Tests/OwnTable-v1")
+TAKEN = dataclasses.replace(TABLE, name="kitchen")
+"""
+TINY_OWN = ("--domain_name=own_domain:TABLE", "--num_episodes=2", "--max_episode_steps=3")
+
+
+@pytest.fixture
+def own_domain(tmp_path, monkeypatch):
+    """A module with a domain in the working directory; the suite is without it after the test."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    tmp_path.joinpath("own_domain.py").write_text(OWN)
+    yield tmp_path
+    sys.modules.pop("own_domain", None)
+    suite._domains.pop("own_table", None)
+    for env_id in [name for name in gymnasium.registry if name.startswith("Tests/OwnTable")]:
+        del gymnasium.registry[env_id]
+
+
+RUNS = {
+    "rollout": ("rollout", [*TINY_OWN]),
+    "evaluate": ("evaluate", [*TINY_OWN, "--num_envs=2"]),
+    "export": ("export", ["--domain_name=own_domain:TABLE", "--output=scene"]),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.usefixtures("own_domain")
+def test_a_command_loads_a_domain_of_the_users_own(name, capsys):
+    command, arguments = RUNS[name]
+    assert COMMANDS[command].main(arguments) == 0
+    assert capsys.readouterr().err == ""
+    assert "own_table" in suite.DOMAINS
+
+
+def test_a_recording_of_a_users_own_domain_is_replayed_and_completed_by_other_processes(own_domain):
+    for arguments in (
+        ["record", "--output=runs", *TINY_OWN],
+        ["replay", "runs"],
+        ["record", "--output=runs", *TINY_OWN, "--num_episodes=3"],
+    ):
+        done = subprocess.run([*KITCHEN_SUITE, *arguments], cwd=own_domain, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+    assert json.loads(own_domain.joinpath("runs", "recording.json").read_text())["domain_name"] == TINY_OWN[0][14:]
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_load_takes_a_domain_of_the_users_own_and_registers_it_once():
+    assert suite.load("own_domain:TABLE", "open", {"visuals": False}).control_timestep() > 0
+    assert suite.find_domain("own_domain:TABLE") is suite.DOMAINS["own_table"]
+
+
+OWN_REFUSED = {
+    "no_such_module:TABLE": "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
+    "own_domain:TABEL": "cannot be imported: AttributeError: ",
+    "own_domain:OWN:": "cannot be imported: ValueError: ",
+    "own_domain:suite": "is no kitchen_suite.suite.Domain: it is <module",
+    "own_domain:TAKEN": "a domain 'kitchen' exists already; choose another name",
+}
+
+
+@pytest.mark.parametrize("name", OWN_REFUSED)
+@pytest.mark.usefixtures("own_domain")
+def test_a_domain_that_cannot_be_loaded_gets_one_line_and_status_2(name, capsys):
+    for command, arguments in ((rollout, []), (record, ["--output=runs"]), (export, ["--output=scene"])):
+        assert command.main([f"--domain_name={name}", *arguments]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert re.fullmatch(rf"{command.name}: [^\n]+\n", err)
+        assert OWN_REFUSED[name] in err
+
+
+# Odd command lines end in the right result, or in one line and exit status 1 or 2; never in a traceback.
+
+# First in the command line, so that an odd value takes their place: one episode of one control step.
+TINY = {
+    "record": ("--output=new", "--num_episodes=1", "--max_episode_steps=1"),
+    "rollout": ("--num_episodes=1", "--max_episode_steps=1"),
+    "play": ("--num_episodes=1", "--max_episode_steps=1", "--novideo"),
+    "replay": ("recording",),
+    "evaluate": ("--num_episodes=1", "--max_episode_steps=1"),
+    "train": ("--output=new",),
+    "export": ("--output=new",),
+    "convert": ("file", "--output=new"),
+}
+# Last in the command line of commands whose work takes long: refused, after all flags have been parsed.
+REFUSED = {
+    "train": "--task_name=nothing",
+    "benchmark": "--domain_name=nothing",
+    "export": "--task_name=nothing",
+    "view": "--domain_name=nothing",
+}
+# Work that takes long, or needs a GL library.
+LEFT_OUT = {"list", "measure", "novideo", "video", "workers"}
+
+LARGE = "9" * 5_000
+NUMBERS = ["0", "2", "-1", "1_0", "٣", "9" * 20, LARGE, "nan", "1e400", "1.5", "0x10"]
+TEXTS = ["", " ", "\0", "--", "=", "a\nb", "\udcff", "x" * 50_000, "../..", "/dev/null", "None", "{}", "%s", "1,,2"]
+PATHS = ["nowhere/at/all", "file", "file/inside", "/dev/full", "/dev/zero", "fifo", "x" * 300, "recording", "empty"]
+OBJECTS = ["[" * 100_000, "{", "[1]", '{"a": ' * 3_000, f'{{"threshold": {LARGE}}}', '{"disable_env_checker": true}']
+OBJECTS += [json.dumps({name: value}) for name in ("threshold", "goals") for value in (1e999, None, [[1]], "x")]
+OBJECTS += ['{"num_envs": -1}', '{"hidden": [1e400]}', '{"": {"": {}}}']
+POLICIES = ["expert(", f"expert(speed={'-' * 50_000}1)", "expert(sped=1)", "trained(file='/dev/zero')", "os:abort_"]
+POLICIES += ["trained(file='fifo')", "expert(speed=__import__('os'))", ":", "zero(x=1)", "random()(", "a:b:c"]
+EPISODES = ["0-99999999999", "5-0", "0,0,0", "-1", ",", "0-" + LARGE, "all,all", "٣"]
+DOMAINS = ["os:path", "a:b", ":", "kitchn"]
+BY_NAME = {"policy": POLICIES, "episodes": EPISODES, "domain_name": DOMAINS}
+BY_KIND = {Path: PATHS, Mapping[str, typing.Any]: OBJECTS, int: NUMBERS, float: NUMBERS, bool: ["", "0", "maybe"]}
+
+
+@st.composite
+def command_lines(draw):
+    """Name of a command and its arguments: one or two odd values, a flag of another name, or a stray word."""
+    name = draw(st.sampled_from(sorted(COMMANDS)))
+    known = [setting for setting in settings_of(name) if setting.name not in LEFT_OUT]
+    arguments = [*TINY.get(name, ())]
+    for setting in draw(st.lists(st.sampled_from(known), min_size=1, max_size=2)):
+        odd = BY_NAME.get(setting.name) or BY_KIND.get(setting.kind, TEXTS)
+        value = draw(st.one_of(*[st.sampled_from(odd)] * 4, st.sampled_from(TEXTS), st.text(max_size=20)))
+        form = draw(st.sampled_from(["--{}={}"] * 6 + ["--{}s={}", "--no{}", "{1}"]))
+        arguments.append(form.format(setting.name, value))
+    return name, [*arguments, *([REFUSED[name]] if name in REFUSED else [])]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a recording, an empty folder, a file and a pipe, in which the commands run."""
+    path = tmp_path_factory.mktemp("odd")
+    path.joinpath("file").write_text("no policy")
+    path.joinpath("empty").mkdir()
+    os.mkfifo(path / "fifo")
+    with contextlib.chdir(path), contextlib.redirect_stdout(io.StringIO()):
+        assert record.main(["--output=recording", "--num_episodes=2", "--max_episode_steps=1"]) == 0
+    return path
+
+
+def peak_memory():
+    """In the unit of ru_maxrss [KiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def check(folder, line):
+    name, arguments = line
+    before = peak_memory()
+    folder.joinpath("new").mkdir(exist_ok=True)
+    for path in folder.joinpath("new").iterdir():
+        path.unlink()
+    # What cannot be encoded is written escaped, as in a process.
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace") for _ in range(2))
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = COMMANDS[name].main(arguments)
+    err.seek(0)
+    text = err.read()
+    if status:
+        assert status in (1, 2)
+        assert re.fullmatch(rf"kitchen-{name}: [^\n]+\n", text)
+        assert len(text) < 1_100
+    else:
+        assert text == ""
+    assert peak_memory() - before < 2**20  # 1 GiB
+
+
+ODD = {
+    "deadline": None,
+    "derandomize": True,
+    "database": None,
+    "suppress_health_check": [HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+}
+
+
+@settings(max_examples=30, **ODD)
+@given(line=command_lines())
+def test_odd_arguments_end_in_one_line(folder, line):
+    check(folder, line)
+
+
+@pytest.mark.slow
+@settings(max_examples=500, **ODD)
+@given(line=command_lines())
+def test_many_odd_arguments_end_in_one_line(folder, line):
+    check(folder, line)

@@ -11,7 +11,7 @@ import pytest
 import tqdm
 from sweeps import brief
 
-from kitchen_suite.cli import evaluate
+from kitchen_suite.cli.commands import evaluate
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
 from kitchen_suite.rollouts import report
 from kitchen_suite.vector_env import base as vector_base
@@ -180,7 +180,7 @@ def test_an_interrupt_says_how_far_it_came_and_how_to_continue(run, tmp_path, mo
 def test_a_killed_evaluation_ends_with_the_same_json(run, tmp_path):
     flags = ["--task_name=random_2", "--num_episodes=40", "--max_episode_steps=40", "--num_envs=4", "--num_threads=1"]
     assert run(*flags, "--json=a.json")[0] == 0
-    command = [sys.executable, "-m", "kitchen_suite.cli.evaluate", *flags, "--output=runs"]
+    command = [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, "--output=runs"]
     episodes = tmp_path / "runs" / EPISODES_FILE
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         while not episodes.exists() or episodes.read_bytes().count(b"\n") < 5:
@@ -235,7 +235,7 @@ def test_damaged_lines_are_refused(run, tmp_path, line):
 
 
 BAD = {
-    "--protocol=d4r": "flag --protocol=d4r: must be one of default, strict, diffusion-policy, d4rl, beso, shift",
+    "--protocol=d4r": "protocol 'd4r' does not exist (did you mean 'd4rl'?)",
     "--protocol=d4rl --domain_name=open_cabinet": "protocol 'd4rl' is not for domain 'open_cabinet'; choose from",
     "--protocol=shift --variation_split=seen": "of protocol 'shift' differ in ['variation_split'], which cannot",
     "--domain_name=garage": "domain 'garage' does not exist",

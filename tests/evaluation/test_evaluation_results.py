@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from kitchen_suite.cli import evaluate
+from kitchen_suite.cli.commands import evaluate
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 DOCS = Path(__file__).resolve().parent.parent.parent / "docs"

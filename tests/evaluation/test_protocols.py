@@ -9,9 +9,9 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.evaluation.plan import find_protocol, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_SEED, Score
-from kitchen_suite.evaluation.settings import EvaluateSettings
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 

@@ -13,7 +13,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
 from kitchen_suite.gymnasium_env.observations import GOAL_LAYOUTS
-from kitchen_suite.rollouts.settings import PICTURES_PREFIX
+from kitchen_suite.settings import PICTURES_PREFIX
 
 pytestmark = pytest.mark.thorough
 

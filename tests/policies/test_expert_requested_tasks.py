@@ -5,7 +5,7 @@ import pytest
 from sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.cli import record
+from kitchen_suite.cli.commands import record
 from kitchen_suite.policies import experts
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.rollouts.folder import RecordingFolder

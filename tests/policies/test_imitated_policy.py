@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.cli import rollout
+from kitchen_suite.cli.commands import rollout
 from kitchen_suite.policies import registry as policy_files
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Linear, ResidualNetwork, Scales, silu

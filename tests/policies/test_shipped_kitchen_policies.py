@@ -7,7 +7,7 @@ from suite_episode import play
 from sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.cli import play as play_command
+from kitchen_suite.cli.commands import play as play_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.policies import find
 from kitchen_suite.policies import registry as policy_files

@@ -14,7 +14,7 @@ import pytest
 
 import kitchen_suite
 from kitchen_suite import files, policies, suite
-from kitchen_suite.cli import record
+from kitchen_suite.cli.commands import record
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies import stored
 from kitchen_suite.policies import trained as trained_policy

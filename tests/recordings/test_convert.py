@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from human_files import ELEMENTS, EPISODES, LENGTH, actions, positions, write_d4rl, write_minari
 
-from kitchen_suite.cli import convert, record, replay
+from kitchen_suite.cli.commands import convert, record, replay
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.tasks import GOALS
 

@@ -7,13 +7,13 @@ import sys
 import numpy as np
 import pytest
 
-from kitchen_suite.cli import record, replay
+from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import DIGEST, LeRobotObservations, dataset_features, digest
 from kitchen_suite.recordings.lerobot_dataset import home
-from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import EpisodeSettings
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_the_digest_is_of_all_digits_of_all_arrays_but_pictures(played):
 BAD = {
     "a format without a dataset": (["--format=lerobot"], "format 'lerobot' needs the name of a dataset: --dataset=me/"),
     "also minari": (["--format=minari"], "format 'minari' needs the name of a dataset: --dataset=me/kitchen-v0"),
-    "unknown format": (["--format=hdf5"], "flag --format=hdf5: must be one of minari, lerobot"),
+    "unknown format": (["--format=hdf5", "--dataset=me/kitchen"], "format 'hdf5' does not exist; choose from"),
     "observations that LeRobot does not read": (
         ["--format=lerobot", "--dataset=me/kettle", '--task_kwargs={"obs_type": "goal"}'],
         "LeRobot's obs_type 'goal' does not exist",

@@ -20,7 +20,7 @@ from episode_files import load_episode as load
 from sweeps import brief
 
 from kitchen_suite import policies
-from kitchen_suite.cli import record, rollout
+from kitchen_suite.cli.commands import record, rollout
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.rollouts import report
@@ -32,7 +32,7 @@ from kitchen_suite.vector_env import base as vector_base
 
 pytestmark = pytest.mark.thorough
 
-COMMAND = [sys.executable, "-m", "kitchen_suite.cli.record"]
+COMMAND = [sys.executable, "-m", "kitchen_suite", "record"]
 SHORT = ["--max_episode_steps=5"]
 # The microwave's goal lies within its threshold from the start, the kettle's does not.
 EASY = '--task_kwargs={"tasks_to_complete": ["microwave", "kettle"], "goals": {"microwave": [-0.2]}}'

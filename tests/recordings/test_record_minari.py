@@ -11,7 +11,7 @@ from episode_files import left_behind, load_episode
 from minari.dataset.minari_dataset import MinariDataset
 from sweeps import brief_named
 
-from kitchen_suite.cli import record
+from kitchen_suite.cli.commands import record
 from kitchen_suite.recordings.sources import find
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv

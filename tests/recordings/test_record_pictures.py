@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from episode_files import load_episode
 
-from kitchen_suite.cli import record, replay, rollout
+from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.rollouts.episode import flatten
 
 pytestmark = [pytest.mark.rendering, pytest.mark.thorough]

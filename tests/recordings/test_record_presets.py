@@ -5,9 +5,9 @@ import re
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.cli import record
-from kitchen_suite.recordings.settings import RecordSettings
+from kitchen_suite.cli.commands import record
 from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.settings import RecordSettings
 
 SHORT = ("--num_episodes=2", "--max_episode_steps=6", "--num_threads=1")
 
@@ -28,7 +28,7 @@ def run(tmp_path, capsys):
 @pytest.mark.parametrize("preset", suite.DOMAINS["kitchen"].recording_presets)
 def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
     chosen = suite.DOMAINS["kitchen"].recording_presets[preset]
-    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).with_preset
+    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).resolved
     assert (settings.task_name, settings.policy, settings.seed) == (chosen["task_name"], chosen["policy"], 3)
     assert settings.task_kwargs == chosen.get("task_kwargs", {})
 

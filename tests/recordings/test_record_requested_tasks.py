@@ -7,7 +7,7 @@ import minari
 import numpy as np
 import pytest
 
-from kitchen_suite.cli import record, replay
+from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.recordings.replay import replay as play_again
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS

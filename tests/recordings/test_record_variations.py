@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from episode_files import load_episode
 
-from kitchen_suite.cli import record, replay, rollout
+from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.tasks.variations.distributions import GROUPS

@@ -16,7 +16,7 @@ from episode_files import load_episode
 from reference import original_environment, random_actions
 from sweeps import brief, brief_named
 
-from kitchen_suite.cli import record, replay, rollout
+from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.recordings.replay_job import choose
 from kitchen_suite.rollouts.episode import flatten, unflatten
 from kitchen_suite.versions import installed_versions

@@ -3,7 +3,7 @@
 import chromium
 import pytest
 
-from kitchen_suite.cli import rollout
+from kitchen_suite.cli.commands import rollout
 
 pytestmark = pytest.mark.browser
 

@@ -5,7 +5,7 @@ import pytest
 from episode_files import assert_same_arrays, load_episode
 
 from kitchen_suite import policies, suite
-from kitchen_suite.cli import rollout
+from kitchen_suite.cli.commands import rollout
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 

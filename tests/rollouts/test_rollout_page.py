@@ -8,7 +8,7 @@ import pytest
 import web_recordings
 from episode_files import assert_same_arrays, load_episode
 
-from kitchen_suite.cli import evaluate, play, record, replay, rollout
+from kitchen_suite.cli.commands import evaluate, play, record, replay, rollout
 from kitchen_suite.rendering import viser_servers
 
 TIMESTEP = 0.08  # Of the kitchen [s]

@@ -13,7 +13,7 @@ import pytest
 from episode_files import assert_same_arrays, load_episode
 from sweeps import brief
 
-from kitchen_suite.cli import rollout
+from kitchen_suite.cli.commands import rollout
 from kitchen_suite.rendering import gl, video
 
 pytestmark = pytest.mark.thorough

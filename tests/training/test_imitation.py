@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from human_files import write_d4rl
 
-from kitchen_suite.cli import convert, evaluate, record, train
+from kitchen_suite.cli.commands import convert, evaluate, record, train
 from kitchen_suite.policies import registry as policy_files
 
 pytestmark = pytest.mark.clients

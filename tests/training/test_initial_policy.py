@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from training_reference import METADATA, SMALL, environments, learner
 
-from kitchen_suite.cli import train
+from kitchen_suite.cli.commands import train
 from kitchen_suite.policies.trained import TrainedPolicy
 
 pytestmark = pytest.mark.clients

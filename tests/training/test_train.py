@@ -13,13 +13,13 @@ import sys
 import numpy as np
 import pytest
 
-from kitchen_suite.cli import play, train
+from kitchen_suite.cli.commands import play, train
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.settings import TrainSettings
 
 clients = pytest.mark.clients
-COMMAND = [sys.executable, "-m", "kitchen_suite.cli.train"]
+COMMAND = [sys.executable, "-m", "kitchen_suite", "train"]
 SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}
 BATCH = 64
 # An evaluation after every second batch.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from training_reference import METADATA, SMALL, environments, learner
 
-from kitchen_suite.cli import play, record, train
+from kitchen_suite.cli.commands import play, record, train
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
 
@@ -282,8 +282,8 @@ def test_later_observations_do_not_change_the_standardisation_of_a_clone(make_le
 
 
 def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_path):
+    from kitchen_suite.settings import TrainSettings
     from kitchen_suite.training.reinforcement import PPOTraining
-    from kitchen_suite.training.settings import TrainSettings
 
     spec, options = spec_of("open_cabinet", "top_drawer"), {"hyperparameters": {"num_envs": 2}, "num_threads": 1}
     settings = TrainSettings(output=tmp_path, task_name="top_drawer", demonstrations=(demonstrations,) * 2, **options)

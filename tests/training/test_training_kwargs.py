@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.cli import train
+from kitchen_suite.cli.commands import train
 
 pytestmark = pytest.mark.clients
 

@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 from training_reference import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
+from kitchen_suite.settings import Schedule
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.training.run_folder import RunDescription, create_run, open_run
-from kitchen_suite.training.settings import Schedule
 
 pytestmark = pytest.mark.clients
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from kitchen_suite.cli import train
-from kitchen_suite.training.settings import TrainSettings
+from kitchen_suite.cli.commands import train
+from kitchen_suite.settings import TrainSettings
 
 pytestmark = pytest.mark.clients
 

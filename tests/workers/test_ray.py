@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kitchen_suite.cli import record, rollout
+from kitchen_suite.cli.commands import record, rollout
 
 pytestmark = pytest.mark.ray
 
@@ -139,7 +139,7 @@ def test_an_error_of_a_policy_in_a_worker_is_reported_in_one_line(run, command):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_the_finished_episodes_and_leaves_no_process(run, tmp_path, number):
     process = subprocess.Popen(
-        [sys.executable, "-m", "kitchen_suite.cli.record", "--output=runs", WORKERS, "--num_episodes=100000", SHORT],
+        [sys.executable, "-m", "kitchen_suite", "record", "--output=runs", WORKERS, "--num_episodes=100000", SHORT],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -199,7 +199,8 @@ def test_a_cluster_elsewhere_plays_and_the_command_writes(run, cluster, tmp_path
         [
             sys.executable,
             "-m",
-            "kitchen_suite.cli.record",
+            "kitchen_suite",
+            "record",
             "--output=many",
             WORKERS,
             f"--ray_address={address}",

@@ -4,11 +4,11 @@ from typing import Any
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import checked_changes
 from kitchen_suite.training.imitation import demonstrations
 from kitchen_suite.training.imitation.learner import ImitationLearner
 from kitchen_suite.training.imitation.methods import METHODS
-from kitchen_suite.training.settings import TrainSettings
 
 
 class ImitationTraining:

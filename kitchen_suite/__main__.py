@@ -1,0 +1,8 @@
+"""`python -m kitchen_suite` is the command `kitchen-suite`."""
+
+import sys
+
+from kitchen_suite.cli.commands import console_main
+
+if __name__ == "__main__":
+    sys.exit(console_main())

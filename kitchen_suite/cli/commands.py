@@ -1,0 +1,301 @@
+"""The commands: a table of what each is, and `kitchen-suite`, which runs any of them.
+
+Each is a console script, such as `kitchen-record`. From Python, `record.main(["--output=runs"])` runs it.
+"""
+
+import contextlib
+import sys
+import textwrap
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import kitchen_suite
+from kitchen_suite import checks
+from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+from kitchen_suite.rendering import gl
+from kitchen_suite.settings import (
+    BenchmarkSettings,
+    ConvertSettings,
+    EvaluateSettings,
+    ExportSettings,
+    PlaySettings,
+    RecordSettings,
+    ReplaySettings,
+    RolloutSettings,
+    TrainSettings,
+    ViewSettings,
+)
+
+
+def _renders_by_default(settings: PlaySettings) -> bool:
+    """Returns whether `kitchen-play` makes a video: one that is asked for, or the default one where it can be made."""
+    if settings.list or settings.novideo:
+        return False
+    if settings.video or settings.web:
+        return settings.video is not None
+    with contextlib.suppress(OSError):
+        gl.find_library()
+        return True
+    return False
+
+
+def _protocol_lines() -> str:
+    """Returns a few lines of help on each protocol of `kitchen-evaluate`."""
+    lines = []
+    for protocol in PROTOCOLS.values():
+        domains = "" if protocol.is_general else "kitchen; "
+        text = f"{protocol.follows} ({domains}{protocol.num_episodes:,} episodes, seeds from {protocol.seed:,})"
+        first = f"  {protocol.name:<17} "
+        lines.append(textwrap.fill(text, 110, initial_indent=first, subsequent_indent=" " * 20))
+    return "\n".join(lines)
+
+
+rollout = Command(
+    name="kitchen-rollout",
+    description="""Plays episodes of a task with a policy, and reports the results. Needs no display.
+
+  kitchen-rollout                                          three episodes of random actions in the kitchen
+  kitchen-rollout --list                                   domains, tasks and cameras
+  kitchen-rollout --task_name=kettle --output=episodes     also writes each episode to a file
+  kitchen-rollout --num_episodes=1 --video=kitchen.mp4     also films it
+  kitchen-rollout --policy=expert --web=kitchen.html       completes the task, and writes a page that shows it in 3-D
+  kitchen-rollout --policy=my_module:act                   acts as your own function does
+  kitchen-rollout --workers=4 --num_episodes=100           plays on Ray, in four processes
+
+Your own policy is a callable that takes a dm_env.TimeStep and returns the action. Files are written atomically. Ctrl-C
+keeps the finished episodes and the video until then. Exit status: 0; 1 if writing, the physics or the workers failed; 2
+for a bad argument or policy, with one line on stderr; 130 if interrupted.
+""",
+    settings=RolloutSettings,
+    job="kitchen_suite.rollouts.rollout_job:make_job",
+    renders=lambda settings: (settings.video is not None or settings.observes_pictures) and not settings.list,
+)
+
+record = Command(
+    name="kitchen-record",
+    description="""Records episodes of a task, many at once, each from its own seed. Needs no display.
+
+  kitchen-record --output=runs                                a hundred episodes of random actions in the kitchen
+  kitchen-record --output=runs --task_name=kettle --seed=7    another task, other seeds
+  kitchen-record --output=runs --dataset=me/kitchen-v0        also makes a Minari dataset of them
+  kitchen-record --output=runs --format=lerobot --dataset=me/kitchen       or a LeRobot dataset, see docs/lerobot.md
+  kitchen-record --output=runs --preset=random_order          demonstrations: four tasks in an order drawn at each reset
+  kitchen-record --output=runs --num_episodes=1000            completes the recording that is in the folder
+  kitchen-record --output=runs --workers=4                    plays on Ray, in four processes
+
+Episode i of --seed=S has the seed S+i and does not depend on how many are played at once. Its file is written
+atomically, so that an interrupt, even by kill -9, loses only the episodes in progress; the same command completes the
+recording. A policy module:callable must be stateless, or be played with --num_envs=1. Exit status: 0; 1 if writing, the
+physics or the workers failed; 2 for a bad argument or policy, with one line on stderr; 130 if interrupted.
+""",
+    settings=RecordSettings,
+    job="kitchen_suite.recordings.record_job:RecordJob",
+    renders=lambda settings: settings.observes_pictures,
+)
+
+replay = Command(
+    name="kitchen-replay",
+    description="""Replays recorded actions, and checks that rewards and completions are identical. Needs no display.
+
+  kitchen-replay runs                                     ten episodes of a folder of kitchen-record or kitchen-rollout
+  kitchen-replay me/kitchen-v0                            of a Minari or LeRobot dataset
+  kitchen-replay runs --episodes=all                      all episodes
+  kitchen-replay runs --episodes=0,5,7-9 --video=a.mp4    also films them
+  kitchen-replay runs --web=runs.html                     also writes a page that shows them in 3-D
+  kitchen-replay D4RL/kitchen/complete-v2                 of a dataset of FrankaKitchen-v1
+
+Exit status: 0 if all are equal; 1 if not, or if writing or the physics failed; 2 for a bad argument, with one line on
+stderr; 130 if interrupted.
+""",
+    settings=ReplaySettings,
+    job="kitchen_suite.recordings.replay_job:ReplayJob",
+    # A recording may hold pictures, which its replay renders again.
+    renders=lambda settings: True if settings.video else None,
+    positional="source",
+)
+
+play = Command(
+    name="kitchen-play",
+    description="""Plays a trained policy, and films it.
+
+  kitchen-play                                               opens the drawer; the video is kitchen-play.mp4
+  kitchen-play --shipped=top_drawer                          with the policy trained on the original reward
+  kitchen-play --list                                        lists the policies that come with the package
+  kitchen-play --policy_file=runs/drawer/policy.npz          with a policy written by kitchen-train
+  kitchen-play --num_episodes=100 --novideo                  counts successes alone; needs no GL library
+  kitchen-play --web=drawer.html                             a page to look at in 3-D; needs no GL library
+
+The last line says how many episodes succeeded. Exit status: 0; 1 if writing or the physics failed; 2 for a bad
+argument or policy file, with one line on stderr; 130 if interrupted.
+""",
+    settings=PlaySettings,
+    job="kitchen_suite.rollouts.play_job:make_job",
+    renders=_renders_by_default,
+)
+
+train = Command(
+    name="kitchen-train",
+    description="""Trains a policy by PPO on many environments at once. Needs no display, but the extra `train`.
+
+  kitchen-train --output=runs/drawer                           opens the top drawer
+  kitchen-train --output=runs/drawer --resume                  continues an interrupted run
+  kitchen-train --output=runs/hold --task_kwargs='{"gripper": "deterministic"}'
+  kitchen-train --output=runs/kettle --domain_name=kitchen --task_name=kettle --demonstrations=kettle
+                                                               clones a recording first
+  kitchen-train --output=runs/more --initial_policy=runs/drawer/policy.npz
+                                                               starts from a trained policy
+  kitchen-train --output=runs/small --hyperparameters='{"num_envs": 512, "hidden": [128, 64]}'
+  tensorboard --logdir=runs                                    shows the curves, also during training
+
+The folder gets a folder for each seed: curves for TensorBoard, the last checkpoints, and `policy.npz`, the best policy
+of all evaluations on held-out seeds; `kitchen-play --policy_file=...` plays it. A seed without progress is given up for
+the next one. With --video, an episode of the best policy is filmed at the end. Exit status: 0; 1 if writing or the
+physics failed, learning diverged, or no checkpoint can be read; 2 for a bad argument, with one line on stderr; 130 if
+interrupted.
+""",
+    settings=TrainSettings,
+    job="kitchen_suite.training.train_job:TrainJob",
+    renders=lambda settings: settings.video is not None,
+    needs=(("tensorboard", "torch"), "train"),
+)
+
+evaluate = Command(
+    name="kitchen-evaluate",
+    description=f"""Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
+
+  kitchen-evaluate --policy=expert                             200 episodes of random 4 of the kitchen's 7 tasks
+  kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json --web=expert.html
+  kitchen-evaluate --policy="trained(file='policy.npz')" --task_name=all --output=evaluation
+  kitchen-evaluate --policy=expert --output=evaluation --resume    continues an evaluation that was interrupted
+
+Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
+JSON, to the byte, whatever --num_envs and --num_threads. A policy module:callable must be stateless, or be played with
+--num_envs=1. Exit status: 0; 1 if writing failed; 2 for a bad argument or policy, with one line on stderr; 130 if
+interrupted. Protocols:
+
+{_protocol_lines()}
+""",
+    settings=EvaluateSettings,
+    job="kitchen_suite.evaluation.evaluate_job:EvaluateJob",
+    renders=lambda settings: settings.observes_pictures,
+)
+
+benchmark = Command(
+    name="kitchen-benchmark",
+    description="""Measures speed and memory of the suite against bare MuJoCo and other implementations.
+
+  kitchen-benchmark                                        ratios of control steps per second in the kitchen
+  kitchen-benchmark --domain_name=open_cabinet --rounds=31
+  kitchen-benchmark --measure=scaling --num_envs=1,8,32    by number of environments and threads, with memory
+  kitchen-benchmark --measure=soak                         memory in the course of a million control steps
+  kitchen-benchmark --measure=rendering                    frames per second by render quality, and what a frame costs
+
+Machines are shared and noisy, so only ratios are comparable: in every round each case plays one episode with the same
+actions, and its rate is divided by that of bare MuJoCo in the same round. The table has the median over the rounds.
+Frames are compared with those of the original's renderer, or of `high` where a domain has no original; the best of
+the rounds counts.
+Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupted.
+""",
+    settings=BenchmarkSettings,
+    job="kitchen_suite.benchmarks.benchmark_job:BenchmarkJob",
+    renders=lambda settings: settings.measure == "rendering",
+)
+
+export = Command(
+    name="kitchen-export",
+    description="""Writes the scene of an episode as files that `mujoco` alone loads. Needs no display.
+
+  kitchen-export --output=scene                                    the default kitchen
+  kitchen-export --output=scene --domain_name=open_cabinet --control_mode=joint_position
+  kitchen-export --output=scene --variations=layout,dynamics --seed=7
+  kitchen-export --output=scene --variations=dynamics --variation_values='{"kettle/mass": 1.2}'
+
+The folder gets scene.xml with its assets, scene.mjb, state.npz (the state after the reset of --seed), scene.json
+(timesteps, actuators, meaning of the action, joints, cameras, values, licences) and README.md, which shows how to step
+it. scene.mjb equals the environment's model to the bit. The command prints by how much scene.xml, once compiled,
+differs from it. Exit status: 0; 1 if writing failed; 2 for a bad argument, with one line on stderr; 130 if interrupted.
+""",
+    settings=ExportSettings,
+    job="kitchen_suite.bridges.export:ExportJob",
+    renders=lambda settings: settings.observes_pictures,
+)
+
+convert = Command(
+    name="kitchen-convert",
+    description="""Converts human demonstrations of the kitchen to a recording that policies can be trained on.
+
+  kitchen-convert kitchen_complete-v0.hdf5 --output=human    a file of D4RL: positions and goals, 60 numbers
+  kitchen-convert D4RL/kitchen/complete-v2 --output=human    a Minari dataset, by its name or in a folder
+  kitchen-train --domain_name=kitchen --task_name=random_4 --algorithm=bc --demonstrations=human --output=runs/human
+
+Each episode is taken to ask for the tasks that it completes, by the suite's goals and thresholds, in the order of
+completion. Observations of D4RL have no velocities; policies that are trained on them act on positions alone. Exit
+status: 0; 1 if reading or writing failed; 2 for a bad argument or for data of another layout, with one line on stderr;
+130 if interrupted.
+""",
+    settings=ConvertSettings,
+    job="kitchen_suite.recordings.human_data:ConvertJob",
+    positional="source",
+)
+
+view = Command(
+    name="kitchen-view",
+    description="""Shows episodes live in a browser on this machine. Needs no display, and no GL library.
+
+  kitchen-view                                             the kitchen with random actions, at http://127.0.0.1:8080
+  kitchen-view --policy=expert --task_name=kettle          the scripted expert moves the kettle
+  kitchen-view --domain_name=open_cabinet --policy=trained
+  kitchen-view --variations=layout,appearance --port=9000  every episode in another kitchen, at another port
+
+In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed. Other machines are
+refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a bad argument, with
+one line on stderr; 130 after Ctrl-C, which ends the viewer.
+""",
+    settings=ViewSettings,
+    job="kitchen_suite.bridges.viewer:ViewJob",
+    renders=lambda settings: settings.observes_pictures,
+    needs=(("viser", "mjviser"), "web"),
+)
+
+COMMANDS: Mapping[str, Command] = MappingProxyType(
+    {
+        command.name.removeprefix("kitchen-"): command
+        for command in (rollout, record, replay, play, train, evaluate, benchmark, export, convert, view)
+    }
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs `kitchen-suite`: the command that the first argument names, with the others; without any, lists all.
+
+    Args:
+      arguments: the command line without the program's name; by default that of this process.
+
+    Returns:
+      The exit status.
+    """
+    name, *others = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    if name in ("--help", "-h"):
+        print(_listing())
+        return SUCCESS
+    if name == "--version":
+        print(f"kitchen-suite {kitchen_suite.__version__}")
+        return SUCCESS
+    try:
+        command = COMMANDS[checks.choice(name, COMMANDS, "command")]
+    except ValueError as error:
+        return fail("kitchen-suite", error, USAGE)
+    return command.main(others)
+
+
+def console_main() -> int:
+    """Runs `kitchen-suite` as a process of its own; returns the exit status."""
+    return run_process("kitchen-suite", main)
+
+
+def _listing() -> str:
+    """Returns a line on each command: its name, and the first sentence of its description."""
+    sentences = {name: command.description.partition("\n")[0].partition(". ")[0] for name, command in COMMANDS.items()}
+    rows = [f"  {name:<10} {sentence.rstrip('.')}." for name, sentence in sentences.items()]
+    return "\n".join(["kitchen-suite COMMAND [--help] runs one of the commands:\n", *rows])
