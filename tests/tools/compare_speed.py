@@ -1,6 +1,6 @@
 """Compares the speed of two versions of the suite side by side.
 
-python tests/compare_speed.py REVISION --rounds=31
+python tests/tools/compare_speed.py REVISION --rounds=31
 
 A process for that revision of this repository and one for this tree play the same episodes in turn, never at the same
 time. For each case the table has the ratio of control steps per second, this tree over that revision: the median over
@@ -9,7 +9,6 @@ median is at least 0.98, else 1.
 """
 
 import argparse
-import os
 import statistics
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from compare_trees import CABINET, KITCHEN, ROOT, extract
+import trees
 from tqdm import tqdm
 
 LEAST = 0.98
@@ -38,8 +37,8 @@ def cases() -> dict[str, Play]:
     made: dict[str, Play] = {}
     kitchen = {"terminate_on_tasks_completed": False}
     for domain, task, env_id, kwargs, scale in (
-        ("kitchen", "all", KITCHEN, kitchen, 1.0),
-        ("open_cabinet", "top_drawer", CABINET, {}, 0.01),
+        ("kitchen", "all", "KitchenSuite/FrankaKitchen-v1", kitchen, 1.0),
+        ("open_cabinet", "top_drawer", "KitchenSuite/FrankaOpenCabinet-v1", {}, 0.01),
     ):
         quiet = {"random": 0, "time_limit": None, **kwargs}
         for name, visuals in (("suite.load", False), ("suite.load, with visuals", True)):
@@ -82,7 +81,7 @@ class Server:
     """A process that plays on one tree."""
 
     def __init__(self, tree: Path, revision: str) -> None:
-        environ = {"MUJOCO_GL": "disable", **os.environ, "PYTHONPATH": str(tree)}
+        environ = trees.environ(tree)
         command = [sys.executable, __file__, revision, "--serve"]
         self.process = subprocess.Popen(
             command, env=environ, cwd=tree, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -111,7 +110,10 @@ def main() -> int:
         serve()
         return 0
     with tempfile.TemporaryDirectory() as work:
-        before, after = (Server(tree, arguments.revision) for tree in (extract(arguments.revision, Path(work)), ROOT))
+        before, after = (
+            Server(tree, arguments.revision)
+            for tree in (trees.extract(arguments.revision, Path(work, "tree")), trees.ROOT)
+        )
         ratios: dict[str, list[float]] = {case: [] for case in after.cases if arguments.only in case}
         # The first round warms up. Which tree is first alternates.
         for number in tqdm(range(arguments.rounds + 1), unit="round", disable=None):
