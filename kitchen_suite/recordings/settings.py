@@ -37,7 +37,7 @@ class RecordSettings(EpisodeSettings):
         """
         if self.preset is None:
             return self
-        presets = suite.find_domain(self.domain_name).recording_presets
+        presets = suite.find_domain(self.domain_name).resolve("recording") or {}
         chosen = presets[checks.choice(self.preset, presets, "preset")]
         defaults = {field.name: field.default for field in dataclasses.fields(self)} | {"task_kwargs": {}}
         if given := sorted(name for name in chosen if getattr(self, name) not in (defaults[name], chosen[name])):

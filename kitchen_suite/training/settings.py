@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from kitchen_suite import suite
 from kitchen_suite.rollouts.settings import TaskSettings
+from kitchen_suite.training.recipes import find_recipe
 
 # Algorithms by the name of `--algorithm`; all but the first learn from demonstrations alone.
 PPO = "ppo"
@@ -54,7 +54,7 @@ class TrainSettings(TaskSettings):
         Raises:
           ValueError: an unknown domain.
         """
-        own = suite.find_domain(self.domain_name).training_settings if self.algorithm == PPO else _IMITATION
+        own = find_recipe(self.domain_name).settings if self.algorithm == PPO else _IMITATION
         defaults: dict[str, Any] = {**_DEFAULTS, **own}
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
         values: dict[str, Any] = {name: defaults[name] if value is None else value for name, value in chosen.items()}

@@ -60,7 +60,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return self._episodes.state.requested_order
 
     def _each(self, name: str) -> tuple[Any, ...]:
-        task = self._template_env.environment.task
+        task = self.composer_task
         if name not in _WORDS or task.mdp.task_draw is None:
             return super()._each(name)
         instructions = [task.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state)]
@@ -68,7 +68,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        task, progress = self._template_env.environment.task, self._episodes.state.progress
+        task, progress = self.composer_task, self._episodes.state.progress
         goals = task.mdp.goals
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
