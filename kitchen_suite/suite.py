@@ -133,25 +133,23 @@ def _check_vectorised(env_id: str) -> None:
     single = gymnasium.make(env_id, disable_env_checker=True)
     many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
     try:
-        pairs = {
+        one, other = _arrays(single.reset(seed=0)[0]), _arrays(many.reset(seed=0)[0])
+        shared = [key for key in one if key in other]
+        pairs: dict[str, tuple[Any, Any]] = {
             "action space": (single.action_space, many.single_action_space),
+            "keys": (list(one), list(other)),
+            **{f"shape of {key}": (one[key].shape, other[key].shape[1:]) for key in shared},
+            **{key: (one[key].tolist(), other[key][0].tolist()) for key in shared},
             "observation space": (single.observation_space, many.single_observation_space),
         }
-        one, other = _arrays(single.reset(seed=0)[0]), _arrays(many.reset(seed=0)[0])
-        for key in {**one, **other}:
-            pairs[key] = one.get(key), None if key not in other else other[key][0]
     finally:
         single.close()
         many.close()
     for key, (found, expected) in pairs.items():
-        if isinstance(found, np.ndarray) and isinstance(expected, np.ndarray):
-            if found.shape == expected.shape and np.array_equal(found, expected):
-                continue
-            found, expected = (f"shape {each.shape}, values {each}" for each in (found, expected))
         if found != expected:
             raise ValueError(
-                f"{env_id} has another {key} in the single environment than in the vectorised one: {found}, not "
-                f"{expected}. The enabled observables of the task must be the observation of its MDP"
+                f"{key} of {env_id} is {found} in the single environment and {expected} in the vectorised one: the "
+                "enabled observables of the task must be, in this order, the observation of its MDP"
             )
 
 

@@ -29,7 +29,7 @@ ORDER = (
     "tasks",
     "entities",
 )
-GROUND = ("", "checks", "files", "versions")
+GROUND = ("", "checks", "files", "lazy", "names", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
 # For users: `kitchen_suite.experts` and `kitchen_suite.load`.
 ALIASES = {"experts": ("policies",), "": ("suite",)}

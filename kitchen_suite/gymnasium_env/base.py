@@ -17,7 +17,6 @@ from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
-from kitchen_suite.tasks.task import SuiteTask
 
 # Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
 VARIATION, VARIATION_VALUES = "variation", "variation_values"
@@ -39,7 +38,7 @@ class SuiteEnv(gymnasium.Env):
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
-      default_domain: name of the domain where none is given; None for a class of any domain.
+      default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
       robot_keys: parts of the flat observation that are the robot's, by their names in the suite's own observation.
@@ -52,7 +51,7 @@ class SuiteEnv(gymnasium.Env):
     """
 
     metadata = {"render_modes": list(rendering.RENDER_MODES)}
-    default_domain: ClassVar[str | None] = None
+    default_domain: ClassVar[str] = ""
     obs_types: ClassVar[tuple[str, ...]] = tuple(name for name in observations.OBS_TYPES if name != "goal")
     default_cameras: ClassVar[tuple[str, ...]] = ("overview",)
     robot_keys: ClassVar[tuple[str, ...]] = ("joint_positions", "joint_velocities")
@@ -115,7 +114,7 @@ class SuiteEnv(gymnasium.Env):
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        record = suite.find_domain(self.default_domain if domain is None else domain)
+        record = suite.find_domain(domain or self.default_domain)
         self.check_keywords(record, arguments)
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
@@ -232,7 +231,7 @@ class SuiteEnv(gymnasium.Env):
         return self._environment
 
     @property
-    def composer_task(self) -> SuiteTask:
+    def composer_task(self) -> Any:
         """The task of the suite's environment; `task` is its sentence, as LeRobot expects."""
         return self._task
 

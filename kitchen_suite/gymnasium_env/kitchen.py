@@ -42,7 +42,9 @@ class KitchenObservations(observations.Observations):
 
     def goal_parts(self) -> dict[str, observations.Part]:
         goals = self._mdp.goals
-        by_task = {task: _unbounded(goal.shape) for task, goal in goals.split(goals.desired).items()}
+        by_task: dict[str, spaces.Space] = {
+            task: _unbounded(goal.shape) for task, goal in goals.split(goals.desired).items()
+        }
         space = _unbounded(goals.desired.shape) if self._flat_goals else spaces.Dict(by_task)
         form = (lambda flat: flat) if self._flat_goals else goals.split
         return {

@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, policies, suite
@@ -100,7 +99,7 @@ class RecordingSpec:
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
         domain = suite.DOMAINS[domain_name]
         # Gymnasium takes some names itself, such as `disable_env_checker`.
-        env_class = _env_class(domain)
+        env_class = domain.resolve("env")
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
@@ -146,7 +145,8 @@ class RecordingSpec:
     @property
     def env_class(self) -> type[SuiteEnv]:
         """Class of the single environment."""
-        return _env_class(suite.DOMAINS[self.domain_name])
+        env_class: type[SuiteEnv] = suite.DOMAINS[self.domain_name].resolve("env")
+        return env_class
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
@@ -193,10 +193,6 @@ class RecordingSpec:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
         return {**arguments, **self.env_class.array_options}
-
-
-def _env_class(domain: suite.Domain) -> type[SuiteEnv]:
-    return cast(type[SuiteEnv], load_env_creator(domain.env))
 
 
 def _policy_digest(policy: str) -> str | None:

@@ -45,7 +45,7 @@ def make_spec(
         seeding="gymnasium",
         max_episode_steps=max_episode_steps,
     )
-    default = spec.env_class.observed.default_type
+    default = spec.env_class.obs_types[0]
     if spec.task_kwargs.get("obs_type") not in (None, default):
         raise ValueError(
             f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "

@@ -14,6 +14,7 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import SiteArena
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.episode import scaled
 from kitchen_suite.tasks.goals import Goal, Progress
@@ -21,7 +22,6 @@ from kitchen_suite.tasks.instructions import joined
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import (
-    DEFAULT_TASKS,
     GOALS,
     INITIAL_QPOS,
     OUT_OF_REACH,
