@@ -2,12 +2,9 @@
 
 import dataclasses
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from kitchen_suite import suite
-
-_EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -23,10 +20,10 @@ class Recipe:
         `patience`.
     """
 
-    hyperparameters: Mapping[str, Any] = _EMPTY
-    cloning_hyperparameters: Mapping[str, Any] = _EMPTY
-    options: Mapping[str, Any] = _EMPTY
-    settings: Mapping[str, float] = _EMPTY
+    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def find_recipe(domain_name: str) -> Recipe:

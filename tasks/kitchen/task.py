@@ -280,8 +280,6 @@ class KitchenProgress(RequestingTask):
         return arrays.get(key)
 
 
-TIME_LIMIT = 22.4  # [s], 280 control steps
-
 # Greatest rounding error of a recorded observation beside its noise [rad, m].
 _ROUNDING = 1e-6
 
