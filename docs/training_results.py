@@ -126,7 +126,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
         seeding="gymnasium",
         max_episode_steps=None,
     )
-    environments = spec.make_vector_env(EPISODES, None, **suite.DOMAINS[spec.domain_name].flat_options)
+    environments = spec.make_vector_env(EPISODES, None, **spec.env_class.flat_options)
     counts = []
     with contextlib.closing(environments):
         for name in asked:

@@ -12,6 +12,7 @@ from kitchen_suite import gymnasium_env, suite
 from kitchen_suite.cli import benchmark, rollout
 from kitchen_suite.policies import experts
 from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.recipes import Recipe
 
 # A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
 OWN = dataclasses.replace(
@@ -21,11 +22,11 @@ OWN = dataclasses.replace(
     env_id="Mine/Pantry-v3",
     task_id="",
     benchmark_tasks=("open_all",),
-    evaluation_task="kettle",
-    protocols=(),
-    hyperparameters={"num_envs": 5},
+    training=f"{__name__}:RECIPE",
+    evaluation=None,
     benchmark=None,
 )
+RECIPE = Recipe(hyperparameters={"num_envs": 5})
 IDS = {"Mine/Pantry-v3", "Mine/PantryKettle-v3", "Mine/PantryOpenAll-v3"}
 
 
@@ -100,18 +101,18 @@ def test_only_records_are_registered():
     [
         ({"name": "My Pantry"}, ValueError, "name of a domain 'My Pantry' is not well-formed"),
         ({"name": 3}, TypeError, "name of a domain must be a string, got 3"),
-        ({"build": "kitchen"}, TypeError, "build must be a function, got 'kitchen'"),
+        ({"scene": 3}, TypeError, "must be a string, got 3"),
+        ({"task": "kitchen"}, ValueError, "task, unless a function or class, 'kitchen' is not well-formed"),
         ({"tasks": {}}, ValueError, "domain 'pantry' has no tasks"),
         ({"tasks": ["kettle"]}, TypeError, "tasks must be a dict of dicts"),
         ({"tasks": {"open-all": {}}, "benchmark_tasks": ()}, ValueError, "name of a task 'open-all'"),
         ({"env_id": "Pantry"}, ValueError, "id of an environment 'Pantry' is not well-formed"),
         ({"task_id": "Mine/Task-v1"}, ValueError, "must give each task an id of its own"),
         ({"task_id": "Mine/{}"}, ValueError, "id of an environment 'Mine/Kettle' is not well-formed"),
-        ({"env": "pantry"}, ValueError, "entry point 'pantry' is not well-formed"),
-        ({"expert": 3}, TypeError, "entry point must be a string, got 3"),
+        ({"env": "pantry"}, ValueError, "entry point env 'pantry' is not well-formed"),
+        ({"expert": 3}, TypeError, "entry point expert must be a string, got 3"),
         ({"episode_steps": 0}, ValueError, "episode_steps must be at least 1"),
         ({"benchmark_tasks": ("kettles",)}, ValueError, "did you mean 'kettle'"),
-        ({"evaluation_task": "kettles"}, ValueError, "evaluation task 'kettles' does not exist"),
     ],
 )
 def test_a_bad_record_is_refused(changes, error, message):

@@ -38,6 +38,7 @@ class SuiteEnv(gymnasium.Env):
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
+      varies: whether parameters vary from episode to episode.
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
       default_cameras: cameras of the observation types with pictures where none are named.
@@ -143,6 +144,7 @@ class SuiteEnv(gymnasium.Env):
         )
         self._task = self._environment.task
         self._set_action_space(limit)
+        self.varies = bool(self._task.wanted_variations)
         self._renderer.check_camera(self._environment)
         rate = 1 / self._environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
@@ -297,7 +299,7 @@ class SuiteEnv(gymnasium.Env):
 
     def _info(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation."""
-        return {**self._get_info(), **self._task.variation_info}
+        return {**self._get_info(), **(self._task.variation_info if self.varies else {})}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode.

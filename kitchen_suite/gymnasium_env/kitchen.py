@@ -178,7 +178,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({INSTRUCTION: self.instruction} if self._instructed else {}),
-            **({VARIATION_SPLIT: task.variation_split} if task.varies else {}),
+            **({VARIATION_SPLIT: task.variation_split} if self.varies else {}),
             **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
         }
         return {

@@ -75,7 +75,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
-            **({VARIATION_SPLIT: (task.variation_split,) * self.num_envs} if task.varies else {}),
+            **({VARIATION_SPLIT: (task.variation_split,) * self.num_envs} if self._template_env.varies else {}),
             **({REQUESTED: [task.tasks_in(row) for row in self._orders]} if task.mdp.task_draw else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

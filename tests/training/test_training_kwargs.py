@@ -51,7 +51,7 @@ def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(j
     assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
     assert trained.single_observation_space == evaluated.single_observation_space
     assert job._metadata["task_kwargs"] == {}
-    assert job._metadata["training_kwargs"] == json.loads(json.dumps(dict(suite.DOMAINS["kitchen"].training_options)))
+    assert job._metadata["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
 
 
 def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
@@ -104,7 +104,8 @@ def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
-    from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.recipes import find_recipe
+from kitchen_suite.training.learner import Learner
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
