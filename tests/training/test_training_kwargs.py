@@ -8,6 +8,7 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli import train
+from kitchen_suite.training.recipes import find_recipe
 
 pytestmark = pytest.mark.clients
 
@@ -104,8 +105,7 @@ def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
-    from kitchen_suite.training.recipes import find_recipe
-from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.learner import Learner
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
