@@ -8,7 +8,7 @@ from typing import Any
 from entity_tables import markdown
 
 from kitchen_suite import suite
-from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 
 RESULTS = Path(__file__).parent / "benchmarks" / "evaluation"
 
@@ -49,13 +49,15 @@ def protocol_table() -> str:
 def _domains(protocol: Protocol) -> str:
     if protocol.is_general:
         return "all"
-    return ", ".join(domain.name for domain in suite.DOMAINS.values() if protocol.name in domain.protocols)
+    return ", ".join(
+        domain.name for domain in suite.DOMAINS.values() if protocol.name in domain_protocols(domain.name).protocols
+    )
 
 
 def _task(condition: Condition, is_general: bool) -> str:
     if condition.task_name:
         return f"`{condition.task_name}`"
-    return f"`{suite.DOMAINS['kitchen'].evaluation_task}`" + ("; elsewhere the domain's default" if is_general else "")
+    return f"`{domain_protocols('kitchen').task_name}`" + ("; elsewhere the domain's default" if is_general else "")
 
 
 def _arguments(protocol: Protocol) -> str:

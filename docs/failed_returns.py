@@ -47,13 +47,14 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
     from kitchen_suite.training.evaluation import evaluate, network_controller
     from kitchen_suite.training.hyperparameters import Hyperparameters
     from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.recipes import find_recipe
 
     domain, config = suite.DOMAINS["kitchen"], Hyperparameters.defaults("kitchen")
-    options = dict(domain.training_options)
+    options = dict(find_recipe("kitchen").options)
     steps_of_training = options.pop("max_episode_steps")
     training = spec_of(task, {**options, "reward": reward}, steps_of_training)
     evaluated = spec_of(task, {"reward": reward}, EPISODE_STEPS)
-    flat, failed = domain.flat_options, []
+    flat, failed = domain.resolve("env").flat_options, []
     with (
         contextlib.closing(training.make_vector_env(config.num_envs, None, AutoresetMode.SAME_STEP, **flat)) as envs,
         contextlib.closing(evaluated.make_vector_env(EPISODES, None, **flat)) as evaluation,

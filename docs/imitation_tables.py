@@ -26,7 +26,7 @@ def preset_table() -> str:
     rows = [
         (f"`{name}`", domain.name, f"`{preset['task_name']}`", _arguments(preset), f"`{preset['policy']}`")
         for domain in suite.DOMAINS.values()
-        for name, preset in domain.recording_presets.items()
+        for name, preset in (domain.resolve("recording") or {}).items()
     ]
     return markdown(("`--preset`", "domain", "task", "arguments", "policy"), rows)
 

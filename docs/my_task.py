@@ -6,14 +6,10 @@ import functools
 import gymnasium
 import numpy as np
 
-import kitchen_suite
 from kitchen_suite import suite
-from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities.scenes import build_microwave_table_scene
-from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
+from kitchen_suite.entities import build_microwave_table_scene
+from kitchen_suite.tasks import MicrowaveTableTask
 from kitchen_suite.tasks.microwave_table.mdp import PARTS, OpenReward
-from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
-from kitchen_suite.vector_env.cabinets import FrankaMicrowaveTableVectorEnv
 
 
 class GentleReward(OpenReward):
@@ -42,46 +38,19 @@ class GentleTask(MicrowaveTableTask):
         physics.bind(self.scene.joints("microwave")).qpos = random_state.uniform(-0.2, 0.0)
 
 
-def gentle_microwave(
-    *, time_limit=5.0, random=None, visuals=True, render_quality="high", environment_kwargs=None, **task_options
-):
-    """Builds an environment of the task."""
-    return build_environment(
-        GentleTask(build_microwave_table_scene(visuals=visuals), **task_options),
-        time_limit=time_limit,
-        random=random,
-        render_quality=render_quality,
-        environment_kwargs=environment_kwargs,
-    )
-
-
-class GentleMicrowaveEnv(FrankaMicrowaveTableEnv):
-    """The task as a Gymnasium environment."""
-
-    def _make_environment(self, task_options):
-        return gentle_microwave(**task_options)
-
-
-class GentleMicrowaveVectorEnv(FrankaMicrowaveTableVectorEnv, gymnasium.vector.VectorEnv):
-    """Many of them, stepped together."""
-
-    env_class = GentleMicrowaveEnv
-
-
 GENTLE_MICROWAVE = suite.Domain(
-    name="gentle_microwave",
-    build=gentle_microwave,
+    "gentle_microwave",
+    scene=build_microwave_table_scene,
+    task=GentleTask,
     tasks={"open": {}},
     env_id="Mine/GentleMicrowave-v1",
-    env=f"{__name__}:GentleMicrowaveEnv",
-    vector_env=f"{__name__}:GentleMicrowaveVectorEnv",
     episode_steps=500,
 )
 
 if __name__ == "__main__":
     suite.register(GENTLE_MICROWAVE)
 
-    environment = kitchen_suite.load("gentle_microwave", "open", {"random": 0})
+    environment = suite.load("gentle_microwave", "open", {"random": 0})
     environment.reset()
     print("dm_control:", environment.step(np.zeros(8)).reward)
 

@@ -4,7 +4,6 @@ import itertools
 from collections.abc import Callable
 from types import MappingProxyType
 
-import gymnasium
 from entity_tables import markdown
 from gymnasium import spaces
 
@@ -31,10 +30,10 @@ def type_table() -> str:
     """Returns the table of the observation types with their spaces by domain."""
     rows = []
     for name, record in suite.DOMAINS.items():
-        env_class = gymnasium.envs.registration.load_env_creator(record.env)
-        for obs_type in env_class.observed.obs_types:
+        env_class = record.resolve("env")
+        for obs_type in env_class.obs_types:
             env = env_class(obs_type=obs_type, **({"goal_format": "flat"} if obs_type == "goal" else {}))
-            default = " (default)" if obs_type == env_class.observed.default_type else ""
+            default = " (default)" if obs_type == env_class.obs_types[0] else ""
             rows.append((f"`{name}`", f"`{obs_type}`{default}", describe(env.observation_space)))
     return markdown(("domain", "`obs_type`", "observation"), rows)
 

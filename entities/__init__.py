@@ -1,4 +1,4 @@
-"""Entities: the Franka, the props of kitchen and open_cabinet, and the arenas; each usable and viewable alone."""
+"""Entities: the Franka, the props and the arenas of the domains; each usable and viewable alone."""
 
 import kitchen_suite.rendering.choice  # noqa: F401
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
@@ -17,10 +17,13 @@ from kitchen_suite.entities.props import (
 )
 from kitchen_suite.entities.scenes import (
     KitchenArena,
+    MicrowaveTableArena,
     OpenCabinetArena,
     OpenCabinetScene,
     Scene,
+    SiteArena,
     build_kitchen_scene,
+    build_microwave_table_scene,
     build_open_cabinet_scene,
 )
 
@@ -37,12 +40,15 @@ __all__ = [
     "KitchenArena",
     "KitchenProp",
     "Microwave",
+    "MicrowaveTableArena",
     "OpenCabinetArena",
     "OpenCabinetScene",
     "Oven",
     "Scene",
+    "SiteArena",
     "SlideCabinet",
     "Walls",
     "build_kitchen_scene",
+    "build_microwave_table_scene",
     "build_open_cabinet_scene",
 ]

@@ -204,7 +204,7 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
         trajectories are then nearly the same (see `KitchenArena.enable_sleep`).
     """
     arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
-    if sleep:
+    if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
     scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
     _exclude_base_contacts(arena, robot)
@@ -263,12 +263,14 @@ class OpenCabinetScene(Scene):
         return cabinet
 
 
-def build_open_cabinet_scene(config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
+def build_open_cabinet_scene(cabinet_config: CabinetConfig | None = None, *, visuals: bool = True) -> OpenCabinetScene:
     """Builds the scene of the open_cabinet domain.
 
     Args:
-      config: sizes and resistances of the cabinet; the default config when omitted.
+      cabinet_config: sizes and resistances of the cabinet; the default cabinet when omitted.
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
+    if not isinstance(cabinet_config, CabinetConfig | None):
+        raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
     arena, robot = OpenCabinetArena(visuals=visuals), Franka(PANDA, visuals=visuals)
-    return OpenCabinetScene.furnish(arena, robot, [Cabinet(config, visuals=visuals)])
+    return OpenCabinetScene.furnish(arena, robot, [Cabinet(cabinet_config, visuals=visuals)])

@@ -428,7 +428,7 @@ class RecordSettings(EpisodeSettings):
         """Returns the settings that the preset fixes; raises a ValueError where one of them is given another value."""
         if self.preset is None:
             return {}
-        presets = suite.find_domain(self.domain_name).recording_presets
+        presets = suite.find_domain(self.domain_name).resolve("recording") or {}
         chosen = presets[checks.choice(self.preset, presets, "preset")]
         defaults = {field.name: field.default for field in dataclasses.fields(self)} | {"task_kwargs": {}}
         if given := sorted(name for name in chosen if getattr(self, name) not in (defaults[name], chosen[name])):
@@ -503,7 +503,7 @@ ALGORITHMS = (PPO, "bc", "flow", "vqbet")
 # Of imitation, in every domain.
 _IMITATION = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
 
-# Of domains without `training_settings` of their own.
+# Of domains without a training recipe of their own.
 _TRAINING = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
@@ -542,7 +542,8 @@ class TrainSettings(TaskSettings):
         Raises:
           ValueError: an unknown domain.
         """
-        own = suite.find_domain(self.domain_name).training_settings if self.algorithm == PPO else _IMITATION
+        recipe = suite.find_domain(self.domain_name).resolve("training")
+        own = _IMITATION if self.algorithm != PPO else {} if recipe is None else recipe.settings
         defaults: dict[str, Any] = {**_TRAINING, **own}
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
         return Schedule(**{name: defaults[name] if value is None else value for name, value in chosen.items()})

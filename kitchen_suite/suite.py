@@ -3,17 +3,20 @@
 Importing this module registers the Gymnasium ids and does not import dm_control.
 """
 
-from collections.abc import Mapping
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+import numpy as np
 
-from kitchen_suite import checks
+from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.domains.kitchen import KITCHEN, kitchen
+from kitchen_suite.domains.kitchen import KITCHEN
 from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
-from kitchen_suite.domains.open_cabinet import OPEN_CABINET, open_cabinet
+from kitchen_suite.domains.open_cabinet import OPEN_CABINET
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -27,6 +30,7 @@ __all__ = [
     "default_task",
     "kitchen",
     "load",
+    "microwave_table",
     "open_cabinet",
     "register",
     "task_arguments",
@@ -37,6 +41,15 @@ _domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
 
+kitchen = KITCHEN.load
+"""Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`."""
+
+open_cabinet = OPEN_CABINET.load
+"""Builds a cabinet; arguments as of `Domain.load`, `build_open_cabinet_scene` and `OpenCabinetTask`."""
+
+microwave_table = MICROWAVE_TABLE.load
+"""Builds a microwave table; arguments as of `Domain.load` and `MicrowaveTableTask`."""
+
 TASKS_BY_DOMAIN: Mapping[str, tuple[str, ...]]
 """Task names by domain."""
 
@@ -46,28 +59,24 @@ ALL_TASKS: tuple[tuple[str, str], ...]
 BENCHMARKING: tuple[tuple[str, str], ...]
 """The pairs of domain and task name that papers report."""
 
-
-def __getattr__(name: str) -> Any:
-    """Returns a table of tasks, made from `DOMAINS` as it is at present."""
-    if name == "TASKS_BY_DOMAIN":
-        return MappingProxyType({domain.name: tuple(domain.tasks) for domain in DOMAINS.values()})
-    if name == "ALL_TASKS":
-        return tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.tasks)
-    if name == "BENCHMARKING":
-        return tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.benchmark_tasks)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
+# Made from `DOMAINS` as it is at present.
+_TABLES: dict[str, Callable[[], Any]] = {
+    "TASKS_BY_DOMAIN": lambda: MappingProxyType({domain.name: tuple(domain.tasks) for domain in DOMAINS.values()}),
+    "ALL_TASKS": lambda: tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.tasks),
+    "BENCHMARKING": lambda: tuple((each.name, task) for each in DOMAINS.values() for task in each.benchmark_tasks),
+}
+__getattr__, __dir__ = lazy.names(__name__, __all__, _TABLES)
 
 
 def register(domain: Domain) -> None:
     """Adds a domain to the suite: for `load`, for the commands in this process, and as ids of Gymnasium.
 
+    Builds a single and a vectorised environment of the default task once, which must be the same.
+
     Raises:
       TypeError: it is no `Domain`.
-      ValueError: a domain of its name exists, or Gymnasium has one of its ids; nothing has changed then.
+      ValueError: a domain of its name exists, Gymnasium has one of its ids, or the two environments differ in a space
+        or in the first observation; nothing has changed then.
     """
     if not isinstance(domain, Domain):
         raise TypeError(f"domain must be a Domain, got {domain!r}")
@@ -76,26 +85,80 @@ def register(domain: Domain) -> None:
     ids = {domain.env_id, *domain.task_ids.values()}
     if taken := sorted(ids & gymnasium.registry.keys()):
         raise ValueError(f"Gymnasium has environments of the ids {taken} already; choose another env_id or task_id")
-    _register_ids(domain)
+    domain = _with_classes(domain)
     _domains[domain.name] = domain
+    _register_ids(domain, {"domain": domain.name})
+    try:
+        _check_vectorised(domain.task_ids[domain.default_task])
+    except BaseException:
+        del _domains[domain.name]
+        for env_id in ids:
+            del gymnasium.registry[env_id]
+        raise
 
 
-def _register_ids(domain: Domain) -> None:
-    """Registers the ids of a domain with Gymnasium, those that it does not have yet."""
-    tasks = {domain.task_ids[task]: arguments for task, arguments in domain.tasks.items()}
-    for env_id, arguments in {domain.env_id: {}, **tasks}.items():
+def _with_classes(domain: Domain) -> Domain:
+    """Returns a domain with the Gymnasium classes of the domain whose task it extends, unless it has its own."""
+    bases = inspect.getmro(domain.resolve("task"))
+    others = [(bases.index(task), other) for other in DOMAINS.values() if (task := other.resolve("task")) in bases]
+    env, vector_env = "kitchen_suite.gymnasium_env.base:SuiteEnv", "kitchen_suite.vector_env.base:SuiteVectorEnv"
+    if others:
+        _, nearest = min(others, key=lambda pair: pair[0])
+        env, vector_env = str(nearest.env), str(nearest.vector_env)
+    return dataclasses.replace(domain, env=domain.env or env, vector_env=domain.vector_env or vector_env)
+
+
+def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
+    """Registers the ids of a domain with Gymnasium, those that it does not have yet, with further arguments."""
+    tasks = {domain.task_ids[task]: each for task, each in domain.tasks.items()}
+    # Arguments of one task among several would be left to those that `make` adds for another one.
+    general = next(iter(tasks.values())) if len(tasks) == 1 else {}
+    for env_id, each in {domain.env_id: general, **tasks}.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
                 entry_point=domain.env,
                 vector_entry_point=domain.vector_env,
                 max_episode_steps=domain.episode_steps,
-                kwargs=dict(arguments),
+                kwargs={**arguments, **each},
             )
 
 
 for _domain in DOMAINS.values():
-    _register_ids(_domain)
+    _register_ids(_domain, {})
+
+
+def _check_vectorised(env_id: str) -> None:
+    """Raises a ValueError unless single and vectorised environment have equal spaces and first observations."""
+    single = gymnasium.make(env_id, disable_env_checker=True)
+    many = gymnasium.make_vec(env_id, 1, vectorization_mode="vector_entry_point", num_threads=1)
+    try:
+        one, other = _arrays(single.reset(seed=0)[0]), _arrays(many.reset(seed=0)[0])
+        shared = [key for key in one if key in other]
+        pairs: dict[str, tuple[Any, Any]] = {
+            "action space": (single.action_space, many.single_action_space),
+            "keys": (list(one), list(other)),
+            **{f"shape of {key}": (one[key].shape, other[key].shape[1:]) for key in shared},
+            **{key: (one[key].tolist(), other[key][0].tolist()) for key in shared},
+            "observation space": (single.observation_space, many.single_observation_space),
+        }
+    finally:
+        single.close()
+        many.close()
+    for key, (found, expected) in pairs.items():
+        if found != expected:
+            raise ValueError(
+                f"{key} of {env_id} is {found} in the single environment and {expected} in the vectorised one: the "
+                "enabled observables of the task must be, in this order, the observation of its MDP"
+            )
+
+
+def _arrays(observation: Any, key: str = "observation") -> dict[str, np.ndarray]:
+    """Returns the arrays of an observation by key, such as `observation['pixels']`."""
+    if not isinstance(observation, Mapping):
+        return {key: np.asarray(observation)}
+    parts = ((f"{key}[{name!r}]", part) for name, part in observation.items())
+    return {name: array for each, part in parts for name, array in _arrays(part, each).items()}
 
 
 def find_domain(name: str) -> Domain:
@@ -120,7 +183,7 @@ def find_domain(name: str) -> Domain:
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
-    """Returns the arguments that define a named task: of the domain's builder, and of its Gymnasium environment.
+    """Returns the arguments that define a named task: of `Domain.load`, and of its Gymnasium environment.
 
     Raises:
       TypeError: a name is no string.
@@ -156,13 +219,13 @@ def load(
     Args:
       domain_name: a key of `DOMAINS`, or `module:NAME` as for `find_domain`.
       task_name: one of that domain's tasks.
-      task_kwargs: arguments of the domain's builder, such as `kitchen`, among them `random` and `time_limit`.
+      task_kwargs: arguments of `Domain.load`, among them `random` and `time_limit`, and of the domain's scene and task.
       environment_kwargs: further arguments of `Environment`.
       visualize_reward: whether objects change their colour while the task rewards their position.
 
     Raises:
       TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: an unknown domain or task, or a value that the builder refuses.
+      ValueError: an unknown domain or task, or a value that is refused.
     """
     task = task_arguments(domain_name, task_name)
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
@@ -170,7 +233,7 @@ def load(
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
     check_not_fixed(domain_name, task_name, task_kwargs or {})
     arguments = {**task, **(task_kwargs or {})}
-    environment = find_domain(domain_name).build(**arguments, environment_kwargs=environment_kwargs)
+    environment = DOMAINS[domain_name].load(**arguments, environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
 

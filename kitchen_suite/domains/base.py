@@ -1,26 +1,26 @@
-"""The record of a domain, and what the builders of all domains share."""
+"""The record of a domain, which builds its environments."""
 
 import dataclasses
+import inspect
 import math
+import pkgutil
 import re
-from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from kitchen_suite import checks
 
 if TYPE_CHECKING:
+    from kitchen_suite.entities import Scene
     from kitchen_suite.environment import Environment
-    from kitchen_suite.tasks.task import SuiteTask
+    from kitchen_suite.tasks import SuiteTask
 
-# Arguments of tasks that the builders set.
-SET_BY_BUILDERS = ("scene",)
+# Arguments of functions of the suite that are set by others of its functions.
+_SET_BY_THE_SUITE = ("self", "scene", "root")
 
-# Arguments of the Gymnasium environments on which the meaning of the action depends, in every domain.
-CONTROL_OPTIONS = ("control_mode", "linear_speed", "angular_speed", "joint_speed", "frame")
-
-# Arguments of `Environment` that the builders set.
+# Arguments of `Environment` that `Domain.load` sets.
 _SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -28,79 +28,57 @@ _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 _ENTRY_POINT = re.compile(r"\w+(\.\w+)*:\w+")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Domain:
-    """A domain of the suite.
+    """A domain of the suite: a scene, a task in it, and the arguments that make named tasks of it.
 
-    What would import much is named by entry points, strings `module:name`. Options are arguments of the Gymnasium
-    environment.
+    A user's domain needs no more than `name` to `episode_steps`. Entry points are strings `module:name`, which are
+    imported when they are used.
 
     Attributes:
       name: as `suite.load` takes it.
-      build: builds an environment for `suite.load`, from arguments of `tasks` and those that the caller adds.
-      tasks: by task name, the arguments that define the task: of `build` and of the Gymnasium environments.
-      env_id: id of the Gymnasium environment for any of the tasks, such as `KitchenSuite/FrankaKitchen-v1`.
-      env: entry point of its class, a `SuiteEnv`.
-      vector_env: entry point of the class of the vectorised environment, a `SuiteVectorEnv`.
+      scene: function that builds the scene, or its entry point. If it has an argument `visuals`, it is told whether
+        there are pictures to render.
+      task: class of the task, a `SuiteTask` that takes the scene, or its entry point.
+      tasks: by task name, the arguments of scene and task that define it.
+      env_id: id of the Gymnasium environment for any of the tasks, such as `KitchenSuite/FrankaKitchen-v1`. Without
+        arguments it is the only task of the domain or, where there are several, has the default arguments of the class.
       episode_steps: control steps in an episode.
       task_id: id of a task's Gymnasium environment, with `{}` for the name of the task in camel case; by default the
         `env_id` with that name before its version.
       benchmark_tasks: names of the tasks that papers report; the first is the default task. Without any, the default is
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
-      array_options: options with which infos are arrays of fixed shape alone, which can be recorded.
-      flat_options: options with which goals are arrays as well, as a network needs them.
-      state_options: names of the options on which the meaning of actions and of observed states depends.
-      cloning_options: names of those on which the meaning of whole observations, with their goals, and of actions
-        depends. Demonstrations can be cloned where these are equal.
-      hyperparameters: values that replace defaults of `training.hyperparameters.Hyperparameters`.
-      cloning_hyperparameters: values that replace these where demonstrations are cloned first.
-      training_options: options of the environments that policies are trained in from scratch, which those that they are
-        evaluated in do not have; except for `max_episode_steps`, which both have.
-      training_settings: values that replace defaults of `settings.TrainSettings`, those of `num_steps`,
-        `eval_interval`, `target_success` and `patience`.
-      recording_presets: settings of `kitchen-record` by the name of a set of demonstrations: `task_name`, `task_kwargs`
-        and `policy`.
-      evaluation_task: name of the task that `kitchen-evaluate` plays where its protocol names none; the default task
-        when empty.
-      protocols: names of the protocols of `kitchen-evaluate` that are made for this domain, beside those for all.
+      env: entry point of the class of the Gymnasium environment. By default that of the suite's domain whose task the
+        domain's task extends, otherwise `SuiteEnv`.
+      vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
+      training: entry point of the `training.recipes.Recipe`; None for the general defaults.
+      recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
+      evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.
       benchmark: entry point of the `benchmarks.cases.BenchmarkDomain`; None if there is none.
     """
 
     name: str
-    build: "Callable[..., Environment]"
+    _: dataclasses.KW_ONLY
+    scene: "str | Callable[..., Scene]"
+    task: "str | Callable[..., SuiteTask]"
     tasks: Mapping[str, Mapping[str, Any]]
     env_id: str
-    env: str
-    vector_env: str
     episode_steps: int
     task_id: str = ""
     benchmark_tasks: Collection[str] = ()
     replaceable: Collection[str] = ()
-    array_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    flat_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    state_options: Collection[str] = ()
-    cloning_options: Collection[str] = ()
-    hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    cloning_hyperparameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    training_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    training_settings: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    recording_presets: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
-    evaluation_task: str = ""
-    protocols: Collection[str] = ()
+    env: str | None = None
+    vector_env: str | None = None
+    training: str | None = None
+    recording: str | None = None
+    evaluation: str | None = None
     expert: str | None = None
     benchmark: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks the record.
-
-        Raises:
-          TypeError: an attribute has the wrong type.
-          ValueError: there are no tasks, or a name, an id or an entry point is not well-formed.
-        """
-        if not callable(self.build):
-            raise TypeError(f"build must be a function, got {self.build!r}")
+        """Checks the record; raises a TypeError or ValueError that names the attribute."""
         if not isinstance(self.tasks, Mapping) or not all(isinstance(each, Mapping) for each in self.tasks.values()):
             raise TypeError(f"tasks must be a dict of dicts, got {self.tasks!r}")
         if not self.tasks:
@@ -112,14 +90,15 @@ class Domain:
             _check_form(env_id, _ENV_ID, "id of an environment")
         if len({self.env_id, *self.task_ids.values()}) <= len(self.tasks):
             raise ValueError(f"task_id {self.task_id!r} must give each task an id of its own; put {{}} for its name")
-        for entry_point in (self.env, self.vector_env, self.expert, self.benchmark):
-            if entry_point is not None:
-                _check_form(entry_point, _ENTRY_POINT, "entry point")
+        for kind in ("env", "vector_env", "training", "recording", "evaluation", "expert", "benchmark"):
+            if (entry_point := getattr(self, kind)) is not None:
+                _check_form(entry_point, _ENTRY_POINT, f"entry point {kind}")
+        for kind in ("scene", "task"):
+            if not callable(getattr(self, kind)):
+                _check_form(getattr(self, kind), _ENTRY_POINT, f"{kind}, unless a function or class,")
         checks.integer(self.episode_steps, "episode_steps", minimum=1)
         for task in self.benchmark_tasks:
             checks.choice(task, self.tasks.keys(), "benchmark task")
-        if self.evaluation_task:
-            checks.choice(self.evaluation_task, self.tasks.keys(), "evaluation task")
 
     @property
     def task_ids(self) -> dict[str, str]:
@@ -133,6 +112,94 @@ class Domain:
         """Name of the task where none is asked for."""
         return next(iter((*self.benchmark_tasks, *self.tasks)))
 
+    def resolve(self, attribute: str) -> Any:
+        """Returns the object that an attribute names by its entry point, or is itself; None for None."""
+        value = getattr(self, attribute)
+        return pkgutil.resolve_name(value) if isinstance(value, str) else value
+
+    @property
+    def takers(self) -> tuple[Callable[..., Any], ...]:
+        """Functions that share the keyword arguments of scene and task among them, the task's control modes included.
+
+        The constructors of a task's bases are among them as far as each passes further arguments on.
+        """
+        from kitchen_suite.tasks.observables import Pictures
+
+        task, takers = self.resolve("task"), [self.resolve("scene")]
+        constructors = [vars(base)["__init__"] for base in inspect.getmro(task)[:-1] if "__init__" in vars(base)]
+        for constructor in constructors:
+            takers.append(constructor)
+            if not _passes_on(constructor):
+                return tuple(takers)
+        return (*takers, Pictures.build, *task.control_modes.values())
+
+    @property
+    def control_options(self) -> tuple[str, ...]:
+        """Names of the arguments on which the meaning of the action depends: the control mode and its own."""
+        parameters = {name: None for mode in self.resolve("task").control_modes.values() for name in _parameters(mode)}
+        return ("control_mode", *(name for name in parameters if name not in _SET_BY_THE_SUITE))
+
+    def check_arguments(
+        self, names: Iterable[object], *others: Callable[..., Any], what: str, exclude: Collection[str] = ()
+    ) -> None:
+        """Checks that scene, task or other functions have arguments of given names; see `checks.keywords`."""
+        checks.keywords(names, *others, *self.takers, what=what, exclude=(*_SET_BY_THE_SUITE, *exclude))
+
+    def load(
+        self,
+        *,
+        time_limit: float | Literal["default"] | None = "default",
+        random: int | np.random.RandomState | None = None,
+        visuals: bool = True,
+        render_quality: str = "high",
+        environment_kwargs: Mapping[str, Any] | None = None,
+        **arguments: Any,
+    ) -> "Environment":
+        """Builds an environment of the domain.
+
+        Args:
+          time_limit: length of an episode [s]; None for no limit; by default that of `episode_steps`.
+          random: seed, or random state to draw from.
+          visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
+          render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
+            faces; see `rendering.quality.set_render_quality`.
+          environment_kwargs: further arguments of `Environment`.
+          **arguments: of the functions `scene` and `task`, documented there.
+
+        Raises:
+          TypeError: an argument of the wrong type, or an unknown one.
+          ValueError: an unknown name, or a number out of range.
+        """
+        from kitchen_suite.entities.assets import is_visual
+        from kitchen_suite.environment import Environment
+        from kitchen_suite.rendering.quality import set_render_quality
+
+        self.check_arguments(arguments, what="argument")
+        if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
+            raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
+        build_scene, build_task = self.resolve("scene"), self.resolve("task")
+        of_scene = _parameters(build_scene)
+        own = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
+        others = {name: value for name, value in arguments.items() if name not in of_scene}
+        task = build_task(build_scene(**own), **others)
+        limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
+        limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
+        constructors = Environment, *Environment.__bases__
+        given = environment_kwargs or {}
+        checks.keywords(given, *constructors, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
+        set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
+        settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
+        return Environment(task, time_limit=limit, random_state=random, **settings)
+
+
+def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(function).parameters
+
+
+def _passes_on(constructor: Callable[..., Any]) -> bool:
+    """Whether a constructor takes arguments that it does not name, which it hands to the next one."""
+    return any(parameter.kind == parameter.VAR_KEYWORD for parameter in _parameters(constructor).values())
+
 
 def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
     """Raises a TypeError or ValueError unless `text` is a string that matches `form` as a whole."""
@@ -140,71 +207,3 @@ def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
         raise TypeError(f"{what} must be a string, got {text!r}")
     if not form.fullmatch(text):
         raise ValueError(f"{what} {text!r} is not well-formed; it must match {form.pattern}")
-
-
-def check_task_options(
-    options: Mapping[str, Any],
-    builder: Callable[..., Any],
-    task: "type[SuiteTask]",
-    modes: Mapping[str, Callable[..., Any]],
-) -> None:
-    """Checks that a builder, its task, the base of all tasks or a control mode has keyword arguments of given names.
-
-    Raises:
-      TypeError: there is no such argument.
-    """
-    from kitchen_suite.tasks.observables import Pictures
-    from kitchen_suite.tasks.task import SuiteTask
-
-    takers: list[Callable[..., Any]] = [builder, task, SuiteTask, Pictures.build, *modes.values()]
-    checks.keywords(options, *takers, what="argument", exclude=(*SET_BY_BUILDERS, "root"))
-
-
-def checked_visuals(visuals: object, task_options: Mapping[str, Any]) -> bool:
-    """Returns `visuals` if it is a bool, and not False where the task observes pictures.
-
-    Raises:
-      TypeError: it is no bool.
-      ValueError: pictures need visuals.
-    """
-    if not checks.boolean(visuals, "visuals") and task_options.get("cameras"):
-        raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
-    return bool(visuals)
-
-
-def build_environment(
-    task: "SuiteTask",
-    *,
-    time_limit: float | None,
-    random: int | np.random.RandomState | None,
-    render_quality: str,
-    environment_kwargs: Mapping[str, Any] | None,
-) -> "Environment":
-    """Builds the environment of a task.
-
-    Args:
-      task: in a scene of its own.
-      time_limit: length of an episode [s]; `None` for no limit.
-      random: seed, or random state to draw from.
-      render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
-        faces; see `rendering.quality.set_render_quality`.
-      environment_kwargs: further arguments of `Environment`.
-
-    Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: an unknown render quality, or the time limit is not positive and finite.
-    """
-    from kitchen_suite.entities.assets import is_visual
-    from kitchen_suite.environment import Environment
-    from kitchen_suite.rendering.quality import set_render_quality
-
-    limit = math.inf if time_limit is None else checks.number(time_limit, "time_limit", positive=True)
-    takers = Environment, *Environment.__bases__
-    checks.keywords(environment_kwargs or {}, *takers, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
-    set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
-    settings = {
-        "strip_singleton_obs_buffer_dim": True,
-        "recompile_mjcf_every_episode": False,
-        **(environment_kwargs or {}),
-    }
-    return Environment(task, time_limit=limit, random_state=random, **settings)

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from kitchen_suite import checks, files, policies, suite
-from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score
+from kitchen_suite import checks, files, policies
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score, domain_protocols
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.settings import EvaluateSettings
@@ -77,9 +77,9 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
       TypeError: a name is no string.
       ValueError: there is no such domain, no such protocol, or the protocol is for other domains.
     """
-    domain = suite.find_domain(domain_name)
+    own = domain_protocols(domain_name).protocols
     protocol = PROTOCOLS[checks.choice(name, PROTOCOLS.keys(), "protocol")]
-    offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in domain.protocols]
+    offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in own]
     if name not in offered:
         raise ValueError(f"protocol {name!r} is not for domain {domain_name!r}; choose from {offered}")
     return protocol
@@ -113,10 +113,9 @@ def _spec(
     protocol: Protocol, condition: Condition, settings: EvaluateSettings, given: Mapping[str, Any]
 ) -> RecordingSpec:
     """Returns the specification of the episodes of a condition, in which settings replace the protocol's values."""
-    domain = suite.find_domain(settings.domain_name)
     return RecordingSpec.make(
         domain_name=settings.domain_name,
-        task_name=settings.task_name or condition.task_name or domain.evaluation_task or None,
+        task_name=settings.task_name or condition.task_name or domain_protocols(settings.domain_name).task_name,
         task_kwargs={**condition.task_kwargs, **given},
         policy=settings.policy,
         seed=protocol.seed if settings.seed is None else settings.seed,

@@ -5,9 +5,11 @@ protocol, so the numbers of a protocol must not change once results under it hav
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
+
+from kitchen_suite import suite
 
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000
@@ -28,7 +30,7 @@ class Condition:
 
     Attributes:
       name: in results; the name of the task when empty.
-      task_name: one of the domain's tasks; its `evaluation_task` when None.
+      task_name: one of the domain's tasks; that of its `DomainProtocols` when None.
       task_kwargs: arguments of the Gymnasium environment.
     """
 
@@ -151,3 +153,31 @@ _PROTOCOLS = (
 )
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol for protocol in _PROTOCOLS})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DomainProtocols:
+    """The evaluation of a domain, as far as it is its own.
+
+    Attributes:
+      task_name: task that is played where a protocol names none; the domain's default task when None.
+      protocols: names of the protocols that are made for this domain, beside those for all.
+    """
+
+    task_name: str | None = None
+    protocols: Collection[str] = ()
+
+
+def domain_protocols(domain_name: str) -> DomainProtocols:
+    """Returns the evaluation of a domain.
+
+    Raises:
+      TypeError: the name is no string.
+      ValueError: an unknown domain.
+    """
+    return suite.find_domain(domain_name).resolve("evaluation") or DomainProtocols()
+
+
+KITCHEN = DomainProtocols(
+    task_name="random_4", protocols=tuple(protocol.name for protocol in _PROTOCOLS if not protocol.is_general)
+)

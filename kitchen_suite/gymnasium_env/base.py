@@ -1,11 +1,9 @@
-"""The base of the suite's Gymnasium environments: seeds, states, copies, rendering."""
+"""The Gymnasium environment of the suite's domains: spaces, seeds, states, copies, rendering."""
 
-import abc
 import copy
-import dataclasses
+import inspect
 import math
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import gymnasium
@@ -14,62 +12,199 @@ from dm_env import specs
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, suite
+from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
-from kitchen_suite.gymnasium_env.observations import ObservationConfig, Observations, ObservationSettings
-from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.variations import Variations
+from kitchen_suite.gymnasium_env.observations import Observations
+
+# Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
+VARIATION, VARIATION_VALUES = "variation", "variation_values"
+STATE, RESET_MASK = "state", "reset_mask"
+
+# Key of infos that hold strings.
+VARIATION_SPLIT = "variation_split"
+
+DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ControlSettings:
-    """Arguments of the Gymnasium environments that choose what the action means.
+class SuiteEnv(gymnasium.Env):
+    """A task of the suite as a Gymnasium environment.
 
-    See docs/control_modes.md for all modes, and for the arguments that belong to each.
+    The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
+    `copy.deepcopy` or pickle continues from the state of the original.
+
+    Observation: one array, or a dict by `obs_type`; see docs/observations.md.
+    Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
-      control_mode: meaning of the action, such as `ee_delta_pose`; the domain's own when None.
-      linear_speed: speed that a unit of action stands for in the modes of the end effector [m/s].
-      angular_speed: angular speed that a unit of action stands for in `ee_delta_pose` [rad/s].
-      joint_speed: joint speed that a unit of action stands for in `joint_delta` [rad/s].
-      frame: `base` or `hand`: the axes of changes in the modes of the end effector.
+      varies: whether parameters vary from episode to episode.
+      default_domain: name of the domain where none is given; empty for a class of any domain.
+      obs_types: names of the observation types; the first is the default.
+      default_cameras: cameras of the observation types with pictures where none are named.
+      robot_keys: parts of the flat observation that are the robot's, by their names in the suite's own observation.
+      observation_limit: bound of the flat observation.
+      observation_dtype: its type.
+      free_camera: attributes of the free camera.
+      array_options: arguments with which infos are arrays of fixed shape alone, which can be recorded.
+      flat_options: arguments with which goals are arrays as well, as a network needs them.
+      goal_options: names of the arguments on which the meaning of observed goals depends.
     """
 
-    control_mode: str | None = None
-    linear_speed: float | None = None
-    angular_speed: float | None = None
-    joint_speed: float | None = None
-    frame: str | None = None
-
-    def task_options(self) -> dict[str, Any]:
-        """Returns the arguments of the task."""
-        return {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
-
-
-def action_space(spec: specs.Array) -> spaces.Box:
-    """Returns the space of actions of a spec, in single precision."""
-    bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-np.inf, np.inf)
-    low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
-    return spaces.Box(low, high, dtype=np.float32)
-
-
-class CopiedEnv(gymnasium.Env):
-    """An environment that is copied by its arguments and its state."""
-
-    @abc.abstractmethod
-    def get_state(self) -> dict[str, Any]:
-        """Returns the state on which later steps depend."""
-
-    @abc.abstractmethod
-    def set_state(self, state: Mapping[str, Any]) -> Any:
-        """Sets a state that `get_state` returned."""
+    metadata = {"render_modes": list(rendering.RENDER_MODES)}
+    default_domain: ClassVar[str] = ""
+    obs_types: ClassVar[tuple[str, ...]] = tuple(name for name in observations.OBS_TYPES if name != "goal")
+    default_cameras: ClassVar[tuple[str, ...]] = ("overview",)
+    robot_keys: ClassVar[tuple[str, ...]] = ("joint_positions", "joint_velocities")
+    observation_limit: ClassVar[float] = math.inf
+    observation_dtype: ClassVar[type[np.floating]] = np.float32
+    free_camera: ClassVar[Mapping[str, Any]] = {"distance": 2.5, "azimuth": 125.0, "elevation": -25.0}
+    array_options: ClassVar[Mapping[str, Any]] = {}
+    flat_options: ClassVar[Mapping[str, Any]] = {}
+    goal_options: ClassVar[tuple[str, ...]] = ()
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)
         self._arguments = copy.deepcopy((args, kwargs))
         return self
+
+    def __init__(
+        self,
+        *,
+        domain: str | None = None,
+        render_mode: str | None = None,
+        width: int = DEFAULT_SIZE,
+        height: int = DEFAULT_SIZE,
+        camera_id: int | None = None,
+        camera_name: str | None = None,
+        default_camera_config: Mapping[str, Any] | None = None,
+        max_geom: int = 1000,
+        visual_options: Mapping[int, bool] | None = None,
+        max_episode_steps: int | None = None,
+        visuals: bool | None = None,
+        render_quality: str = "high",
+        obs_type: str | None = None,
+        action_limit: float | None = None,
+        **arguments: Any,
+    ) -> None:
+        """Builds the environment.
+
+        Args:
+          domain: name of the domain; that of the class when omitted.
+          render_mode: `rgb_array`, `depth_array` (the z-buffer) or `human` (a window); `gymnasium.make` adds
+            `rgb_array_list`.
+          width: width of images [pixels].
+          height: height of images [pixels].
+          camera_id: index of the camera; the free camera of `default_camera_config` when omitted.
+          camera_name: name of the camera, instead of its index.
+          default_camera_config: attributes of the free camera.
+          max_geom: maximum number of geoms in an image.
+          visual_options: values of MuJoCo's visualisation flags (`mujoco.mjtVisFlag`).
+          max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
+            separately.
+          visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
+          render_quality: `high` or `fast`; see `Domain.load`.
+          obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
+          action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
+            control modes without bounds of their own. The space is unbounded when omitted.
+          **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
+            `cameras`, `extra_observables` and `variations`.
+
+        Raises:
+          TypeError: an argument of the wrong type, or an unknown one.
+          ValueError: an unknown name, or a number out of range.
+        """
+        record = suite.find_domain(domain or self.default_domain)
+        self.check_keywords(record, arguments)
+        obs_type = self.find_obs_type(obs_type)
+        with_pictures = observations.has_pictures(obs_type)
+        options = observations.picture_options(arguments, obs_type, self.obs_types, self.default_cameras)
+        self._renderer = rendering.Renderer(
+            width=width,
+            height=height,
+            camera_id=camera_id,
+            camera_name=camera_name,
+            default_camera_config=self.free_camera if default_camera_config is None else default_camera_config,
+            max_geom=max_geom,
+            visual_options=visual_options,
+        )
+        self.render_mode = None if render_mode is None else rendering.checked_render_mode(render_mode)
+        if max_episode_steps is not None:
+            checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
+        self._max_episode_steps = max_episode_steps
+        limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
+        with_visuals = render_mode is not None or with_pictures
+        self._environment = record.load(
+            time_limit=None,
+            visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
+            render_quality=render_quality,
+            # None stands for the domain's own control mode.
+            **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
+        )
+        self._task = self._environment.task
+        self._set_action_space(limit)
+        self.varies = bool(self._task.variations.wanted)
+        self._renderer.check_camera(self._environment)
+        rate = 1 / self._environment.control_timestep()
+        self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
+        self._observations = self._make_observations(obs_type)
+        self.observation_space = self._observations.space
+        self._bound_random: np.random.Generator | None = None
+        self._episode_step = 0
+
+    @classmethod
+    def find_obs_type(cls, obs_type: str | None) -> str:
+        """Returns the name of an observation type, by default the first; raises a ValueError if it is unknown."""
+        return checks.choice(cls.obs_types[0] if obs_type is None else obs_type, cls.obs_types, "obs_type")
+
+    @classmethod
+    def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
+        """Checks that the environments of a domain have keyword arguments of given names.
+
+        Args:
+          domain: whose scene and task share the arguments with the class.
+          names: of the arguments.
+          exclude: arguments that are set otherwise.
+
+        Raises:
+          TypeError: there is no such argument.
+        """
+        # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
+        domain.check_arguments(names, *cls._constructors(), what="keyword argument", exclude=("domain", *exclude))
+
+    @classmethod
+    def default_of(cls, domain: Domain, name: str) -> Any:
+        """Returns the default of a keyword argument of the environments of a domain; None if it has none.
+
+        Arguments of control modes have none, as their defaults are those of the mode.
+        """
+        if name in domain.control_options[1:]:
+            return None
+        signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.takers)]
+        default = next((signature[name].default for signature in signatures if name in signature), None)
+        return None if default is inspect.Parameter.empty else default
+
+    @classmethod
+    def _constructors(cls) -> list[Any]:
+        return [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
+
+    def _set_action_space(self, limit: float) -> None:
+        """Sets the space of actions, in single precision, with the limit where the control mode has no bounds."""
+        spec = self._environment.action_spec()
+        (self._action_size,) = spec.shape
+        self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
+        bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
+        low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
+        self.action_space = spaces.Box(low, high, dtype=np.float32)
+
+    def _make_observations(self, obs_type: str) -> Observations:
+        return Observations(self._environment, obs_type, **self._observation_settings)
+
+    @property
+    def _observation_settings(self) -> dict[str, Any]:
+        """Further arguments of `Observations`."""
+        return {"robot_keys": self.robot_keys, "limit": self.observation_limit, "dtype": self.observation_dtype}
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -88,252 +223,54 @@ class CopiedEnv(gymnasium.Env):
         self.set_state(state["state"])
         self._np_random_seed = state["seed"]
 
+    def __repr__(self) -> str:
+        settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
+        return f"{type(self).__name__}({self._task!r}, {settings})"
 
-class InstructedEnv:
-    """An environment with the instructions of its task.
+    @property
+    def environment(self) -> Environment:
+        """The suite's environment."""
+        return self._environment
 
-    Attributes:
-      task: the instruction, under the name of LeRobot's environments and data sets.
-      task_description: the instruction, under the other name that LeRobot reads.
-    """
+    @property
+    def composer_task(self) -> Any:
+        """The task of the suite's environment; `task` is its sentence, as LeRobot expects."""
+        return self._task
 
-    _environment: Environment
+    @property
+    def max_episode_steps(self) -> int | None:
+        """Control steps after which the environment itself truncates; None if it never does."""
+        return self._max_episode_steps
 
     @property
     def instruction(self) -> str:
-        """The task's sentence; the empty string if the task has none."""
-        return self._environment.task.instruction
+        """The task's sentence; the empty string if the task has none. LeRobot reads it by its other two names."""
+        return self._task.instruction
+
+    task = task_description = instruction
 
     @property
     def instructions(self) -> tuple[str, ...]:
         """The task's sentence, then paraphrases of it."""
-        return self._environment.task.instructions
-
-    task = task_description = instruction
-
-
-# Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
-VARIATION, VARIATION_VALUES = "variation", "variation_values"
-STATE, RESET_MASK = "state", "reset_mask"
-
-# Key of infos that hold strings.
-VARIATION_SPLIT = "variation_split"
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VariationSettings:
-    """Arguments of the Gymnasium environments that choose what varies from episode to episode.
-
-    See docs/variations.md for all parameters.
-
-    Attributes:
-      variations: names of groups, such as `start`, alone, in a sequence or joined by commas; or distributions by
-        parameter, also as JSON describes them. Nothing varies when None.
-      variation_split: `seen` or `held_out`: which distributions the groups have.
-    """
-
-    variations: Any = None
-    variation_split: str = "seen"
-
-    def task_options(self) -> dict[str, Any]:
-        """Returns the arguments of the task that differ from its defaults."""
-        values = ((field.name, getattr(self, field.name), field.default) for field in dataclasses.fields(self))
-        return {name: value for name, value, default in values if value is not default}
-
-
-def space_of(variations: Variations) -> spaces.Dict:
-    """Returns the space of the parameters that vary in a task, by name."""
-    boxes: dict[str, spaces.Space] = {
-        name: spaces.Box(varied.low, varied.high, varied.default.shape, np.float64)
-        for name, varied in variations.wanted.items()
-    }
-    return spaces.Dict(boxes)
-
-
-def request(task: SuiteTask, options: Mapping[str, Any]) -> None:
-    """Makes a task's next reset follow the options of a reset.
-
-    Raises as `Variations.request` and `ResetRequests.checked`; the task is unchanged then.
-    """
-    own = task.requests.checked(options)
-    chosen = task.variations.request(options.get(VARIATION), options.get(VARIATION_VALUES))
-    task.variations.follow(chosen)
-    task.requests.follow(own)
-
-
-class VariedEnv:
-    """An environment with the variations of its task."""
-
-    _environment: Environment
+        return self._task.instructions
 
     @property
     def variation_space(self) -> spaces.Dict:
         """Ranges of the parameters that vary, by name; empty if nothing varies."""
-        return space_of(self._environment.task.variations)
+        wanted = self._task.variations.wanted.items()
+        return spaces.Dict(
+            {name: spaces.Box(each.low, each.high, each.default.shape, np.float64) for name, each in wanted}
+        )
 
     @property
     def variation_values(self) -> dict[str, Any]:
         """Values of these parameters in the present episode, in fresh arrays."""
-        return self._environment.task.variations.values
+        return self._task.variations.values
 
     @property
     def variation_split(self) -> str:
         """`seen` or `held_out`."""
-        return self._environment.task.variations.split
-
-
-# Classes whose attributes are keyword arguments of every environment.
-CHOICES = (ObservationSettings, ControlSettings, VariationSettings)
-
-# Their values where they are omitted.
-DEFAULTS: Mapping[str, Any] = MappingProxyType(
-    {field.name: field.default for kind in CHOICES for field in dataclasses.fields(kind)}
-)
-
-
-def split_choices(choices: Mapping[str, Any]) -> tuple[ObservationSettings, ControlSettings, VariationSettings]:
-    """Returns what arguments choose of observation, control mode and variations; each is an attribute of `CHOICES`."""
-    observation, control, variation = (
-        {field.name: choices[field.name] for field in dataclasses.fields(kind) if field.name in choices}
-        for kind in CHOICES
-    )
-    return ObservationSettings(**observation), ControlSettings(**control), VariationSettings(**variation)
-
-
-DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
-
-
-class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
-    """A Gymnasium environment over a composer environment of the suite.
-
-    The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
-    `copy.deepcopy` or pickle continues from the state of the original.
-
-    Attributes:
-      observed: what the environments of the domain observe.
-    """
-
-    observed: ClassVar[ObservationConfig] = ObservationConfig()
-
-    metadata = {"render_modes": list(rendering.RENDER_MODES)}
-
-    def __init__(
-        self,
-        *,
-        render_mode: str | None = None,
-        width: int = DEFAULT_SIZE,
-        height: int = DEFAULT_SIZE,
-        camera_id: int | None = None,
-        camera_name: str | None = None,
-        default_camera_config: Mapping[str, Any] | None = None,
-        max_geom: int = 1000,
-        visual_options: Mapping[int, bool] | None = None,
-        max_episode_steps: int | None = None,
-        visuals: bool | None = None,
-        render_quality: str = "high",
-        task_options: Mapping[str, Any],
-        **choices: Any,
-    ) -> None:
-        """Builds the environment.
-
-        Args:
-          render_mode: `rgb_array`, `depth_array` (the z-buffer) or `human` (a window); `gymnasium.make` adds
-            `rgb_array_list`.
-          width: width of images [pixels].
-          height: height of images [pixels].
-          camera_id: index of the camera; the free camera of `default_camera_config` when omitted.
-          camera_name: name of the camera, instead of its index.
-          default_camera_config: attributes of the free camera.
-          max_geom: maximum number of geoms in an image.
-          visual_options: values of MuJoCo's visualisation flags (`mujoco.mjtVisFlag`).
-          max_episode_steps: control steps after which the environment itself truncates; `gymnasium.make` counts
-            separately.
-          visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
-          render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
-            faces; see `rendering.quality.set_render_quality`.
-          task_options: arguments of the domain's builder in `kitchen_suite.suite`.
-          **choices: attributes of `ObservationSettings`, such as `obs_type` and `cameras`, of `ControlSettings`, such
-            as `control_mode`, and of `VariationSettings`, such as `variations`.
-
-        Raises:
-          TypeError: an argument of the wrong type, or an unknown one.
-          ValueError: an unknown name, or a number out of range.
-        """
-        self.check_keywords(choices)
-        settings, control, variation = split_choices(choices)
-        layout, observables = settings.layout(self.observed), settings.task_options(self.observed)
-        chosen = {**control.task_options(), **variation.task_options()}
-        camera_config = self._default_camera_config() if default_camera_config is None else default_camera_config
-        self._renderer = rendering.Renderer(
-            width=width,
-            height=height,
-            camera_id=camera_id,
-            camera_name=camera_name,
-            default_camera_config=camera_config,
-            max_geom=max_geom,
-            visual_options=visual_options,
-        )
-        self.render_mode = None if render_mode is None else rendering.checked_render_mode(render_mode)
-        if max_episode_steps is not None:
-            checks.integer(max_episode_steps, "max_episode_steps", minimum=1)
-        self._max_episode_steps = max_episode_steps
-        with_pictures = render_mode is not None or layout.has_pictures
-        with_visuals = with_pictures if visuals is None else checks.boolean(visuals, "visuals")
-        options = {"visuals": with_visuals, "render_quality": render_quality, "time_limit": None}
-        self._environment = self._make_environment({**options, **chosen, **observables, **task_options})
-        self.action_space = action_space(self._environment.action_spec())
-        self._renderer.check_camera(self._environment)
-        self._task = self._environment.task
-        self._observations = Observations(self._environment, self.observed, layout, self._make_goals())
-        self.observation_space = self._observations.layout.space
-        self._bound_random: np.random.Generator | None = None
-        self._episode_step = 0
-
-    @classmethod
-    def check_keywords(cls, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
-        """Checks that the constructor has keyword arguments of given names.
-
-        Args:
-          names: of the arguments.
-          exclude: arguments that are set otherwise.
-
-        Raises:
-          TypeError: there is no such argument.
-        """
-        constructors = [vars(base)["__init__"] for base in cls.__mro__ if "__init__" in vars(base)]
-        # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
-        others = {"self", "task_options", *exclude}
-        checks.keywords(names, *constructors, *CHOICES, what="keyword argument", exclude=others)
-
-    @abc.abstractmethod
-    def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
-        """Builds the suite's environment from arguments of the domain's builder."""
-
-    @abc.abstractmethod
-    def _default_camera_config(self) -> dict[str, Any]:
-        """Returns the attributes of the free camera."""
-
-    def _make_goals(self) -> observations.Goals | None:
-        """Returns the layout of the goals; None in a domain without goals."""
-        return None
-
-    def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
-        """Converts an observation of the suite's environment to the observation space."""
-        self._observation = observation
-        own = self._observations
-        return own.layout(own.flat(observation), self._task.state, observation)
-
-    @abc.abstractmethod
-    def _get_info(self) -> dict[str, Any]:
-        """Returns the info of the last step or reset, in fresh lists and arrays."""
-
-    def _info(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation."""
-        return {**self._get_info(), **self._task.variations.info}
-
-    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns actions `(..., k)` as they are applied."""
-        return actions
+        return self._task.variations.split
 
     @property
     def observations(self) -> Observations:
@@ -344,21 +281,25 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
         own, present = self._observations, self._observation
-        return own.suite_layout(own.flat(present), self._task.state, present)
+        return own.own(own.flat(present), self._task.state, present)
 
-    def __repr__(self) -> str:
-        settings = f"render_mode={self.render_mode!r}, max_episode_steps={self._max_episode_steps}"
-        return f"{type(self).__name__}({self._environment.task!r}, {settings})"
+    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
+        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
 
-    @property
-    def environment(self) -> Environment:
-        """The suite's environment."""
-        return self._environment
+    def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
+        """Converts an observation of the suite's environment to the observation space."""
+        self._observation = observation
+        own = self._observations
+        return own(own.flat(observation), self._task.state, observation)
 
-    @property
-    def max_episode_steps(self) -> int | None:
-        """Control steps after which the environment itself truncates; None if it never does."""
-        return self._max_episode_steps
+    def _get_info(self) -> dict[str, Any]:
+        """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
+        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}
+
+    def _info(self) -> dict[str, Any]:
+        """Returns the infos of the task and of its variation."""
+        return {**self._get_info(), **(self._task.variations.info if self.varies else {})}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode.
@@ -382,7 +323,11 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
         chosen = checks.reset_options(options, names, elsewhere=(RESET_MASK,))
         state = chosen.get(STATE)
         if state is None:
-            request(self._task, chosen)
+            own = self._task.requests.checked(chosen)
+            self._task.variations.follow(
+                self._task.variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES))
+            )
+            self._task.requests.follow(own)
         elif len(chosen) > 1:
             others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.requests.options))
             raise ValueError(f"a state has its own values: leave out {others}")
@@ -409,6 +354,9 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
           TypeError: the action does not hold real numbers.
           ValueError: the action has the wrong shape, or holds NaN or inf; nothing has changed then.
         """
+        if self._action_limit < math.inf:
+            # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
+            action = self.clip_actions(checks.vector(action, self._action_size, "action"))
         self._bind_random_state()
         timestep = self._environment.step(action)
         self._episode_step = 0 if timestep.first() else self._episode_step + 1
@@ -456,7 +404,7 @@ class SuiteEnv(InstructedEnv, VariedEnv, CopiedEnv, abc.ABC):
 
     def close(self) -> None:
         self._renderer.close()
-        if self._observations.layout.has_pictures:
+        if self._observations.has_pictures:
             self._environment.physics.free_context()
 
     def _bind_random_state(self) -> None:
@@ -475,46 +423,3 @@ def suite_env(environment: gymnasium.Env) -> SuiteEnv:
     inner = environment.unwrapped
     assert isinstance(inner, SuiteEnv)
     return inner
-
-
-class FlatEnv(SuiteEnv):
-    """An environment whose observation is one array, and whose infos are arrays of shape `()`.
-
-    Infos are those of the task's MDP, and `episode_step`, the number of control steps.
-    """
-
-    def __init__(self, *, action_limit: float | None, task_options: Mapping[str, Any], **settings: Any) -> None:
-        """Builds the environment.
-
-        Args:
-          action_limit: bound of the action space of `joint_offset`, to which actions are clipped; without bounds when
-            None. The other control modes have bounds of their own.
-          task_options: arguments of the domain's builder.
-          **settings: further arguments of `SuiteEnv`.
-
-        Raises:
-          TypeError: an argument of the wrong type, or an unknown one.
-          ValueError: an unknown name, or a number out of range.
-        """
-        limit = math.inf if action_limit is None else checks.number(action_limit, "action_limit", positive=True)
-        super().__init__(task_options=task_options, **settings)
-        (self._action_size,) = self._environment.action_spec().shape
-        # Modes with bounds of their own need no other.
-        has_bounds = isinstance(self._environment.action_spec(), specs.BoundedArray)
-        self._action_limit = math.inf if has_bounds else limit
-        if not has_bounds:
-            self.action_space = spaces.Box(-limit, limit, (self._action_size,), np.float32)
-
-    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Makes one control step; see `SuiteEnv.step`."""
-        if self._action_limit < math.inf:
-            # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
-            action = self.clip_actions(checks.vector(action, self._action_size, "action"))
-        return super().step(action)
-
-    def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
-        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
-
-    def _get_info(self) -> dict[str, Any]:
-        return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}

@@ -3,26 +3,24 @@
 import contextlib
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
-from kitchen_suite.gymnasium_env.observations import ObservationConfig
-from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
-from kitchen_suite.tasks.success import Thresholds
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -32,6 +30,44 @@ with contextlib.redirect_stderr(io.StringIO()):
 INSTRUCTION = "instruction"
 
 _GOALS = ("achieved_goal", "desired_goal")
+
+
+class KitchenObservations(observations.Observations):
+    """Observations with the achieved and the desired goals of the kitchen's tasks, and with the tasks asked."""
+
+    def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
+        """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
+        self._mdp, self._flat_goals = environment.task.mdp, flat_goals
+        super().__init__(environment, *args, **settings)
+
+    def goal_parts(self) -> dict[str, observations.Part]:
+        goals = self._mdp.goals
+        by_task: dict[str, spaces.Space] = {
+            task: _unbounded(goal.shape) for task, goal in goals.split(goals.desired).items()
+        }
+        space = _unbounded(goals.desired.shape) if self._flat_goals else spaces.Dict(by_task)
+        form = (lambda flat: flat) if self._flat_goals else goals.split
+        return {
+            "achieved_goal": observations.Part(space, lambda flat, state, pictures: form(state.achieved.copy())),
+            "desired_goal": observations.Part(space, lambda flat, state, pictures: form(self._desired(state))),
+        }
+
+    def request_parts(self) -> dict[str, observations.Part]:
+        if not self._mdp.task_draw:
+            return {}
+        space = spaces.Box(0.0, 1.0, (len(self._mdp.goals.tasks),), np.float64)
+        return {REQUESTED: observations.Part(space, lambda flat, state, pictures: self._requests(state))}
+
+    def own_goals(self, state: KitchenState) -> dict[str, NDArray]:
+        goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
+        parts = {f"{key}/{task}": part for key, flat in goals for task, part in self._mdp.goals.split(flat).items()}
+        return {**parts, **({REQUESTED: self._requests(state)} if self._mdp.task_draw else {})}
+
+    def _desired(self, state: KitchenState) -> NDArray:
+        return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
+
+    def _requests(self, state: KitchenState) -> NDArray[np.float64]:
+        return self._mdp.shown_mask(state).astype(np.float64)
 
 
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
@@ -57,12 +93,16 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}
-    observed = ObservationConfig(
-        obs_types=observations.GOAL_LAYOUTS,
-        default_cameras=("workspace",),
-        robot_keys=("franka/joint_positions", "franka/joint_velocities"),
-        dtype=np.float64,
-    )
+    default_domain = "kitchen"
+    obs_types = tuple(observations.OBS_TYPES)
+    default_cameras = ("workspace",)
+    robot_keys = ("franka/joint_positions", "franka/joint_velocities")
+    observation_dtype = np.float64
+    # As FrankaKitchen-v1's.
+    free_camera = {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
+    array_options = {"info_format": "arrays"}
+    flat_options = {"goal_format": "flat"}
+    goal_options = ("tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "goals")
 
     def __init__(
         self,
@@ -72,97 +112,49 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         object_noise_ratio: float = 0.0005,
         robot_noise_ratio: float = 0.01,
         *,
-        velocity_scale: float | None = None,
-        goals: Mapping[str, ArrayLike] | None = None,
-        threshold: Thresholds | None = None,
-        success: str | None = None,
-        reward: str = "sparse",
-        tasks_per_episode: int | Sequence[int] | None = None,
-        tasks_in_turn: bool = False,
-        max_task_steps: int | None = None,
-        feedback: str | None = None,
-        sleep: bool = False,
         goal_format: str = "dict",
         info_format: str = "lists",
         instructions: bool = False,
-        **settings: Any,
+        **arguments: Any,
     ) -> None:
         """Builds the environment.
 
         Args:
-          tasks_to_complete: names of the tasks, spelt as in `tasks.GOALS`; infos and flat goals keep the order. The
-            seven of FrankaKitchen-v1 by default.
-          terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
-            omitted, unless the reward is `dense`.
-          remove_task_when_completed: whether a task is rewarded once, or in every step within its threshold.
-          object_noise_ratio: scale of the noise on the observed state of the objects.
-          robot_noise_ratio: scale of the noise on the observed state of the robot.
-          velocity_scale: of the control mode `joint_velocity`: joint velocity for an action of 1, by default 2 rad/s
-            and 2 m/s.
-          goals: goals that replace the default ones, by task.
-          threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
-            omitted. Not together with `success`.
-          success: `original`, by the threshold, or `strict`: every joint within 0.05 rad or 0.01 m, the kettle within
-            3 cm and upright; see `StrictSuccess`.
-          reward: `sparse`; `dense`, the approach to the handles and the progress of the joints, and 1 for each task
-            from its completion on; or `dense_gain`, the gain of that in the step. See `tasks.kitchen.reward`.
-          tasks_per_episode: number of tasks that an episode asks for, or a pair of the least and greatest number; each
-            reset draws which of `tasks_to_complete`, and their order. `reset(options={"requested_tasks": names})` asks
-            for given ones, in the order of the names. Every episode asks for all when omitted.
-          tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed.
-          max_task_steps: control steps after which an episode truncates unless a task has been completed, counted from
-            the reset, and again from each task completed for the first time. No such limit when omitted.
-          feedback: of `joint_velocity` and `joint_position`: joint positions from which the action starts, `observed`
-            (the default), `true` or `target`; see `KitchenTask`.
-          sleep: whether MuJoCo may put resting objects to sleep; faster, but only nearly equal to FrankaKitchen-v1.
+          tasks_to_complete: as of `KitchenTask`; infos and flat goals keep the order.
+          terminate_on_tasks_completed: as of `KitchenTask`.
+          remove_task_when_completed: as of `KitchenTask`.
+          object_noise_ratio: as of `KitchenTask`.
+          robot_noise_ratio: as of `KitchenTask`.
           goal_format: `dict` for goals by task; `flat` for the goals of all tasks concatenated in configured order.
           info_format: `lists` for FrankaKitchen-v1's lists of names beside the arrays; `arrays` for arrays of fixed
             shape only, which recorders can stack.
           instructions: whether infos have the task's sentence as `instruction`; with `info_format="lists"` only.
-          **settings: of rendering, of the observation type and of the control mode, such as `render_mode`, `obs_type`
-            and `control_mode`; and `max_episode_steps`. See `SuiteEnv`.
-
-        Raises:
-          TypeError: an argument of the wrong type, or an unknown one.
-          ValueError: an unknown name, or a number out of range.
+          **arguments: others of `KitchenTask`, and those of `build_kitchen_scene` and of `SuiteEnv`.
         """
         self._goal_format = checks.choice(goal_format, ("dict", "flat"), "goal_format")
         self._info_format = checks.choice(info_format, ("lists", "arrays"), "info_format")
         self._instructed = checks.boolean(instructions, "instructions")
         if self._instructed and info_format == "arrays":
             raise ValueError("instructions=True needs info_format='lists': infos of 'arrays' hold no strings")
-        task_options = {
-            "tasks_to_complete": tasks_to_complete,
-            "terminate_on_tasks_completed": terminate_on_tasks_completed,
-            "remove_task_when_completed": remove_task_when_completed,
-            "object_noise_ratio": object_noise_ratio,
-            "robot_noise_ratio": robot_noise_ratio,
-            "velocity_scale": velocity_scale,
-            "goals": goals,
-            "threshold": threshold,
-            "success": success,
-            "reward": reward,
-            "tasks_per_episode": tasks_per_episode,
-            "tasks_in_turn": tasks_in_turn,
-            "max_task_steps": max_task_steps,
-            "feedback": feedback,
-            "sleep": sleep,
-        }
-        super().__init__(task_options=task_options, **settings)
+        super().__init__(
+            tasks_to_complete=tasks_to_complete,
+            terminate_on_tasks_completed=terminate_on_tasks_completed,
+            remove_task_when_completed=remove_task_when_completed,
+            object_noise_ratio=object_noise_ratio,
+            robot_noise_ratio=robot_noise_ratio,
+            **arguments,
+        )
         if self._instructed and not self.instruction:
             name = type(self._task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
 
-    def _make_environment(self, task_options: Mapping[str, Any]) -> Environment:
-        environment = suite.kitchen(**task_options)
+    def _make_observations(self, obs_type: str) -> observations.Observations:
         # Goals are read from the task's state: faster than one observable for each task.
-        for key, part in environment.task.task_observables.items():
+        for key, part in self._task.task_observables.items():
             part.enabled = not key.startswith((*_GOALS, REQUESTED))
-        return environment
-
-    def _default_camera_config(self) -> dict[str, Any]:
-        # As FrankaKitchen-v1's.
-        return {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
+        return KitchenObservations(
+            self._environment, obs_type, flat_goals=self._goal_format == "flat", **self._observation_settings
+        )
 
     @property
     def info_format(self) -> str:
@@ -173,38 +165,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def has_instructions(self) -> bool:
         """Whether infos have the task's sentence."""
         return self._instructed
-
-    def format_goal(self, flat: NDArray) -> dict[str, NDArray] | NDArray:
-        """Returns concatenated goals `(..., k)` in the `goal_format`."""
-        return self._goals.split(flat) if self._goal_format == "dict" else flat
-
-    def _goals_of(self, state: KitchenState) -> dict[str, NDArray]:
-        """Returns the achieved and the desired goals `(..., k)` of a state, in fresh arrays."""
-        desired = np.broadcast_to(self._goals.desired, state.achieved.shape)
-        return dict(zip(_GOALS, (state.achieved.copy(), desired.copy()), strict=True))
-
-    def _goals_by_key(self, state: KitchenState) -> dict[str, NDArray]:
-        split, goals = self._goals.split, self._goals_of(state)
-        parts = {f"{kind}/{task}": part for kind, flat in goals.items() for task, part in split(flat).items()}
-        return {**parts, **self._requests_of(state)}
-
-    def _requests_of(self, state: KitchenState) -> dict[str, NDArray]:
-        """Returns the observation of the tasks asked `(..., n)`; empty if every episode asks for all."""
-        mdp = self._task.mdp
-        return {REQUESTED: mdp.shown_mask(state).astype(np.float64)} if mdp.task_draw else {}
-
-    def _make_goals(self) -> observations.Goals:
-        mask = spaces.Box(0.0, 1.0, (len(self._goals.tasks),), np.float64)
-        return observations.Goals(
-            space=self._goal_space(),
-            lay_out=self._lay_goals_out,
-            by_key=self._goals_by_key,
-            further={REQUESTED: mask} if self._task.mdp.task_draw else {},
-            lay_further_out=self._requests_of,
-        )
-
-    def _lay_goals_out(self, state: KitchenState) -> dict[str, Any]:
-        return {kind: self.format_goal(goal) for kind, goal in self._goals_of(state).items()}
 
     @property
     def _goals(self) -> GoalSet:
@@ -218,7 +178,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             STEP_COMPLETIONS: task.step_task_completions,
             EPISODE_COMPLETIONS: task.episode_task_completions,
             **({INSTRUCTION: self.instruction} if self._instructed else {}),
-            **({VARIATION_SPLIT: task.variations.split} if task.variations.wanted else {}),
+            **({VARIATION_SPLIT: task.variations.split} if self.varies else {}),
             **({REQUESTED: task.requested_tasks} if task.mdp.task_draw else {}),
         }
         return {
@@ -278,11 +238,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _number(self, value: int) -> int | NDArray:
         """Returns a number of the info in the `info_format`."""
         return np.array(value) if self._info_format == "arrays" else value
-
-    def _goal_space(self) -> spaces.Space:
-        if self._goal_format == "flat":
-            return _unbounded(self._goals.desired.shape)
-        return spaces.Dict({task: _unbounded(goal.shape) for task, goal in self._task.goals.items()})
 
 
 def _item(value: NDArray) -> Any:

@@ -58,7 +58,7 @@ class MinariPlan(DatasetPlan):
             return absolute_root() / self.dataset_id
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        has_pictures = suite_env(environment).observations.layout.has_pictures
+        has_pictures = suite_env(environment).observations.has_pictures
         with minari_root(self._root), self._write_elsewhere():
             # Minari's JPEG would change pictures.
             dataset = self._create(environment, **({"jpeg_encoding": False} if has_pictures else {}))

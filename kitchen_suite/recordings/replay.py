@@ -63,7 +63,7 @@ def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
         if recorded.seed is None:
             raise ValueError(f"episode {recorded.index} has no observations of the state")
         return
-    _check_shape(recorded, "observation", states, suite_env(environment).observations.space.shape)
+    _check_shape(recorded, "observation", states, suite_env(environment).observations.flat_space.shape)
     if np.abs(states[0]).max() > mujoco.mjMAXVAL:
         limit = f"{mujoco.mjMAXVAL:g}, the greatest that MuJoCo simulates"
         raise ValueError(f"episode {recorded.index} begins with positions beyond {limit}")
@@ -125,9 +125,8 @@ def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | No
     Raises:
       ValueError: it lacks arrays of the environment's observation type.
     """
-    layout = suite_env(environment).observations.layout
     try:
-        states = layout.flat(unflatten(recorded.arrays, "observation"))
+        states = suite_env(environment).observations.recover_flat(unflatten(recorded.arrays, "observation"))
         has_other_type = isinstance(states, Mapping)
     except (IndexError, KeyError, TypeError):
         has_other_type = True

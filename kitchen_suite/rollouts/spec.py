@@ -7,13 +7,12 @@ from typing import Any, cast
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.gymnasium_env.observations import ObservationSettings
+from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -100,11 +99,11 @@ class RecordingSpec:
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
         domain = suite.find_domain(domain_name)
         # Gymnasium takes some names itself, such as `disable_env_checker`.
-        env_class = _env_class(domain)
-        env_class.check_keywords(task_kwargs, exclude=_RESERVED)
-        settings = ObservationSettings(obs_type=task_kwargs.get("obs_type"))
+        env_class = domain.resolve("env")
+        env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
+        obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
-        quality = {"render_quality": "high"} if settings.layout(env_class.observed).has_pictures else {}
+        quality = {"render_quality": "high"} if has_pictures(obs_type) else {}
         policies.find(policy)
         return cls(
             domain_name=domain_name,
@@ -146,7 +145,8 @@ class RecordingSpec:
     @property
     def env_class(self) -> type[SuiteEnv]:
         """Class of the single environment."""
-        return _env_class(suite.find_domain(self.domain_name))
+        env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
+        return env_class
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes the environment of the episodes; `extra` are further arguments."""
@@ -192,11 +192,7 @@ class RecordingSpec:
     def _arguments(self) -> dict[str, Any]:
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
-        return {**arguments, **suite.find_domain(self.domain_name).array_options}
-
-
-def _env_class(domain: suite.Domain) -> type[SuiteEnv]:
-    return cast(type[SuiteEnv], load_env_creator(domain.env))
+        return {**arguments, **self.env_class.array_options}
 
 
 def _policy_digest(policy: str) -> str | None:

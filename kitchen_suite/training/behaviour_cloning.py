@@ -1,9 +1,7 @@
 """Behaviour cloning: fits an agent's policy to recorded demonstrations before reinforcement learning."""
 
 import contextlib
-import inspect
 import json
-import pkgutil
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.gymnasium_env import base
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
@@ -48,7 +45,9 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
       ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
         episodes.
     """
-    recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).cloning_options)
+    recording = open_recording(
+        folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
+    )
     found, expected = (f"{each.domain_name} {each.task_name}" for each in (recording.spec, spec))
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
@@ -97,9 +96,7 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
 
 def _argument(spec: RecordingSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
-    environment = pkgutil.resolve_name(suite.find_domain(spec.domain_name).env)
-    parameter = inspect.signature(environment).parameters.get(name)
-    default = {name: parameter.default if parameter else base.DEFAULTS[name]}
+    default = {name: spec.env_class.default_of(suite.find_domain(spec.domain_name), name)}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
 

@@ -5,7 +5,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeVar, get_args, get_type_hints
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks
+from kitchen_suite.training.recipes import find_recipe
 
 Config = TypeVar("Config")
 
@@ -92,8 +93,8 @@ class Hyperparameters:
     @classmethod
     def defaults(cls, domain_name: str, *, cloning: bool = False) -> "Hyperparameters":
         """Returns the defaults of a domain, from scratch or with demonstrations that are cloned first."""
-        domain = suite.find_domain(domain_name)
-        return cls(**{**domain.hyperparameters, **(domain.cloning_hyperparameters if cloning else {})})
+        recipe = find_recipe(domain_name)
+        return cls(**{**recipe.hyperparameters, **(recipe.cloning_hyperparameters if cloning else {})})
 
     @classmethod
     def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "Hyperparameters":

@@ -19,6 +19,7 @@ from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.recipes import find_recipe
 
 
 def make_spec(
@@ -44,7 +45,7 @@ def make_spec(
         seeding="gymnasium",
         max_episode_steps=max_episode_steps,
     )
-    default = spec.env_class.observed.default_type
+    default = spec.env_class.obs_types[0]
     if spec.task_kwargs.get("obs_type") not in (None, default):
         raise ValueError(
             f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "
@@ -86,7 +87,7 @@ class PPOTraining:
         )
         training = self._make_training_spec()
         self.max_episode_steps = training.max_episode_steps
-        options = suite.find_domain(settings.domain_name).flat_options
+        options = spec.env_class.flat_options
         self.environments = training.make_vector_env(
             self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
         )
@@ -116,10 +117,13 @@ class PPOTraining:
         """
         settings = self._settings
         domain = suite.find_domain(settings.domain_name)
-        own = {} if settings.demonstrations else domain.training_options
-        defaults = {name: value for name, value in own.items() if name not in settings.environment_kwargs}
+        own = {} if settings.demonstrations else find_recipe(settings.domain_name).options
+        given = {*settings.environment_kwargs, *suite.task_arguments(settings.domain_name, self._spec.task_name)}
+        defaults = {name: value for name, value in own.items() if name not in given}
         arguments = json.loads(json.dumps({**defaults, **settings.training_kwargs}))
-        if shared := sorted({*OBSERVATION_OPTIONS, *domain.cloning_options} & arguments.keys()):
+        if shared := sorted(
+            {*OBSERVATION_OPTIONS, *self._spec.env_class.goal_options, *domain.control_options} & arguments.keys()
+        ):
             raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
         return arguments
 

@@ -11,7 +11,7 @@ import torch
 from dm_control.rl.control import PhysicsError
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite import checks, files, suite
+from kitchen_suite import checks, files
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
@@ -64,7 +64,7 @@ class TrainJob:
             "hyperparameters": dataclasses.asdict(self.training.config),
         }
         evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
-        options = suite.find_domain(settings.domain_name).flat_options
+        options = self._spec.env_class.flat_options
         self._evaluation_environments = evaluation.make_vector_env(
             settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
         )

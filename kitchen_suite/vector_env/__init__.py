@@ -3,27 +3,25 @@
 `gymnasium.make_vec("kitchen_suite.gymnasium_env:KitchenSuite/FrankaKitchen-v1", num_envs=32)` builds one.
 """
 
-import pkgutil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from kitchen_suite.suite import DOMAINS
+from kitchen_suite import lazy
 
 if TYPE_CHECKING:
+    from kitchen_suite.vector_env.base import SuiteVectorEnv as SuiteVectorEnv
     from kitchen_suite.vector_env.cabinets import FrankaMicrowaveTableVectorEnv as FrankaMicrowaveTableVectorEnv
     from kitchen_suite.vector_env.cabinets import FrankaOpenCabinetVectorEnv as FrankaOpenCabinetVectorEnv
     from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv as FrankaKitchenVectorEnv
 
-_CLASSES = {domain.vector_env.rpartition(":")[2]: domain.vector_env for domain in DOMAINS.values()}
+__all__ = ["FrankaKitchenVectorEnv", "FrankaMicrowaveTableVectorEnv", "FrankaOpenCabinetVectorEnv", "SuiteVectorEnv"]
 
-__all__ = [*_CLASSES]
-
-
-def __getattr__(name: str) -> Any:
-    """Imports the class of an environment when it is first used."""
-    if name in _CLASSES:
-        return pkgutil.resolve_name(_CLASSES[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy.names(
+    __name__,
+    __all__,
+    {
+        "FrankaKitchenVectorEnv": "kitchen_suite.vector_env.kitchen:FrankaKitchenVectorEnv",
+        "FrankaMicrowaveTableVectorEnv": "kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
+        "FrankaOpenCabinetVectorEnv": "kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
+        "SuiteVectorEnv": "kitchen_suite.vector_env.base:SuiteVectorEnv",
+    },
+)

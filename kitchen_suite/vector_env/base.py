@@ -1,10 +1,9 @@
 """The base of the suite's vectorised environments: many episodes in one call of MuJoCo's batched stepping."""
 
-import abc
 import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import gymnasium
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import SuiteEnv
-from kitchen_suite.vector_env import checks as batching
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 
@@ -37,46 +35,7 @@ SHARED_ATTRIBUTES = (
 )
 
 
-class SharedAttributes:
-    """A vector of environments with the attributes that these share."""
-
-    num_envs: int
-    _template_env: SuiteEnv
-
-    @property
-    def instruction(self) -> tuple[str, ...]:
-        """The sentence of each environment's task."""
-        return self._each("instruction")
-
-    @property
-    def variation_space(self) -> spaces.Dict:
-        """Ranges of the parameters that vary in a single environment, by name; empty if nothing varies."""
-        return self._template_env.variation_space
-
-    def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Returns an attribute of every single environment, as Gymnasium's own vectors do.
-
-        Raises:
-          AttributeError: the attribute is none of `SHARED_ATTRIBUTES`.
-          TypeError: the name is no string.
-        """
-        try:
-            checks.choice(name, SHARED_ATTRIBUTES, "attribute")
-        except ValueError as error:
-            # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
-            raise AttributeError(str(error)) from error
-        return self._each(name)
-
-    def _each(self, name: str) -> tuple[Any, ...]:
-        """Returns one of `SHARED_ATTRIBUTES` of every single environment."""
-        return (getattr(self._template_env, name),) * self.num_envs
-
-    def call(self, name: str) -> tuple[Any, ...]:
-        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
-        return self.get_attr(name)
-
-
-class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
+class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
     One single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
@@ -88,7 +47,7 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
     """
 
     # Class of the single environment.
-    env_class: type[SuiteEnv]
+    env_class: ClassVar[type[SuiteEnv]] = SuiteEnv
 
     def __init__(
         self,
@@ -146,12 +105,49 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
 
     def __repr__(self) -> str:
         env_id = f"{self.spec.id}, " if self.spec else ""
-        return f"{type(self).__name__}({env_id}{self._template_env.environment.task!r}, num_envs={self.num_envs})"
+        return f"{type(self).__name__}({env_id}{self.composer_task!r}, num_envs={self.num_envs})"
 
     @property
     def template_env(self) -> SuiteEnv:
         """The single environment that starts the episodes; not to be stepped."""
         return self._template_env
+
+    @property
+    def composer_task(self) -> Any:
+        """The task of that environment."""
+        return self._template_env.composer_task
+
+    @property
+    def instruction(self) -> tuple[str, ...]:
+        """The sentence of each environment's task."""
+        return self._each("instruction")
+
+    @property
+    def variation_space(self) -> spaces.Dict:
+        """Ranges of the parameters that vary in a single environment, by name; empty if nothing varies."""
+        return self._template_env.variation_space
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns an attribute of every single environment, as Gymnasium's own vectors do.
+
+        Raises:
+          AttributeError: the attribute is none of `SHARED_ATTRIBUTES`.
+          TypeError: the name is no string.
+        """
+        try:
+            checks.choice(name, SHARED_ATTRIBUTES, "attribute")
+        except ValueError as error:
+            # As Gymnasium's vectors do, so that callers can ask whether an attribute exists.
+            raise AttributeError(str(error)) from error
+        return self._each(name)
+
+    def _each(self, name: str) -> tuple[Any, ...]:
+        """Returns one of `SHARED_ATTRIBUTES` of every single environment."""
+        return (getattr(self._template_env, name),) * self.num_envs
+
+    def call(self, name: str) -> tuple[Any, ...]:
+        """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
+        return self.get_attr(name)
 
     def reset_statistics(self, mask: NDArray[np.bool_] | None = None, *, total_steps: int = 0) -> None:
         """Resets what environments keep from one episode to the next; see `SuiteTask.reset_statistics`.
@@ -164,11 +160,11 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.observations.layout(*self._parts())
+        return self._template_env.observations(*self._parts())
 
     def suite_observations(self) -> dict[str, NDArray]:
         """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
-        return self._template_env.observations.suite_layout(*self._parts())
+        return self._template_env.observations.own(*self._parts())
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
@@ -207,12 +203,12 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """
         self._check_process()
-        task = self._template_env.environment.task
+        task = self.composer_task
         seeds = vector_checks.seeds(seed, self.num_envs)
         mask = vector_checks.reset_mask(options, self.num_envs, task.requests.options)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        requests = vector_checks.variation_requests(options, task.variations, mask)
+        requests = vector_checks.variation_requests(options, task, mask)
         own_requests = vector_checks.task_requests(options, task, mask)
         with self._all_or_nothing():
             self._episodes.request(requests, own_requests)
@@ -295,9 +291,9 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
             # The episode of an environment that is left out ends.
             self._ended = terminations | truncations | waiting
             self._episodes.start(restarting | diverged)
-            infos = batching.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
+            infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step(diverged)
-            infos |= batching.with_masks(self._get_info(), np.full(self.num_envs, True))
+            infos |= vector_checks.with_masks(self._get_info(), np.full(self.num_envs, True))
             infos |= self._episodes.shown_variation()
             return self._get_obs(), rewards, terminations, truncations, infos
 
@@ -329,13 +325,13 @@ class SuiteVectorEnv(SharedAttributes, gymnasium.vector.VectorEnv, abc.ABC):
         """Returns the last observations and infos of episodes that end, as Gymnasium lays them out."""
         observations, last = self._get_obs(), np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(ended).tolist():
-            last[i] = batching.row(observations, i)
+            last[i] = vector_checks.row(observations, i)
         info = self._masked_infos(ended)
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": info, "_final_info": ended.copy()}
 
     def _masked_infos(self, mask: NDArray[np.bool_]) -> dict[str, Any]:
         """Returns all infos in fresh arrays, with masks; 0 or None where the mask `(n,)` is False."""
-        return batching.masked({**self._get_info(), **self._episodes.variation_info()}, mask)
+        return vector_checks.masked({**self._get_info(), **self._episodes.variation_info()}, mask)
 
     def render(self) -> tuple[NDArray, ...] | None:
         """Returns an image of every environment; see `render_some`."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
+from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 
@@ -86,22 +87,6 @@ def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element]
     reach = np.array([_BURNER_RADIUS] * 3 + [np.inf] * 4)
     return Start(goal.prop, columns, positions, positions - reach, positions + reach)
 
-
-# The task that each of these undoes.
-REVERSES: Mapping[str, str] = MappingProxyType(
-    {
-        "close microwave": "microwave",
-        "close slide cabinet": "slide cabinet",
-        "close hinge cabinet": "hinge cabinet",
-        "close left hinge cabinet": "left hinge cabinet",
-        "turn off bottom burner": "bottom burner",
-        "turn off top burner": "top burner",
-        "turn off bottom right burner": "bottom right burner",
-        "turn off top right burner": "top right burner",
-        "turn off light switch": "light switch",
-        "return kettle": "kettle",
-    }
-)
 
 # Joints of those that look at fewer joints than the task that they undo.
 _JOINTS = {"close hinge cabinet": ("right_hinge_cabinet",)}
@@ -297,14 +282,13 @@ _FURTHER = {
     ),
 }
 
-GOALS: Mapping[str, Goal] = MappingProxyType({**_ORIGINAL, **_FURTHER, **reverse_goals({**_ORIGINAL, **_FURTHER})})
+_ALL = {**_ORIGINAL, **_FURTHER, **reverse_goals({**_ORIGINAL, **_FURTHER})}
+
+GOALS: Mapping[str, Goal] = MappingProxyType({name: _ALL[name] for name in (*DEFAULT_TASKS, *FURTHER_TASKS)})
 """The goals of all twenty tasks of the kitchen, by the task's name with spaces."""
 
 # Handles whose sites the hand cannot reach: the left door is moved at the lower end of its bar, and at its edge.
 OUT_OF_REACH = frozenset({"left_handle"})
-
-DEFAULT_TASKS = tuple(_ORIGINAL)
-"""The default of `tasks_to_complete`: the seven tasks of the reference."""
 
 # Pairs of tasks that cannot be asked together, as a prop would have to be in two positions; with the reason.
 _EXCLUSIVE: Mapping[frozenset[str], str] = MappingProxyType(

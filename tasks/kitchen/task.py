@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import (
-    DEFAULT_TASKS,
     GOALS,
     INITIAL_QPOS,
     OUT_OF_REACH,
@@ -34,8 +34,6 @@ from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, Pol
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
-
-TIME_LIMIT = 22.4  # [s], 280 control steps
 
 # Greatest rounding error of a recorded observation beside its noise [rad, m].
 _ROUNDING = 1e-6

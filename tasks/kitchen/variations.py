@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import Goal
-from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.variations import appearance as looks
 from kitchen_suite.tasks.variations.distributions import Bands, Varied, around, between, one_of
 

@@ -45,8 +45,6 @@ INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 
-TIME_LIMIT = 7.0  # [s], 700 control steps
-
 # Initial joint positions of the robot [rad; fingers: m], and greatest noise on each of them [rad, m].
 DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
 RESET_NOISE = 0.125

@@ -8,7 +8,7 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.evaluation.plan import find_protocol, make_plan
-from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_SEED, Score
+from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_SEED, Score, domain_protocols
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.settings import EvaluateSettings
@@ -106,12 +106,16 @@ def test_training_never_uses_the_seeds():
 
 @pytest.mark.parametrize("domain", suite.DOMAINS.values(), ids=lambda domain: domain.name)
 def test_domains_name_protocols_that_exist_for_them(domain):
-    assert set(domain.protocols) <= {name for name, protocol in PROTOCOLS.items() if not protocol.is_general}
-    offered = {name for name, protocol in PROTOCOLS.items() if protocol.is_general} | set(domain.protocols)
+    assert set(domain_protocols(domain.name).protocols) <= {
+        name for name, protocol in PROTOCOLS.items() if not protocol.is_general
+    }
+    offered = {name for name, protocol in PROTOCOLS.items() if protocol.is_general} | set(
+        domain_protocols(domain.name).protocols
+    )
     for name in offered:
         assert find_protocol(name, domain.name) is PROTOCOLS[name]
         tasks = {
-            condition.task_name or domain.evaluation_task or domain.default_task
+            condition.task_name or domain_protocols(domain.name).task_name or domain.default_task
             for condition in PROTOCOLS[name].conditions
         }
         assert tasks <= domain.tasks.keys()

@@ -12,7 +12,7 @@ from sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.gymnasium_env.cabinets import FrankaMicrowaveTableEnv
-from kitchen_suite.gymnasium_env.observations import GOAL_LAYOUTS
+from kitchen_suite.gymnasium_env.observations import OBS_TYPES, has_pictures
 from kitchen_suite.settings import PICTURES_PREFIX
 
 pytestmark = pytest.mark.thorough
@@ -53,7 +53,7 @@ def test_types_of_numbers_split_the_same_flat_observation(domain):
     for whole, parts in zip(steps(flat), steps(split), strict=True):
         assert_same(whole, np.concatenate([parts["agent_pos"], parts["environment_state"]]))
         assert parts in split.observation_space
-        assert_same(whole, split.observations.layout.flat(parts))
+        assert_same(whole, split.observations.recover_flat(parts))
 
 
 def test_the_kitchens_state_is_the_observation_of_its_goal_dictionary():
@@ -163,7 +163,7 @@ def test_domains_without_goals_refuse_the_goal_dictionary(domain):
 
 
 def test_commands_know_by_their_names_which_types_need_a_gl_library():
-    assert all(layout.has_pictures == name.startswith(PICTURES_PREFIX) for name, layout in GOAL_LAYOUTS.items())
+    assert all(has_pictures(name) == name.startswith(PICTURES_PREFIX) for name in OBS_TYPES)
 
 
 @pytest.mark.rendering

@@ -13,9 +13,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from kitchen_suite import gymnasium_env, suite
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as KITCHEN_TIMESTEP
-from kitchen_suite.tasks.kitchen.task import TIME_LIMIT as KITCHEN_LIMIT
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP as CABINET_TIMESTEP
-from kitchen_suite.tasks.open_cabinet.task import TIME_LIMIT as CABINET_LIMIT
 
 KETTLE = "KitchenSuite/Kettle-v1"
 UNDISTURBED = "assert not {'dm_control', 'mujoco'} & sys.modules.keys()"
@@ -53,10 +51,10 @@ def test_the_page_lists_every_id():
 def test_the_table_of_domains_agrees_with_the_tasks():
     kitchen, cabinet = suite.DOMAINS["kitchen"], suite.DOMAINS["open_cabinet"]
     assert kitchen.tasks["all"] == {"tasks_to_complete": DEFAULT_TASKS}
-    assert kitchen.episode_steps == round(KITCHEN_LIMIT / KITCHEN_TIMESTEP)
-    assert cabinet.episode_steps == round(CABINET_LIMIT / CABINET_TIMESTEP)
-    assert suite.kitchen.__kwdefaults__["time_limit"] == KITCHEN_LIMIT
-    assert suite.open_cabinet.__kwdefaults__["time_limit"] == CABINET_LIMIT
+    assert kitchen.episode_steps == round(22.4 / KITCHEN_TIMESTEP)
+    assert cabinet.episode_steps == round(7.0 / CABINET_TIMESTEP)
+    assert suite.kitchen(visuals=False).step_limit == kitchen.episode_steps
+    assert suite.open_cabinet(visuals=False).step_limit == cabinet.episode_steps
 
 
 @pytest.mark.parametrize(("domain", "task"), [("kitchen", "mixed"), ("open_cabinet", "bottom_drawer")])

@@ -1,39 +1,35 @@
 """The tables of appearance and cameras fit the scenes, and episodes do not depend on them."""
 
+import dataclasses
+import functools
 import importlib
 
 import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
-from kitchen_suite.entities.scenes import build_microwave_table_scene
+from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene, build_open_cabinet_scene
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
-from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.tasks.variations.distributions import SPLITS
 
-TASKS = {
-    "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options)),
-    "open_cabinet": lambda **options: OpenCabinetTask(prepared(build_open_cabinet_scene, **options)),
-    "microwave_table": lambda **options: MicrowaveTableTask(prepared(build_microwave_table_scene, **options)),
+SCENES = {
+    "kitchen": build_kitchen_scene,
+    "open_cabinet": build_open_cabinet_scene,
+    "microwave_table": build_microwave_table_scene,
 }
 # Control steps.
 STEPS = 5
 
 
-def prepared(build, **options):
-    scene = build(**options)
+def prepared(build, visuals):
+    scene = build(visuals=visuals)
     scene.prepare_appearance()
     return scene
 
 
 def environment(domain, **options):
-    return build_environment(
-        TASKS[domain](**options), time_limit=None, random=0, render_quality="fast", environment_kwargs=None
-    )
+    scene = functools.partial(prepared, SCENES[domain])
+    return dataclasses.replace(suite.DOMAINS[domain], scene=scene).load(random=0, render_quality="fast", **options)
 
 
 def tables(domain):
@@ -46,7 +42,7 @@ def parameters(environment):
     return {parameter.name: parameter for parameter in offered if parameter.quantity.visual}
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
     env, table = environment(domain, visuals=False), tables(domain)
     env.reset()
@@ -63,14 +59,14 @@ def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
             offered[each.name].quantity.checked(drawn, each.name)
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_groups_are_named(domain):
     table = tables(domain)
     assert {each.group for each in table.APPEARANCE} == {"appearance"}
     assert {each.group for each in table.CAMERA} == {"camera"}
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_held_out_values_are_not_seen(domain):
     table, random_state = tables(domain), np.random.RandomState(0)
     for each in (*table.APPEARANCE, *table.CAMERA):
@@ -84,7 +80,7 @@ def test_held_out_values_are_not_seen(domain):
             assert sorted({number for (number,) in seen + held_out}) == list(range(1 + int(each.high))), each.name
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
     plain = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
     varied, table = environment(domain), tables(domain)
@@ -102,7 +98,7 @@ def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_held_out_views_show_something_else_in_full_light(domain):
     env, table = environment(domain), tables(domain)
     env.reset()

@@ -74,7 +74,7 @@ def test_every_observation_type_has_the_tasks_asked(obs_type):
     assert env.observation_space.contains(observation)
     found = observation[-7:] if obs_type == "state" else observation["requested_tasks"]
     np.testing.assert_array_equal(found, info["requested_tasks_mask"])
-    state = env.observations.layout.flat(observation)
+    state = env.observations.recover_flat(observation)
     assert state is None if "pixels" in obs_type else state.size == 59
 
 

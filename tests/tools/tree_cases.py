@@ -248,7 +248,7 @@ def play_dm_env(
         "state": environment.get_state(),
         "metrics": json.dumps(environment.task.episode_metrics),
         "instructions": environment.task.instructions,
-        "variation": environment.task.variation_values,
+        "variation": environment.task.variations.values,
         "random": environment.random_state.uniform(size=3),
     }
     return {**stacked(rows), **flat("", {**constants, **end})}
@@ -271,12 +271,12 @@ def play_request(domain: str, task: str, *, names: Sequence[str], values: Option
     from kitchen_suite import suite
 
     environment = suite.load(domain, task, {"random": 1, "visuals": False, **task_kwargs})
-    request = environment.task.variation_request(names, values)
-    environment.task.request_variation(request)
+    request = environment.task.variations.request(names, values)
+    environment.task.variations.follow(request)
     rows = []
     for _ in range(2):
         rows += [flat("", _row(environment, environment.reset()))]
-        rows += [flat("", {"values": environment.task.variation_values})]
+        rows += [flat("", {"values": environment.task.variations.values})]
     return stacked(rows)
 
 
@@ -357,7 +357,7 @@ def play_requested_tasks() -> Arrays:
 
     environment = suite.load("kitchen", "random_3", {"random": 1, "visuals": False})
     task = environment.task
-    task.request_reset(task.reset_request({"requested_tasks": ["kettle", "top burner"]}))
+    task.requests.follow(task.requests.checked({"requested_tasks": ["kettle", "top burner"]}))
     rows = [flat("", _row(environment, environment.reset())) for _ in range(3)]
     task.task_weights = np.arange(7.0) + 1.0
     rows += [flat("", _row(environment, environment.reset())) for _ in range(3)]

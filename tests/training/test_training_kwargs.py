@@ -8,6 +8,7 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import train
+from kitchen_suite.training.recipes import find_recipe
 
 pytestmark = pytest.mark.clients
 
@@ -51,7 +52,7 @@ def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(j
     assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
     assert trained.single_observation_space == evaluated.single_observation_space
     assert job._metadata["task_kwargs"] == {}
-    assert job._metadata["training_kwargs"] == json.loads(json.dumps(dict(suite.DOMAINS["kitchen"].training_options)))
+    assert job._metadata["training_kwargs"] == json.loads(json.dumps(find_recipe("kitchen").options))
 
 
 def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):

@@ -80,7 +80,7 @@ def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | N
       ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
         such episodes.
     """
-    recording = behaviour_cloning.open_recording(folder, spec, suite.find_domain(spec.domain_name).state_options)
+    recording = behaviour_cloning.open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
     indices = [*itertools.islice(successful, count)]
     if len(indices) < (count or 1):
