@@ -35,7 +35,6 @@ class ImitatedPolicy(StoredPolicy):
         `state_elements`.
     """
 
-    algorithm: ClassVar[str]
     network_names: ClassVar[tuple[str, ...]]
     table_names: ClassVar[tuple[str, ...]] = ()
 
@@ -133,15 +132,6 @@ class ImitatedPolicy(StoredPolicy):
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        """Returns the policy that a file holds.
-
-        Args:
-          arrays: of the file, by name.
-          metadata: of the file.
-
-        Raises:
-          ValueError: a part is missing or unknown, or does not fit the others.
-        """
         names = {*Scales.names(), *cls.table_names}
         if missing := sorted(names - arrays.keys()):
             raise ValueError(f"missing arrays {missing}")
@@ -190,7 +180,6 @@ class ClonedPolicy(ImitatedPolicy):
         _check_network(self.networks["network"], self.scales.input_mean.size, self.chunk * self.action_size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        del generator
         return self.networks["network"](inputs)
 
 

@@ -8,7 +8,7 @@ import pytest
 from human_files import write_d4rl
 
 from kitchen_suite.cli import convert, evaluate, record, train
-from kitchen_suite.policies import registry as policy_files
+from kitchen_suite.policies import load_policy
 
 pytestmark = pytest.mark.clients
 
@@ -157,7 +157,7 @@ def run(recording, tmp_path, capsys):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algorithm):
     assert run(f"--algorithm={algorithm}")[0] == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.tasks == ("kettle", "microwave", "light switch")
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
@@ -167,7 +167,7 @@ def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algori
 
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(run, tmp_path):
     assert run("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
 
 
@@ -245,7 +245,7 @@ def test_policies_are_trained_on_positions_alone_where_velocities_were_not_recor
     arguments = ["--demonstrations=human", "--task_name=random_4", "--domain_name=kitchen", "--output=run"]
     quick = ["--num_steps=100", "--eval_interval=100", "--eval_episodes=1"]
     assert train.main([*arguments, "--algorithm=bc", hyperparameters, *quick]) == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     # Nine joints of the robot, 21 positions of objects, seven tasks.
     assert policy.metadata["state_elements"] == [*range(9), *range(18, 39)]
     assert policy.layers[0] == 30 + 7
