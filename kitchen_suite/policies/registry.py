@@ -35,6 +35,8 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
+# Packages that the extra `experts` installs.
+_EXPERT_PACKAGES = ("daqp", "mink")
 
 
 class PolicyError(ValueError):
@@ -123,7 +125,7 @@ class ExpertSource(PolicySource):
         return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
 
     def check_installed(self, name: str) -> None:
-        checks.installed(("daqp", "mink"), f"policy {name!r}", "experts")
+        checks.installed(_EXPERT_PACKAGES, f"policy {name!r}", "experts")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
         from kitchen_suite.policies import experts

@@ -13,12 +13,6 @@ from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM
-from kitchen_suite.policies.experts.kitchen_further_skills import (
-    ALL_FIXED_SKILLS,
-    ALL_SKILLS,
-    ALL_STRICT_SKILLS,
-    left_door_skill,
-)
 from kitchen_suite.policies.experts.kitchen_layout import (
     ObservedLayout,
     achieved,
@@ -26,6 +20,12 @@ from kitchen_suite.policies.experts.kitchen_layout import (
     asked,
     needed_observables,
     scene,
+)
+from kitchen_suite.policies.experts.kitchen_skills import (
+    FIXED_SKILLS,
+    SKILLS,
+    STRICT_SKILLS,
+    left_door_skill,
 )
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
@@ -153,15 +153,15 @@ class KitchenExpert(Expert):
         self._success = make_success(
             self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
-        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
+        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
-        precise = ALL_STRICT_SKILLS if self._is_strict else ALL_SKILLS
-        self._skills = precise if encoder.turns_hand else ALL_FIXED_SKILLS
+        precise = STRICT_SKILLS if self._is_strict else SKILLS
+        self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, arm_model().kinematics
         super().__init__(style, encoder)
 
