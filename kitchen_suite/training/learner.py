@@ -14,11 +14,10 @@ from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.evaluation import episode_metrics, network_controller, step_metrics
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.ppo import Batch, build_agent, export_policy, load_policy
+from kitchen_suite.training.ppo import Agent, Batch, build_agent, export_policy, load_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Weight of a task that always succeeds, relative to 1 more for one that never does.
@@ -77,11 +76,64 @@ class TaskBalance:
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 
 
+# Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
+# squared error of a few large actions would dominate the loss.
+_ACTION_LIMIT = 5.0
+
+_BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
+
+
+def clone(
+    agent: Agent,
+    observations: NDArray[np.float32],
+    actions: NDArray[np.float32],
+    epochs: int,
+    report: Callable[[float], None] = lambda loss: None,
+) -> None:
+    """Fits the mean of an agent's policy to demonstrated actions, by least squares.
+
+    The demonstrations also fix the standardisation of observations.
+
+    Args:
+      agent: as built by `build_agent`.
+      observations: `(m, n)`.
+      actions: `(m, k)`.
+      epochs: number of passes over the demonstrations.
+      report: called after each pass with its mean loss, in squared units of the action scale.
+    """
+    policy = agent.policy
+    inputs = _fit_scaler(agent, torch.as_tensor(observations))
+    targets = (torch.as_tensor(actions) / policy.scale).clamp(-_ACTION_LIMIT, _ACTION_LIMIT)
+    optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
+    num_batches = -(-len(targets) // _BATCH_SIZE)
+    scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * num_batches)
+    for _ in range(epochs):
+        losses = []
+        for batch in torch.randperm(len(targets)).split(_BATCH_SIZE):
+            loss = torch.nn.functional.mse_loss(policy.network(inputs[batch]), targets[batch])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            scheduler.step()
+            losses.append(loss.item())
+        report(float(np.mean(losses)))
+    agent.restart_average()
+
+
+def _fit_scaler(agent: Agent, observations: torch.Tensor) -> torch.Tensor:
+    """Fixes the standardisation by observations `(m, n)`; returns them standardised."""
+    scaler = agent.observation_scaler
+    scaler.update(observations)
+    # Every PPO update adds to the statistics, which would change what the cloned policy sees.
+    scaler.freeze()
+    return scaler(observations)
+
+
 class DivergedError(Exception):
     """A network's parameters are no longer finite."""
 
 
-class Learner:
+class PPOLearner:
     """A PPO agent and the environments that it learns from.
 
     Attributes:
@@ -121,7 +173,7 @@ class Learner:
           actions: `(m, k)`.
           report: called after each pass over the demonstrations with its mean loss.
         """
-        behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, report)
+        clone(self.agent, observations, actions, self._config.clone_epochs, report)
         self._warm_up_values()
 
     def adopt(self, policy: TrainedPolicy) -> None:

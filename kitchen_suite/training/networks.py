@@ -12,7 +12,7 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 _LAST_LAYER_SCALE = 0.01
 
 
-class Policy(torch.nn.Module):
+class GaussianPolicy(torch.nn.Module):
     """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
 
     Both, and the actions that it deals with, are in units of `scale`, so that an optimiser step has the same effect on

@@ -11,7 +11,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.networks import CLIP, Policy, RunningScaler, build_network
+from kitchen_suite.training.networks import CLIP, GaussianPolicy, RunningScaler, build_network
 
 
 class Batch:
@@ -92,7 +92,7 @@ class Agent:
 
     def __init__(
         self,
-        policy: Policy,
+        policy: GaussianPolicy,
         value: torch.nn.Module,
         observation_scaler: RunningScaler,
         value_scaler: RunningScaler,
@@ -274,7 +274,7 @@ def build_agent(observation_size: int, action_space: spaces.Box, config: Hyperpa
       ValueError: the hyperparameter `action_scale` does not fit the action space.
     """
     return Agent(
-        Policy(observation_size, _action_scale(action_space, config), config),
+        GaussianPolicy(observation_size, _action_scale(action_space, config), config),
         build_network([observation_size, *config.hidden, 1]),
         RunningScaler(observation_size, config.standardisation_epsilon),
         RunningScaler(1, _VALUE_EPSILON),
@@ -295,7 +295,7 @@ def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Te
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
-    scaler, policy = agent.observation_scaler, cast(Policy, agent.average.module)
+    scaler, policy = agent.observation_scaler, cast(GaussianPolicy, agent.average.module)
     layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
     return TrainedPolicy(
         mean=_array(scaler.running_mean),

@@ -15,9 +15,9 @@ from tqdm import tqdm
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
+from kitchen_suite.training.learner import PPOLearner
 from kitchen_suite.training.settings import TrainSettings
 
 
@@ -92,13 +92,13 @@ class PPOTraining:
         )
         self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
 
-    def make_learner(self, seed: int) -> Learner:
-        learner = Learner(self.environments, self.config, seed)
+    def make_learner(self, seed: int) -> PPOLearner:
+        learner = PPOLearner(self.environments, self.config, seed)
         if self._initial_policy:
             learner.adopt(self._initial_policy)
         return learner
 
-    def prepare(self, learner: Learner) -> None:
+    def prepare(self, learner: PPOLearner) -> None:
         if self._demonstrations:
             with _cloning_bar(self.config.clone_epochs) as report:
                 learner.imitate(*self._demonstrations, report)
@@ -156,12 +156,12 @@ class PPOTraining:
         return observations, actions
 
     def _load(self, folder: Path) -> tuple[NDArray, NDArray]:
-        """Returns the observations and actions of a recording; raises as `load_demonstrations`.
+        """Returns the observations and actions of a recording; raises as `load_to_clone`.
 
         Raises:
           ValueError: their shapes are not those of this task.
         """
-        observations, actions = load_demonstrations(folder, self._spec)
+        observations, actions = load_to_clone(folder, self._spec)
         space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:

@@ -202,32 +202,34 @@ def test_imitation_needs_demonstrations(tmp_path, capsys):
 
 def test_episodes_that_failed_are_left_out(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load
+    from kitchen_suite.training.imitation.demonstrations import load_recording
 
     folder, _ = recording
     opened = RecordingFolder.open(folder)
     successful = [index for index in opened.indices if opened.load_stats(index).metrics["success"]]
     assert 0 < len(successful) < len(opened.indices)
-    shown = load(folder, opened.spec, ["kettle"])
+    shown = load_recording(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
 
 
 def test_several_recordings_are_learned_from_together(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load, load_all
+    from kitchen_suite.training.imitation.demonstrations import load_demonstrations, load_recording
 
     folder, _ = recording
     spec, tasks = RecordingFolder.open(folder).spec, ["kettle"]
-    one, two = (load(folder, spec, tasks, count) for count in (1, 2))
-    together = load_all([folder, folder], spec, tasks, [1, 2])
+    one, two = (load_recording(folder, spec, tasks, count) for count in (1, 2))
+    together = load_demonstrations([folder, folder], spec, tasks, [1, 2])
     np.testing.assert_array_equal(together.inputs, np.concatenate([one.inputs, two.inputs]))
     np.testing.assert_array_equal(together.actions, np.concatenate([one.actions, two.actions]))
     chunks = together.actions[together.chunks(3)]
     np.testing.assert_array_equal(chunks[len(one.actions) :], two.actions[two.chunks(3)])
     np.testing.assert_array_equal(chunks[: len(one.actions)], one.actions[one.chunks(3)])
-    assert len(load_all([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
-    assert len(load_all([folder, folder], spec, tasks, []).actions) == 2 * len(load(folder, spec, tasks).actions)
+    assert len(load_demonstrations([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
+    assert len(load_demonstrations([folder, folder], spec, tasks, []).actions) == 2 * len(
+        load_recording(folder, spec, tasks).actions
+    )
 
 
 def test_numbers_of_demonstrations_are_as_many_as_folders(run, recording):

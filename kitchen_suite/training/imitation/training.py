@@ -5,7 +5,7 @@ from typing import Any
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training.hyperparameters import checked_changes
-from kitchen_suite.training.imitation import demonstrations
+from kitchen_suite.training.imitation.demonstrations import load_demonstrations
 from kitchen_suite.training.imitation.learner import ImitationLearner
 from kitchen_suite.training.imitation.methods import METHODS
 from kitchen_suite.training.settings import TrainSettings
@@ -42,7 +42,7 @@ class ImitationTraining:
         self._num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
             self._tasks = suite_env(environment).environment.task.drawn_tasks
-        self._demonstrations = demonstrations.load_all(folders, spec, self._tasks, settings.num_demonstrations)
+        self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
 
     def make_learner(self, seed: int) -> ImitationLearner:
         return ImitationLearner(
