@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import torch
 
+from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
 # Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
@@ -90,9 +91,6 @@ def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
         layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]
     return torch.nn.Sequential(*layers[:-1])
 
-
-# Bound of standardised numbers.
-CLIP = 10.0
 
 # Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
 _FROZEN_COUNT = 1e15

@@ -9,9 +9,10 @@ import torch
 from gymnasium import spaces
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.networks import CLIP, GaussianPolicy, RunningScaler, build_network
+from kitchen_suite.training.networks import GaussianPolicy, RunningScaler, build_network
 
 
 class Batch:

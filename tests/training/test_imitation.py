@@ -227,9 +227,8 @@ def test_several_recordings_are_learned_from_together(recording):
     np.testing.assert_array_equal(chunks[len(one.actions) :], two.actions[two.chunks(3)])
     np.testing.assert_array_equal(chunks[: len(one.actions)], one.actions[one.chunks(3)])
     assert len(load_demonstrations([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
-    assert len(load_demonstrations([folder, folder], spec, tasks, []).actions) == 2 * len(
-        load_recording(folder, spec, tasks).actions
-    )
+    everything = load_demonstrations([folder, folder], spec, tasks, [])
+    assert len(everything.actions) == 2 * len(load_recording(folder, spec, tasks).actions)
 
 
 def test_numbers_of_demonstrations_are_as_many_as_folders(run, recording):

@@ -59,7 +59,8 @@ def load_demonstrations(
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: as `load_recording`; or there are not as many numbers as recordings, or these have other elements of the state.
+      ValueError: as `load_recording`; or there are not as many numbers as recordings, or these have other elements of
+        the state.
     """
     if len(counts) not in (0, 1, len(folders)):
         raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
