@@ -132,9 +132,9 @@ def _template(module: Any, state: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(module, torch.optim.Optimizer):
         # Only parameters that have had a gradient have moments.
         parameters = [parameter for group in module.param_groups for parameter in group["params"]]
+        step = torch.tensor(0.0)
         template["state"] = {
-            i: {"step": torch.tensor(0.0), "exp_avg": parameters[i], "exp_avg_sq": parameters[i]}
-            for i in state["state"]
+            i: {"step": step, "exp_avg": parameters[i], "exp_avg_sq": parameters[i]} for i in state["state"]
         }
     return template
 

@@ -1,9 +1,10 @@
 """A PPO agent that learns from one vectorised environment, batch by batch."""
 
+import abc
 import collections
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, Self, cast
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -27,18 +28,6 @@ _LEAST_WEIGHT = 0.05
 _MEMORY = 50
 
 
-class DrawingTask(Protocol):
-    """A task that draws what each episode asks for.
-
-    Attributes:
-      drawn_tasks: names of the `n` tasks that are drawn from.
-      task_weights: `(n,)`, with which later episodes draw them.
-    """
-
-    drawn_tasks: tuple[str, ...]
-    task_weights: Any
-
-
 class TaskBalance:
     """Sets the weights with which tasks are drawn: 1.05 minus their recent success.
 
@@ -46,15 +35,15 @@ class TaskBalance:
       success: `(n,)`, recent success rates, in the order of the tasks.
     """
 
-    def __init__(self, task: DrawingTask) -> None:
-        """Takes the task that starts the episodes; none of those that it draws has succeeded yet."""
+    def __init__(self, task: Any) -> None:
+        """Starts without success of the tasks that `task`, which starts the episodes, draws from."""
         self._task, self._names = task, task.drawn_tasks
         self.success = np.zeros(len(self._names))
 
     @classmethod
     def of(cls, task: SuiteTask) -> Self | None:
         """Returns the balance of a task; None if it does not draw tasks."""
-        return cls(cast(DrawingTask, task)) if task.drawn_tasks else None
+        return cls(task) if task.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
         """Adds the episodes that have ended.
@@ -133,12 +122,62 @@ class DivergedError(Exception):
     """A network's parameters are no longer finite."""
 
 
-class PPOLearner:
+class Learner(abc.ABC):
+    """Learns step by step, and exports a policy.
+
+    Attributes:
+      steps: learned from so far: control steps over all environments, or steps of the optimiser.
+      warmup_batches: batches that still train the value network alone.
+    """
+
+    steps = 0
+    warmup_batches = 0
+
+    @property
+    @abc.abstractmethod
+    def modules(self) -> Mapping[str, Any]:
+        """Networks, scalers and optimiser by name."""
+
+    def start(self, seed: int) -> None:  # noqa: B027
+        """Begins to learn, with episodes of seeds from a first one."""
+
+    @abc.abstractmethod
+    def learn(self) -> dict[str, float]:
+        """Learns from a batch, or makes some steps of the optimiser; returns metrics by name."""
+
+    @abc.abstractmethod
+    def export(self, metadata: Mapping[str, Any]) -> StoredPolicy:
+        """Returns the present policy, without exploration."""
+
+    @abc.abstractmethod
+    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
+        """Returns a controller that acts by an exported policy."""
+
+    def state(self) -> dict[str, Any]:
+        """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
+        modules = {name: module.state_dict() for name, module in self.modules.items()}
+        random = torch.get_rng_state()
+        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self.warmup_batches}
+
+    def check_fits(self, checkpoint: Checkpoint) -> None:
+        """Checks that `load_state` can restore a checkpoint; raises a ValueError if it is one of other networks."""
+        check_modules(checkpoint.modules, self.modules)
+        # A generator of its own, so that a random state that is refused changes nothing.
+        torch.Generator().set_state(checkpoint.random)
+
+    def load_state(self, checkpoint: Checkpoint) -> None:
+        """Restores the state of learning; the checkpoint has to fit."""
+        for name, module in self.modules.items():
+            module.load_state_dict(checkpoint.modules[name])
+        torch.set_rng_state(checkpoint.random)
+        self.steps, self.warmup_batches = checkpoint.steps, checkpoint.warmup_batches
+
+
+class PPOLearner(Learner):
     """A PPO agent and the environments that it learns from.
 
     Attributes:
       agent: the PPO agent.
-      steps: control steps learned from so far, over all environments.
     """
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
@@ -155,13 +194,16 @@ class PPOLearner:
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = build_agent(size, action_space, config)
-        self.steps = 0
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
         self._task: SuiteTask = environments.template_env.environment.task
         self._balance = TaskBalance.of(self._task)
-        # Whether the standardisation of observations has been fitted, and batches that still train the values alone.
-        self._standardised, self._warmup_batches = False, 0
+        # Whether the standardisation of observations has been fitted.
+        self._standardised = False
+
+    @property
+    def modules(self) -> Mapping[str, Any]:
+        return self.agent.modules
 
     def imitate(
         self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
@@ -186,7 +228,7 @@ class PPOLearner:
         self._warm_up_values()
 
     def _warm_up_values(self) -> None:
-        self._standardised, self._warmup_batches = True, self._config.value_batches
+        self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
@@ -218,36 +260,14 @@ class PPOLearner:
             self.agent.observation_scaler.update(self._observations)
 
     def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
-        """Returns the present policy, without exploration."""
         return export_policy(self.agent, metadata)
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by a policy of PPO, in all environments at once."""
         assert isinstance(policy, TrainedPolicy)
         return network_controller(policy, environments)
 
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
-        modules = {name: module.state_dict() for name, module in self.agent.modules.items()}
-        random = torch.get_rng_state()
-        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self._warmup_batches}
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-        check_modules(checkpoint.modules, self.agent.modules)
-        # A generator of its own, so that a random state that is refused changes nothing.
-        torch.Generator().set_state(checkpoint.random)
-
     def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-        for name, module in self.agent.modules.items():
-            module.load_state_dict(checkpoint.modules[name])
-        torch.set_rng_state(checkpoint.random)
-        self.steps, self._warmup_batches = checkpoint.steps, checkpoint.warmup_batches
+        super().load_state(checkpoint)
         self._standardised = True
 
     def learn(self) -> dict[str, float]:
@@ -264,9 +284,9 @@ class PPOLearner:
         """
         means = self._collect()
         started = time.perf_counter()
-        means |= self.agent.update(self._batch, values_only=self._warmup_batches > 0)
+        means |= self.agent.update(self._batch, values_only=self.warmup_batches > 0)
         means["time/update_milliseconds"] = 1000 * (time.perf_counter() - started)
-        self._warmup_batches = max(self._warmup_batches - 1, 0)
+        self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
         self._check_finite()
         return means

@@ -18,6 +18,7 @@ from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
 from kitchen_suite.training.learner import PPOLearner
+from kitchen_suite.training.seed_run import Training
 from kitchen_suite.training.settings import TrainSettings
 
 
@@ -54,8 +55,8 @@ def make_spec(
     return spec
 
 
-class PPOTraining:
-    """The environments, hyperparameters and demonstrations of a run by PPO; see `learning.Training`.
+class PPOTraining(Training):
+    """The environments, hyperparameters and demonstrations of a run by PPO.
 
     Attributes:
       environments: that are trained in.

@@ -1,5 +1,6 @@
 """One seed of a training run: it learns, is evaluated, and writes curves and checkpoints, from which it can resume."""
 
+import abc
 import contextlib
 import enum
 import os
@@ -7,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from numpy.typing import NDArray
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
@@ -16,51 +17,16 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.vector_rollout import Controller
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.evaluation import evaluate
+from kitchen_suite.training.learner import Learner
 from kitchen_suite.training.settings import Schedule
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
-class Learner(Protocol):
-    """Learns step by step, and exports what it has learned.
-
-    Attributes:
-      steps: learned from so far: control steps over all environments, or steps of the optimiser.
-    """
-
-    steps: int
-
-    def start(self, seed: int) -> None:
-        """Begins to learn, with episodes of seeds from a first one."""
-
-    def learn(self) -> dict[str, float]:
-        """Learns a little; returns metrics by name."""
-
-    def export(self, metadata: Mapping[str, Any]) -> StoredPolicy:
-        """Returns the present policy."""
-
-    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by an exported policy."""
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`."""
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-
-    def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-
-
-class Training(Protocol):
-    """The settings of a run as its algorithm reads them, and what it learns from.
+class Training(abc.ABC):
+    """The settings of a run as its algorithm reads them, and the environments or demonstrations that it learns from.
 
     Attributes:
       title: name of the algorithm.
@@ -74,13 +40,14 @@ class Training(Protocol):
     training_kwargs: dict[str, Any]
     max_episode_steps: int
 
+    @abc.abstractmethod
     def make_learner(self, seed: int) -> Learner:
         """Returns a new learner."""
 
-    def prepare(self, learner: Any) -> None:
-        """Does what comes before the first step of a new run."""
+    def prepare(self, learner: Any) -> None:  # noqa: B027
+        """Prepares the learner of a new run for its first step, such as by cloning."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027
         """Closes the environments that are trained in."""
 
 

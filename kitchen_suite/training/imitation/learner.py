@@ -13,9 +13,9 @@ from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
-from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.imitation.demonstrations import Demonstrations
 from kitchen_suite.training.imitation.methods import ImitationHyperparameters, Method
+from kitchen_suite.training.learner import Learner
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.
@@ -25,12 +25,8 @@ _STEPS = 100
 _ACTION_EPSILON = 1e-3
 
 
-class ImitationLearner:
-    """Fits the networks of a method to demonstrations.
-
-    Attributes:
-      steps: steps of the optimiser so far.
-    """
+class ImitationLearner(Learner):
+    """Fits the networks of a method to demonstrations."""
 
     def __init__(
         self,
@@ -53,7 +49,6 @@ class ImitationLearner:
           tasks: names of the tasks whose request is an input.
         """
         torch.manual_seed(seed)
-        self.steps = 0
         self._config, self._num_steps, self._tasks = config, num_steps, tuple(tasks)
         self._state_elements = demonstrations.state_elements
         self._scales = _scales(demonstrations, config.standardisation_epsilon)
@@ -68,7 +63,7 @@ class ImitationLearner:
         )
 
     @property
-    def _modules(self) -> dict[str, Any]:
+    def modules(self) -> dict[str, Any]:
         return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
 
     @property
@@ -76,11 +71,7 @@ class ImitationLearner:
         """The networks with the averaged weights, which act."""
         return cast(Method, self._average.module)
 
-    def start(self, seed: int) -> None:
-        """Does nothing: there are no environments to learn in."""
-
     def learn(self) -> dict[str, float]:
-        """Makes steps of the optimiser; returns metrics by name."""
         started, losses = time.perf_counter(), []
         for _ in range(min(_STEPS, self._num_steps - self.steps)):
             losses.append(self._step())
@@ -104,7 +95,6 @@ class ImitationLearner:
         return loss.item()
 
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
-        """Returns the policy with the averaged weights."""
         method = self.averaged
         policy_class = method.policy_class
         config = self._config
@@ -125,31 +115,9 @@ class ImitationLearner:
         )
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by a policy."""
         return PolicyController(
             environments, lambda environment, generator: policy.episode(environment.task, generator)
         )
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`."""
-        modules = {name: module.state_dict() for name, module in self._modules.items()}
-        return {"modules": modules, "random": torch.get_rng_state(), "steps": self.steps, "warmup_batches": 0}
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-        check_modules(checkpoint.modules, self._modules)
-        torch.Generator().set_state(checkpoint.random)
-
-    def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-        for name, module in self._modules.items():
-            module.load_state_dict(checkpoint.modules[name])
-        torch.set_rng_state(checkpoint.random)
-        self.steps = checkpoint.steps
 
 
 def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:

@@ -8,11 +8,12 @@ from kitchen_suite.training.hyperparameters import checked_changes
 from kitchen_suite.training.imitation.demonstrations import load_demonstrations
 from kitchen_suite.training.imitation.learner import ImitationLearner
 from kitchen_suite.training.imitation.methods import METHODS
+from kitchen_suite.training.seed_run import Training
 from kitchen_suite.training.settings import TrainSettings
 
 
-class ImitationTraining:
-    """The demonstrations and hyperparameters of a run by imitation; see `learning.Training`."""
+class ImitationTraining(Training):
+    """The demonstrations and hyperparameters of a run by imitation."""
 
     def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
         """Reads the demonstrations.
@@ -48,9 +49,3 @@ class ImitationTraining:
         return ImitationLearner(
             self._demonstrations, self._method, self.config, num_steps=self._num_steps, seed=seed, tasks=self._tasks
         )
-
-    def prepare(self, learner: ImitationLearner) -> None:
-        """Does nothing: demonstrations are all that it learns from."""
-
-    def close(self) -> None:
-        """Does nothing: there are no environments to learn in."""
