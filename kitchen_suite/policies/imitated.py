@@ -44,11 +44,7 @@ class ImitatedPolicy(StoredPolicy):
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        """Checks that all parts fit together.
-
-        Raises:
-          ValueError: they do not.
-        """
+        """Checks that all parts fit together."""
         checks.integer(self.metadata.get("chunk"), "chunk", minimum=1)
         executed = checks.integer(self.metadata.get("executed"), "executed", minimum=1)
         if executed > self.chunk:

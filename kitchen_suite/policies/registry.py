@@ -274,11 +274,7 @@ def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:
 
 
 def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`.
-
-    Raises:
-      ValueError: it is not a call of a name with keyword arguments that are constants, or it is too long.
-    """
+    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`."""
     if len(text) > _MAX_LENGTH:
         raise ValueError(f"policy {text[:40]!r} (continued) is not well-formed: it has {len(text)} characters")
     # Python's parser raises the last two for nested text.
@@ -293,11 +289,7 @@ def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def _import_policy(name: str) -> Policy:
-    """Returns the callable that `module:callable` names.
-
-    Raises:
-      ValueError: it cannot be imported or cannot be called.
-    """
+    """Returns the callable that `module:callable` names."""
     # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
     if (directory := str(Path.cwd())) not in sys.path:
         sys.path.append(directory)

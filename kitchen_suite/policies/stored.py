@@ -135,9 +135,6 @@ class StoredPolicy(abc.ABC):
           task: that the policy is to act in.
           observed: number of elements of its observations that the policy takes.
           expected: number of those that the task has.
-
-        Raises:
-          ValueError: they differ.
         """
         (size,) = task.mdp.action_mode.spec(task.robot).shape
         if (observed, self.action_size) != (expected, size):
@@ -172,12 +169,7 @@ Stored = TypeVar("Stored", bound=StoredPolicy)
 
 
 def load(path: Path, classes: Sequence[type[Stored]]) -> Stored:
-    """Reads a policy of one of some classes: that of the algorithm that the file names.
-
-    Raises:
-      OSError: see `StoredPolicy.load`.
-      ValueError: see `StoredPolicy.load`.
-    """
+    """Reads a policy of one of some classes: that of the algorithm that the file names."""
     problem = f"{path} holds no trained policy"
     arrays, metadata = files.load_arrays(path, "a trained policy", max_bytes=_MAX_BYTES)
     version = files.parse(metadata, _Metadata, problem).format

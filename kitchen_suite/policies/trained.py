@@ -47,11 +47,7 @@ class TrainedPolicy(StoredPolicy):
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        """Checks the arrays.
-
-        Raises:
-          ValueError: an array has the wrong shape or type, or holds a number that is not finite or out of range.
-        """
+        """Checks the arrays."""
         if not self.weights or len(self.weights) != len(self.biases):
             raise ValueError(f"there are {len(self.weights)} layers of weights and {len(self.biases)} of biases")
         sizes = [self.mean.size, *(bias.size for bias in self.biases)]
@@ -132,11 +128,7 @@ class TrainedPolicy(StoredPolicy):
 
 
 def _scalar(array: NDArray) -> NDArray:
-    """Returns an array of shape `()` of a real number.
-
-    Raises:
-      ValueError: the array has another shape, or holds no real number.
-    """
+    """Returns an array of shape `()` of a real number."""
     if array.shape != () or array.dtype.kind not in "fiu":
         raise ValueError(f"clip must be a number, not {array.dtype} of shape {array.shape}")
     return array

@@ -84,11 +84,7 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
 
 
 def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
-    """Reads a checkpoint.
-
-    Raises:
-      OSError: the file cannot be read, is damaged, or does not hold a checkpoint that passes the check.
-    """
+    """Reads a checkpoint."""
     with files.reading(path, "a checkpoint"):
         contents = io.BytesIO(path.read_bytes())
         _check_zip(contents)
@@ -98,11 +94,7 @@ def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
 
 
 def _check_zip(contents: io.BytesIO) -> None:
-    """Checks the members of a zip file by their CRC-32, which PyTorch does not.
-
-    Raises:
-      zipfile.BadZipFile: a member is damaged, or larger than the file.
-    """
+    """Checks the members of a zip file by their CRC-32, which PyTorch does not."""
     with zipfile.ZipFile(contents) as archive:
         if sum(member.file_size for member in archive.infolist()) > len(contents.getbuffer()):
             raise zipfile.BadZipFile("PyTorch writes members without compression, but one is larger than the file")

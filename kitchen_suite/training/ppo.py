@@ -284,11 +284,7 @@ def build_agent(observation_size: int, action_space: spaces.Box, config: Hyperpa
 
 
 def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Tensor:
-    """Returns the action `(k,)` for network outputs of one.
-
-    Raises:
-      ValueError: its length is not that of an action.
-    """
+    """Returns the action `(k,)` for network outputs of one."""
     if action_space.shape != (len(config.action_scale),):
         raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
     return torch.tensor(config.action_scale)

@@ -31,10 +31,6 @@ def make_spec(
       settings: of the run.
       task_kwargs: arguments of the environments.
       max_episode_steps: the domain's when omitted.
-
-    Raises:
-      TypeError: an argument has the wrong type, or there is no such argument.
-      ValueError: an unknown name, or a value that is refused.
     """
     spec = RecordingSpec.make(
         domain_name=settings.domain_name,
@@ -70,11 +66,6 @@ class PPOTraining(Training):
         Args:
           settings: of the run.
           spec: of the environments that are evaluated in.
-
-        Raises:
-          OSError: demonstrations or the initial policy cannot be read.
-          TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
-          ValueError: an unknown name, or a value that is refused.
         """
         if settings.schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
@@ -111,9 +102,6 @@ class PPOTraining(Training):
         """Returns the arguments of the environments that are trained in, which replace those of the task.
 
         The domain's are left out where the task's arguments have them.
-
-        Raises:
-          ValueError: observations or actions would have another meaning than in those that are evaluated in.
         """
         settings = self._settings
         domain = suite.DOMAINS[settings.domain_name]
@@ -133,11 +121,7 @@ class PPOTraining(Training):
         return make_spec(self._settings, arguments, steps)
 
     def _load_initial_policy(self) -> TrainedPolicy | None:
-        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`.
-
-        Raises:
-          ValueError: it is of another domain, or demonstrations are to be cloned.
-        """
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`."""
         path = self._settings.initial_policy
         if path is None:
             return None
@@ -157,11 +141,7 @@ class PPOTraining(Training):
         return observations, actions
 
     def _load(self, folder: Path) -> tuple[NDArray, NDArray]:
-        """Returns the observations and actions of a recording; raises as `load_to_clone`.
-
-        Raises:
-          ValueError: their shapes are not those of this task.
-        """
+        """Returns the observations and actions of a recording; raises as `load_to_clone`."""
         observations, actions = load_to_clone(folder, self._spec)
         space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)

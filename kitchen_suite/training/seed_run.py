@@ -104,9 +104,6 @@ class CurveWriter:
         Args:
           folder: of the file.
           first_step: TensorBoard then hides what earlier files in the folder hold from this step on.
-
-        Raises:
-          OSError: the file cannot be written.
         """
         seconds, nanoseconds = divmod(time.time_ns(), 10**9)
         name = f"events.out.tfevents.{seconds:010d}.{socket.gethostname()}.{os.getpid()}.{nanoseconds:09d}"
@@ -116,11 +113,7 @@ class CurveWriter:
             self._write(step=first_step, session_log=SessionLog(status=SessionLog.START))
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
-        """Writes the values of curves, by name, at a step.
-
-        Raises:
-          OSError: the file cannot be written.
-        """
+        """Writes the values of curves, by name, at a step."""
         values = [Summary.Value(tag=name, simple_value=value) for name, value in scalars.items()]
         self._write(step=step, summary=Summary(value=values))
 
@@ -158,10 +151,6 @@ class SeedRun:
           learner: new.
           evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
           metadata: of exported policies.
-
-        Raises:
-          CheckpointError: there are checkpoints, but none can be read.
-          OSError: the folder cannot be written to.
         """
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata

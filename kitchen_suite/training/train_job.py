@@ -155,11 +155,7 @@ class TrainJob:
 
 
 def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
-    """Returns the training of the algorithm that settings name; raises what its class does.
-
-    Raises:
-      ValueError: an unknown algorithm.
-    """
+    """Returns the training of the algorithm that settings name; raises what its class does."""
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)

@@ -70,10 +70,6 @@ class Expert(abc.ABC):
         Args:
           task: of the expert's domain.
           **options: arguments of the class; they replace the settings of the task.
-
-        Raises:
-          TypeError: an argument is unknown or of the wrong type.
-          ValueError: an option has a value that the expert rejects, or the task varies poses that it does not observe.
         """
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}

@@ -392,9 +392,6 @@ def make_encoder(mode: ActionMode, arm: ArmModel) -> ActionEncoder:
     Args:
       mode: an instance of one of the classes in `ENCODERS`.
       arm: the robot and its control.
-
-    Raises:
-      ValueError: there is no encoder for the mode.
     """
     if type(mode) not in ENCODERS:
         names = ", ".join(each.__name__ for each in ENCODERS)

@@ -144,10 +144,6 @@ class KitchenExpert(Expert):
             at once it cannot observe the order: with `in_order` it does them in that of `tasks`. It turns to other
             tasks when others are asked, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: a name that is unknown or repeated, or a number out of range.
         """
         self._goals = build_goals(tasks, goals)
         self._success = make_success(

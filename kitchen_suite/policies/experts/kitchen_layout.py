@@ -34,12 +34,7 @@ class ObservedLayout:
     """
 
     def __init__(self, extras: Sequence[str]) -> None:
-        """Looks up the poses; `extras` are the names of the task's extra observables.
-
-        Raises:
-          TypeError: `extras` is no sequence of strings.
-          ValueError: an unknown or repeated name.
-        """
+        """Looks up the poses; `extras` are the names of the task's extra observables."""
         slices = observables.slices(build_kitchen_scene(visuals=False), extras) if len(extras) else {}
         self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0

@@ -21,11 +21,6 @@ class ImitationTraining(Training):
         Args:
           settings: of the run.
           spec: of the environments that are evaluated in.
-
-        Raises:
-          OSError: the demonstrations cannot be read.
-          TypeError: a hyperparameter has the wrong type.
-          ValueError: a setting is missing, or for PPO alone; or demonstrations or a hyperparameter do not fit.
         """
         name, folders = settings.algorithm, settings.demonstrations
         if not folders:
