@@ -160,6 +160,6 @@ def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)
     # Needs a further package.
-    from kitchen_suite.training.imitation.training import ImitationTraining
+    from kitchen_suite.training.imitation.learner import ImitationTraining
 
     return ImitationTraining(settings, spec)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, hand_speed_limits, joint_speed_limits
+from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.end_effector import (
     COMMAND_ANGLE,
@@ -168,10 +168,10 @@ class HandEncoder(ActionEncoder):
         """Sets the speed limits [m/s, rad/s]."""
         super().__init__(mode, arm)
         self._base = _Pose.of(arm.kinematics.base)
-        self.limits = hand_speed_limits(
-            arm.kinematics,
-            tuple(arm.joint_speed),
-            arm.timestep,
+        self.limits = HandSpeedLimits(
+            kinematics=arm.kinematics,
+            joint_speed=tuple(arm.joint_speed),
+            timestep=arm.timestep,
             linear_speed=_SPEED_RESERVE * linear_speed,
             angular_speed=_SPEED_RESERVE * angular_speed,
         )
@@ -285,9 +285,8 @@ class JointEncoder(ActionEncoder):
           scale: factor of the joint speeds.
         """
         super().__init__(mode, arm)
-        self.limits = joint_speed_limits(
-            tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale), arm.timestep
-        )
+        speeds = tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale)
+        self.limits = JointSpeedLimits(joint_speed=speeds, timestep=arm.timestep)
 
     def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
         return bool(np.max(np.abs(target - joints)) < _MAX_LAG)

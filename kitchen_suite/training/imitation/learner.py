@@ -1,4 +1,4 @@
-"""A learner from demonstrations."""
+"""Training by imitation: the demonstrations, and the learners from them."""
 
 import math
 import time
@@ -9,13 +9,18 @@ import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
-from kitchen_suite.training.imitation.demonstrations import Demonstrations
-from kitchen_suite.training.imitation.methods import ImitationHyperparameters, Method
+from kitchen_suite.training.hyperparameters import checked_changes
+from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
+from kitchen_suite.training.imitation.methods import METHODS, ImitationHyperparameters, Method
 from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.seed_run import Training
+from kitchen_suite.training.settings import TrainSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.
@@ -129,3 +134,37 @@ def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
         "action_deviation": actions.std(axis=0) + _ACTION_EPSILON,
     }
     return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})
+
+
+class ImitationTraining(Training):
+    """The demonstrations and hyperparameters of a run by imitation."""
+
+    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+        """Reads the demonstrations.
+
+        Args:
+          settings: of the run.
+          spec: of the environments that are evaluated in.
+        """
+        name, folders = settings.algorithm, settings.demonstrations
+        if not folders:
+            raise ValueError(f"algorithm {name!r} needs --demonstrations, a folder written by kitchen-record")
+        for flag in ("initial_policy", "training_kwargs"):
+            if getattr(settings, flag):
+                raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {name!r}")
+        self._method = METHODS[name]
+        self.title = self._method.__doc__.partition(":")[0]
+        self.config: Any = checked_changes(self._method.hyperparameters(), settings.hyperparameters)
+        if self.config.executed > self.config.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
+        self.training_kwargs: dict[str, Any] = {}
+        self.max_episode_steps = spec.max_episode_steps
+        self._num_steps = settings.schedule.num_steps
+        with spec.make_environment() as environment:
+            self._tasks = suite_env(environment).environment.task.drawn_tasks
+        self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
+
+    def make_learner(self, seed: int) -> ImitationLearner:
+        return ImitationLearner(
+            self._demonstrations, self._method, self.config, num_steps=self._num_steps, seed=seed, tasks=self._tasks
+        )
