@@ -109,7 +109,16 @@ class ImitatedPolicy(StoredPolicy):
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
         self.check_fits(task)
-        return self._acting_in(task, Chunks(self, task, generator))
+        inputs = task.policy_inputs
+        waiting: list[NDArray[np.float32]] = []
+
+        def act(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
+            if timestep.first() or not waiting:
+                observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
+                waiting[:] = self.predict(self.select(observed), generator)[: self.metadata["executed"]]
+            return waiting.pop(0)
+
+        return self._acting_in(task, act)
 
     def check_fits(self, task: "SuiteTask") -> None:
         elements = self.state_elements
@@ -140,29 +149,6 @@ class ImitatedPolicy(StoredPolicy):
         if arrays:
             raise ValueError(f"unknown arrays {sorted(arrays)}")
         return cls(scales=scales, networks=networks, tables=tables, metadata=metadata)
-
-
-class Chunks:
-    """Acts in one episode: predicts a chunk, applies its first actions, and predicts the next."""
-
-    def __init__(self, policy: ImitatedPolicy, task: "SuiteTask", generator: np.random.Generator) -> None:
-        """Starts with nothing predicted.
-
-        Args:
-          policy: predicts the chunks.
-          task: reads the tasks asked from observations.
-          generator: of the episode.
-        """
-        self._policy, self._inputs, self._generator = policy, task.policy_inputs, generator
-        self._waiting: list[NDArray[np.float32]] = []
-
-    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
-        """Returns the action `(k,)`."""
-        if timestep.first() or not self._waiting:
-            inputs = self._inputs.state_and_requests(timestep.observation, self._policy.tasks).ravel()
-            chunk = self._policy.predict(self._policy.select(inputs), self._generator)
-            self._waiting = [*chunk[: self._policy.metadata["executed"]]]
-        return self._waiting.pop(0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

@@ -18,7 +18,7 @@ from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.evaluation import episode_metrics, network_controller, step_metrics
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.ppo import Agent, Batch, build_agent, export_policy, load_policy
+from kitchen_suite.training.ppo import Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Weight of a task that always succeeds, relative to 1 more for one that never does.
@@ -84,7 +84,7 @@ def clone(
     The demonstrations also fix the standardisation of observations.
 
     Args:
-      agent: as built by `build_agent`.
+      agent: new.
       observations: `(m, n)`.
       actions: `(m, k)`.
       epochs: number of passes over the demonstrations.
@@ -193,7 +193,7 @@ class PPOLearner(Learner):
         action_space = environments.single_action_space
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
-        self.agent = build_agent(size, action_space, config)
+        self.agent = Agent(size, action_space, config)
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
         self._task: SuiteTask = environments.template_env.environment.task
@@ -224,7 +224,7 @@ class PPOLearner(Learner):
         Raises:
           ValueError: it does not fit the networks.
         """
-        load_policy(self.agent, policy)
+        adopt_policy(self.agent, policy)
         self._warm_up_values()
 
     def _warm_up_values(self) -> None:
@@ -243,7 +243,8 @@ class PPOLearner(Learner):
         environments.begin_run(total_steps=self.steps // count)
         observations, _ = environments.reset(seed=seed)
         self._observations = self._tensor(observations)
-        length = _episode_length(environments)
+        length = environments.template_env.max_episode_steps
+        assert length, "the spec has the domain's where none is asked for"
         start_steps = np.random.default_rng(seed).permutation(count) * length // count
         for step in range(length):
             self._explore(starting=start_steps == step)
@@ -340,10 +341,3 @@ class PPOLearner(Learner):
                 raise DivergedError(
                     f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
                 )
-
-
-def _episode_length(environments: SuiteVectorEnv) -> int:
-    # The spec has the default one.
-    length = environments.template_env.max_episode_steps
-    assert length
-    return length
