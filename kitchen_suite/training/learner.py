@@ -56,7 +56,7 @@ class TaskBalance:
           Successes of the tasks asked for, by the names of their curves.
         """
         asked, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
-        # Of tasks asked in turn, those that were never attempted say nothing.
+        # A task that is asked in turn counts only if it was attempted.
         asked = infos.get("attempted_tasks_mask", asked)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(asked[i], completed[i] - self.success, 0.0) / _MEMORY

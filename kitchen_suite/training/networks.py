@@ -138,7 +138,7 @@ class RunningScaler(torch.nn.Module):
 
     @property
     def deviation(self) -> torch.Tensor:
-        """`(m,)`, what vectors are divided by: standard deviations with the epsilon."""
+        """`(m,)`, divisors of the vectors: standard deviations with the epsilon."""
         return self.running_variance.sqrt() + self.epsilon
 
     def forward(self, vectors: torch.Tensor) -> torch.Tensor:

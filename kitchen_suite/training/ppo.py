@@ -204,7 +204,7 @@ class Agent:
         ]
 
     def _bootstrapped(self, batch: Batch) -> torch.Tensor:
-        """Returns the rewards `(t, n)`; where a step truncated an episode, plus the value of what would follow."""
+        """Returns the rewards `(t, n)`; with the discounted value of the last observation where a step truncated."""
         steps, indices, last = batch.last_observations()
         rewards = batch.rewards.clone()
         following = self.value_scaler.inverse(self.value(self.observation_scaler(last))).squeeze(-1)

@@ -214,7 +214,7 @@ class SeedRun:
         return self.steps // interval > previous // interval or self._stop_reason() is not None
 
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
-        """Learns from one batch, and shows its metrics."""
+        """Learns from one batch, and reports its metrics."""
         steps, started = self.steps, time.perf_counter()
         means = self._learner.learn()
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)

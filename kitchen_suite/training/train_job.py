@@ -36,7 +36,7 @@ class TrainJob:
     """Trains with one seed, and with further seeds as long as there is no progress.
 
     Attributes:
-      training: what the algorithm learns from, and its settings.
+      training: environments or demonstrations of the algorithm, and its settings.
     """
 
     failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)

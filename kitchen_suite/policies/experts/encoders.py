@@ -110,7 +110,7 @@ class ActionEncoder(abc.ABC):
         """
 
     def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:  # noqa: B027
-        """Updates what the mode remembers from an action that is applied.
+        """Updates the memory of the mode after an action.
 
         Args:
           positions: observed positions of the robot's joints before it [rad, m].

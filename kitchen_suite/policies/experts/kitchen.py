@@ -17,8 +17,8 @@ from kitchen_suite.policies.experts.kitchen_layout import (
     ObservedLayout,
     achieved,
     arm_model,
-    asked,
     needed_observables,
+    requested_in,
     scene,
 )
 from kitchen_suite.policies.experts.kitchen_skills import (
@@ -36,9 +36,9 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.observation import AMPLITUDES, SLICES
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
@@ -100,8 +100,8 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 # Share of the arc of a door with which its task is completed.
 _ENOUGH_OF_ARC = 0.8
 
-_ROBOT = noise.SLICES[0]
-_SIZE = noise.AMPLITUDES.size
+_ROBOT = SLICES[0]
+_SIZE = AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
@@ -221,7 +221,7 @@ class KitchenExpert(Expert):
     def _requested(self, observation: NDArray[np.float64]) -> tuple[str, ...]:
         """Returns the tasks that an observation asks for, in the order in which to do them."""
         count = self._num_requests
-        return asked(self._order, self._goals.tasks, observation[-count:]) if count else self._order
+        return requested_in(self._order, self._goals.tasks, observation[-count:]) if count else self._order
 
     def _turn_to(
         self, tasks: Sequence[str], observation: NDArray[np.float64], joints: NDArray[np.float64]

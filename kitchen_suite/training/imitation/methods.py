@@ -29,7 +29,7 @@ class ImitationHyperparameters:
       batch_size: samples of a step of the optimiser.
       learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
       weight_decay: of the optimiser.
-      averaging: decay of the moving average of the weights, which is what acts.
+      averaging: decay of the moving average of the weights, which is evaluated and exported.
       input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
         positive.
@@ -64,7 +64,7 @@ class TokenHyperparameters(ImitationHyperparameters):
     """Hyperparameters of VQ-BeT.
 
     Attributes:
-      codebooks: number of codes of a chunk, the later ones for what the earlier leave over.
+      codebooks: number of codes of a chunk; each later one is for the residual of the earlier ones.
       codes: number of codes in each codebook.
       latent: length of a code vector.
       quantizer_steps: steps of the optimiser, the first ones, that fit codes and decoder.
@@ -123,7 +123,7 @@ class TorchNetwork(torch.nn.Module):
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1
 
-# Of the mean vectors of codes (exponential moving averages).
+# Decay of the exponential moving averages of code vectors.
 _CODE_DECAY = 0.99
 
 # Factor of the distance of encoded chunks from their codes.
@@ -157,7 +157,7 @@ class Method(torch.nn.Module, abc.ABC):
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Returns the policy's metadata beside what all have."""
+        """Returns the metadata that only policies of this algorithm have."""
         return {}
 
 
