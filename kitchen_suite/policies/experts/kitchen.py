@@ -153,6 +153,7 @@ class KitchenExpert(Expert):
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
+        self.observed_extras = self._layout.slices
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
@@ -180,10 +181,6 @@ class KitchenExpert(Expert):
     def without_goals(self, flat: NDArray) -> NDArray:
         count = self._num_requests
         return np.concatenate([flat[: self.observation_size - count], flat[flat.size - count :]])
-
-    @property
-    def _observed_extras(self) -> Collection[str]:
-        return self._layout.slices
 
     def _needed_observables(self, varied: Collection[str]) -> list[str]:
         return needed_observables(self._goals.tasks, varied)
