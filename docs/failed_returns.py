@@ -46,7 +46,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
     """Trains a task with a reward; returns its row."""
     from kitchen_suite.training.evaluation import evaluate, network_controller
     from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.learner import PPOLearner
     from kitchen_suite.training.recipes import find_recipe
 
     domain, config = suite.DOMAINS["kitchen"], Hyperparameters.defaults("kitchen")
@@ -59,7 +59,7 @@ def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
         contextlib.closing(training.make_vector_env(config.num_envs, None, AutoresetMode.SAME_STEP, **flat)) as envs,
         contextlib.closing(evaluated.make_vector_env(EPISODES, None, **flat)) as evaluation,
     ):
-        learner = Learner(envs, config, 0)
+        learner = PPOLearner(envs, config, 0)
         learner.start(0)
         while learner.steps < steps:
             before = learner.steps

@@ -11,7 +11,7 @@ import numpy as np
 from tabulate import tabulate
 
 from kitchen_suite import suite
-from kitchen_suite.policies import registry
+from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.trained import SHIPPED
 
 ACTIONS = 2_000
@@ -19,7 +19,7 @@ ACTIONS = 2_000
 
 def milliseconds(name: str) -> float:
     """Returns the median time of an action of a policy [ms]."""
-    policy = registry.load(SHIPPED / f"{name}.npz")
+    policy = load_policy(SHIPPED / f"{name}.npz")
     metadata, times = policy.metadata, []
     kwargs = {**metadata["task_kwargs"], "visuals": False}
     with suite.load(metadata["domain_name"], metadata["task_name"], kwargs) as environment:

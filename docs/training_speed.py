@@ -40,7 +40,7 @@ class Case:
     def __init__(self, name: str, threads: int) -> None:
         """Builds the learner of some settings; `threads` step its environments."""
         from kitchen_suite.training.hyperparameters import Hyperparameters
-        from kitchen_suite.training.learner import Learner
+        from kitchen_suite.training.learner import PPOLearner
 
         self.name, self.threads = name, threads
         self.config = Hyperparameters.for_domain("open_cabinet", SETTINGS[name])
@@ -53,7 +53,7 @@ class Case:
         )
         self._step, self._stepping = self.environments.step, 0.0
         self.environments.step = self._timed_step
-        self._learner = Learner(self.environments, self.config, 0)
+        self._learner = PPOLearner(self.environments, self.config, 0)
         self._learner.start(0)
 
     def _timed_step(self, actions: Any) -> Any:

@@ -44,7 +44,6 @@ def test_asking_for_the_experts_without_mink_raises_no_import_error(monkeypatch)
     for name in ("mink", "kitchen_suite.experts", "kitchen_suite.policies.experts"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delattr(kitchen_suite, "experts", raising=False)
-    monkeypatch.delitem(sys.modules, "kitchen_suite.policies.experts.mink_import", raising=False)
     monkeypatch.setitem(sys.modules, "mink", None)
     assert not hasattr(kitchen_suite, "experts")
 

@@ -23,8 +23,8 @@ def learner(envs, seed=0, domain="open_cabinet", **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.learner import PPOLearner
 
     # As in a training run.
     torch.set_num_threads(1)
-    return Learner(envs, Hyperparameters.for_domain(domain, {**SMALL, **changes}), seed)
+    return PPOLearner(envs, Hyperparameters.for_domain(domain, {**SMALL, **changes}), seed)

@@ -35,7 +35,6 @@ class ImitatedPolicy(StoredPolicy):
         `state_elements`.
     """
 
-    algorithm: ClassVar[str]
     network_names: ClassVar[tuple[str, ...]]
     table_names: ClassVar[tuple[str, ...]] = ()
 
@@ -45,11 +44,7 @@ class ImitatedPolicy(StoredPolicy):
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        """Checks that all parts fit together.
-
-        Raises:
-          ValueError: they do not.
-        """
+        """Checks that all parts fit together."""
         checks.integer(self.metadata.get("chunk"), "chunk", minimum=1)
         executed = checks.integer(self.metadata.get("executed"), "executed", minimum=1)
         if executed > self.chunk:
@@ -114,7 +109,16 @@ class ImitatedPolicy(StoredPolicy):
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
         self.check_fits(task)
-        return self._acting_in(task, Chunks(self, task, generator))
+        inputs = task.policy_inputs
+        waiting: list[NDArray[np.float32]] = []
+
+        def act(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
+            if timestep.first() or not waiting:
+                observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
+                waiting[:] = self.predict(self.select(observed), generator)[: self.metadata["executed"]]
+            return waiting.pop(0)
+
+        return self._acting_in(task, act)
 
     def check_fits(self, task: "SuiteTask") -> None:
         elements = self.state_elements
@@ -133,15 +137,6 @@ class ImitatedPolicy(StoredPolicy):
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        """Returns the policy that a file holds.
-
-        Args:
-          arrays: of the file, by name.
-          metadata: of the file.
-
-        Raises:
-          ValueError: a part is missing or unknown, or does not fit the others.
-        """
         names = {*Scales.names(), *cls.table_names}
         if missing := sorted(names - arrays.keys()):
             raise ValueError(f"missing arrays {missing}")
@@ -156,29 +151,6 @@ class ImitatedPolicy(StoredPolicy):
         return cls(scales=scales, networks=networks, tables=tables, metadata=metadata)
 
 
-class Chunks:
-    """Acts in one episode: predicts a chunk, applies its first actions, and predicts the next."""
-
-    def __init__(self, policy: ImitatedPolicy, task: "SuiteTask", generator: np.random.Generator) -> None:
-        """Starts with nothing predicted.
-
-        Args:
-          policy: predicts the chunks.
-          task: reads the tasks asked from observations.
-          generator: of the episode.
-        """
-        self._policy, self._inputs, self._generator = policy, task.policy_inputs, generator
-        self._waiting: list[NDArray[np.float32]] = []
-
-    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
-        """Returns the action `(k,)`."""
-        if timestep.first() or not self._waiting:
-            inputs = self._inputs.state_and_requests(timestep.observation, self._policy.tasks).ravel()
-            chunk = self._policy.predict(self._policy.select(inputs), self._generator)
-            self._waiting = [*chunk[: self._policy.metadata["executed"]]]
-        return self._waiting.pop(0)
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ClonedPolicy(ImitatedPolicy):
     """Behaviour cloning with action chunks: a network from inputs to a chunk."""
@@ -190,7 +162,6 @@ class ClonedPolicy(ImitatedPolicy):
         _check_network(self.networks["network"], self.scales.input_mean.size, self.chunk * self.action_size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        del generator
         return self.networks["network"](inputs)
 
 

@@ -138,11 +138,7 @@ def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _linear(arrays: Mapping[str, NDArray], name: str) -> Linear:
-    """Returns an affine map, or scale and shift.
-
-    Raises:
-      ValueError: an array is not of finite numbers of float32, or has the wrong number of axes.
-    """
+    """Returns an affine map, or scale and shift."""
     weight, bias = (checked(arrays[f"{name}.{kind}"], f"{name}.{kind}") for kind in Linear._fields)
     if weight.ndim not in (1, 2) or bias.ndim != 1:
         raise ValueError(f"{name} has parts of shapes {weight.shape} and {bias.shape}")

@@ -4,6 +4,7 @@ A policy is called with the present `dm_env.TimeStep` and returns the action. An
 is true.
 """
 
+import abc
 import ast
 import contextlib
 import dataclasses
@@ -24,29 +25,6 @@ from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolic
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy, shipped
 
-# Files of PPO do not name their algorithm.
-_DEFAULT = "ppo"
-
-_CLASSES: Mapping[str, Any] = MappingProxyType(
-    {_DEFAULT: TrainedPolicy, **{each.algorithm: each for each in (ClonedPolicy, FlowPolicy, TokenPolicy)}}
-)
-
-
-def load(path: Path) -> StoredPolicy:
-    """Reads a policy.
-
-    Raises:
-      OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
-      ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
-    """
-    arrays, metadata = stored.read(path)
-    try:
-        algorithm = checks.choice(metadata.get("algorithm", _DEFAULT), _CLASSES, "algorithm")
-        return _CLASSES[algorithm].from_arrays(arrays, metadata)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{stored.problem(path)}: {error}") from error
-
-
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
@@ -55,7 +33,6 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
-
 # Packages that the extra `experts` installs.
 _EXPERT_PACKAGES = ("daqp", "mink")
 
@@ -64,85 +41,146 @@ class PolicyError(ValueError):
     """A policy could not be built, raised an exception, or returned a bad action."""
 
 
-def random(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
-    """Builds a policy of uniform actions; elements of the action without bounds are standard normal."""
-    spec = environment.action_spec()
-    minimum, maximum = getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)
-    bounded = np.broadcast_to(np.isfinite(minimum) & np.isfinite(maximum), spec.shape)
-    low, high = np.where(bounded, minimum, 0.0), np.where(bounded, maximum, 0.0)
+class PolicySource(abc.ABC):
+    """A kind of policies that a name selects.
 
-    def policy(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
-        del timestep
-        return np.where(bounded, generator.uniform(low, high, spec.shape), generator.standard_normal(spec.shape))
-
-    return policy
-
-
-def zero(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
-    """Builds a policy of zero actions."""
-    del generator
-    shape = environment.action_spec().shape
-    return lambda timestep: np.zeros(shape)
-
-
-def expert(environment: dm_env.Environment, generator: np.random.Generator, **options: Any) -> Policy:
-    """Builds the scripted expert for the environment's task; it needs the extra `experts`.
-
-    Args:
-      environment: of the suite.
-      generator: source of jitter and action noise.
-      **options: attributes of `experts.MotionStyle`, and arguments of the expert.
+    Attributes:
+      takes_options: whether the name may have options, such as `expert(speed=0.8)`.
     """
-    from kitchen_suite.policies import experts
 
-    expert_class = experts.expert_class(environment.task)
-    takers: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
-    checks.keywords(options, *takers, what="option", exclude=("style",))
-    names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
-    style = {name: options.pop(name) for name in names if name in options}
-    return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
+    takes_options = False
+
+    @abc.abstractmethod
+    def __call__(
+        self, environment: dm_env.Environment, generator: np.random.Generator, *args: Any, **options: Any
+    ) -> Policy:
+        """Builds the policy for one episode.
+
+        Args:
+          environment: of the suite.
+          generator: source of the policy's random numbers.
+          *args: none.
+          **options: of the name.
+        """
+
+    def check_installed(self, name: str) -> None:  # noqa: B027
+        """Raises an ImportError if the policy `name` needs an extra that is not installed."""
+
+    def for_episodes(self, digest: str | None) -> PolicyBuilder:
+        """Returns the builder of the policies of several episodes, which reads a file once.
+
+        Args:
+          digest: SHA-256 that the file must have, if any.
+        """
+        return self
+
+    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
+        """Returns the file that the policy is read from; None without one, or where only a task can determine it."""
+        return None
+
+    def missing_observables(self, task: "SuiteTask") -> list[str]:
+        """Returns the extra observables that the policy needs and that a task does not have."""
+        return []
 
 
-def trained(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
-    """Builds a trained policy, which acts without exploration noise; some algorithms draw their actions.
+class RandomSource(PolicySource):
+    """Policies of uniform actions; elements of the action without bounds are standard normal."""
 
-    Args:
-      environment: of the suite.
-      generator: of the draws.
-      file: a policy that `kitchen-train` has written; by default the one that comes with the package for the
-        environment's task and reward.
+    def __call__(self, environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+        spec = environment.action_spec()
+        minimum, maximum = getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)
+        bounded = np.broadcast_to(np.isfinite(minimum) & np.isfinite(maximum), spec.shape)
+        low, high = np.where(bounded, minimum, 0.0), np.where(bounded, maximum, 0.0)
+        return lambda timestep: np.where(
+            bounded, generator.uniform(low, high, spec.shape), generator.standard_normal(spec.shape)
+        )
 
-    Raises:
-      OSError: the file does not exist, or is not an npz file with metadata.
-      ValueError: the file holds no policy for such a task, or none comes with the package.
+
+class ZeroSource(PolicySource):
+    """Policies of zero actions."""
+
+    def __call__(self, environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
+        shape = environment.action_spec().shape
+        return lambda timestep: np.zeros(shape)
+
+
+class ExpertSource(PolicySource):
+    """The scripted expert for the environment's task. It needs the extra `experts`.
+
+    Its options are attributes of `experts.MotionStyle`, and arguments of the expert and its control mode.
     """
-    return _trained_builder(None)(environment, generator, file=file)
+
+    takes_options = True
+
+    def __call__(self, environment: dm_env.Environment, generator: np.random.Generator, **options: Any) -> Policy:
+        from kitchen_suite.policies import experts
+
+        expert_class = experts.expert_class(environment.task)
+        takers: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
+        checks.keywords(options, *takers, what="option", exclude=("style",))
+        names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
+        style = {name: options.pop(name) for name in names if name in options}
+        return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
+
+    def check_installed(self, name: str) -> None:
+        checks.installed(_EXPERT_PACKAGES, f"policy {name!r}", "experts")
+
+    def missing_observables(self, task: "SuiteTask") -> list[str]:
+        from kitchen_suite.policies import experts
+
+        return experts.expert_class(task).missing_in(task)
 
 
-def _trained_builder(digest: str | None) -> PolicyBuilder:
-    """Returns the builder `trained`, which reads a file once for all episodes, whose SHA-256 has to be `digest`."""
-    load = functools.cache(functools.partial(_load_trained, digest=digest))
-
-    def build(environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None) -> Policy:
-        return load(Path(file) if file else shipped(environment.task)).episode(environment.task, generator)
-
-    return build
+def load_policy(path: Path) -> StoredPolicy:
+    """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
+    return stored.load(path, (TrainedPolicy, ClonedPolicy, FlowPolicy, TokenPolicy))
 
 
-def _load_trained(path: Path, digest: str | None) -> StoredPolicy:
-    """Reads a trained policy; raises a ValueError if its file has another SHA-256 than `digest`, if that is given."""
-    policy = load(path)
-    if digest is not None and files.file_digest(path) != digest:
-        raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
-    return policy
+class TrainedSource(PolicySource):
+    """Trained policies, which act without exploration noise; some algorithms draw their actions.
+
+    The option `file` names one that `kitchen-train` has written; by default it is the one that comes with the package
+    for the environment's task and reward.
+    """
+
+    takes_options = True
+
+    def __init__(self, digest: str | None = None) -> None:
+        """Prepares to read files whose SHA-256 must be `digest`, if that is given."""
+        self._digest = digest
+        self._load = functools.cache(self._load_checked)
+
+    def __call__(
+        self, environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None
+    ) -> Policy:
+        path = Path(file) if file else shipped(environment.task)
+        return self._load(path).episode(environment.task, generator)
+
+    def for_episodes(self, digest: str | None) -> PolicyBuilder:
+        return TrainedSource(digest)
+
+    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
+        file = options.get("file")
+        if isinstance(file, str):
+            return Path(file)
+        return shipped(task) if task else None
+
+    def _load_checked(self, path: Path) -> StoredPolicy:
+        policy = load_policy(path)
+        if self._digest is not None and files.file_digest(path) != self._digest:
+            raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
+        return policy
 
 
-POLICIES: Mapping[str, PolicyBuilder] = MappingProxyType(
-    {"random": random, "zero": zero, "expert": expert, "trained": trained}
+POLICIES: Mapping[str, PolicySource] = MappingProxyType(
+    {
+        "random": RandomSource(),
+        "zero": ZeroSource(),
+        "expert": ExpertSource(),
+        "trained": TrainedSource(),
+    }
 )
-"""The builders of the policies that a name alone selects, such as `random`."""
-
-_WITH_OPTIONS = ("expert", "trained")
+"""The policies that a name alone selects, such as `random`; each is called to build one."""
 
 # Characters of a policy with options; there is room for the path of a file.
 _MAX_LENGTH = 5_000
@@ -172,15 +210,14 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         return lambda environment, generator: _with_checks(imported, name, environment)
     key, options = _key_and_options(name)
     try:
-        build = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
+        source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
-    if key == "expert":
-        checks.installed(_EXPERT_PACKAGES, f"policy {name!r}", "experts")
-    if key == "trained":
-        build = _trained_builder(digest)
-    if options and key not in _WITH_OPTIONS:
-        raise ValueError(f"policy {key!r} takes no options, got {name!r}; {' and '.join(_WITH_OPTIONS)} do")
+    source.check_installed(name)
+    if options and not source.takes_options:
+        others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
+        raise ValueError(f"policy {key!r} takes no options, got {name!r}; {others} do")
+    build = source.for_episodes(digest)
 
     def build_with_checks(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         try:
@@ -194,9 +231,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
 
 def policy_file(name: str) -> Path | None:
     """Returns the file that `trained(file=...)` names; None for other policies."""
-    key, options = _key_and_options(name)
-    file = options.get("file")
-    return Path(file) if key == "trained" and isinstance(file, str) else None
+    source, options = _source_and_options(name)
+    return source.file(options) if source else None
 
 
 def file_of(name: str, task: "SuiteTask") -> Path | None:
@@ -205,9 +241,14 @@ def file_of(name: str, task: "SuiteTask") -> Path | None:
     Raises:
       ValueError: the policy is the one that comes with the package for the task, and there is none.
     """
-    key, _ = _key_and_options(name)
-    file = policy_file(name)
-    return shipped(task) if key == "trained" and file is None else file
+    source, options = _source_and_options(name)
+    return source.file(options, task) if source else None
+
+
+def missing_observables(name: str, task: "SuiteTask") -> list[str]:
+    """Returns the extra observables that a named policy needs and that a task does not have."""
+    source, _ = _source_and_options(name)
+    return source.missing_observables(task) if source else []
 
 
 def without_file(name: str) -> str:
@@ -219,14 +260,10 @@ def without_file(name: str) -> str:
     return f"{key}({others})" if others else key
 
 
-def missing_observables(name: str, task: "SuiteTask") -> list[str]:
-    """Returns the extra observables that a named policy needs and that a task does not have: those of the expert."""
-    key, _ = _key_and_options(name)
-    if key != "expert":
-        return []
-    from kitchen_suite.policies import experts
-
-    return experts.expert_class(task).missing_in(task)
+def _source_and_options(name: str) -> tuple[PolicySource | None, dict[str, Any]]:
+    """Returns the source of a named policy, None for `module:callable`, and its options; raises as `_parse_call`."""
+    key, options = _key_and_options(name)
+    return POLICIES.get(key), options
 
 
 def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:
@@ -235,11 +272,7 @@ def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:
 
 
 def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`.
-
-    Raises:
-      ValueError: it is not a call of a name with keyword arguments that are constants, or it is too long.
-    """
+    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`."""
     if len(text) > _MAX_LENGTH:
         raise ValueError(f"policy {text[:40]!r} (continued) is not well-formed: it has {len(text)} characters")
     # Python's parser raises the last two for nested text.
@@ -254,11 +287,7 @@ def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def _import_policy(name: str) -> Policy:
-    """Returns the callable that `module:callable` names.
-
-    Raises:
-      ValueError: it cannot be imported or cannot be called.
-    """
+    """Returns the callable that `module:callable` names."""
     policy = checks.imported(name, "policy")
     if not callable(policy):
         raise ValueError(f"policy {name!r} cannot be called: it is {policy!r}")

@@ -3,22 +3,25 @@
 import abc
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
 import kitchen_suite
-from kitchen_suite import files
+from kitchen_suite import checks, files
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
+
+# Algorithm of files that do not name theirs: those of PPO.
+_UNNAMED = "ppo"
 
 # Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
 _MAX_BYTES = 64 * 2**20
@@ -41,6 +44,8 @@ class StoredPolicy(abc.ABC):
       metadata: JSON-compatible; `domain_name`, `task_name`, `task_kwargs` and a record of the training.
     """
 
+    # Name of the algorithm in the metadata of files.
+    algorithm: ClassVar[str]
     metadata: Mapping[str, Any]
 
     def __repr__(self) -> str:
@@ -84,6 +89,30 @@ class StoredPolicy(abc.ABC):
     def arrays(self) -> dict[str, NDArray]:
         """The arrays of its file, by name."""
 
+    @classmethod
+    @abc.abstractmethod
+    def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
+        """Returns the policy that a file holds.
+
+        Args:
+          arrays: of the file, by name; may be emptied.
+          metadata: of the file.
+
+        Raises:
+          ValueError: a part is missing or unknown, or does not fit the others.
+        """
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads a policy of this class.
+
+        Raises:
+          OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
+          ValueError: the file is of another algorithm or another version of the layout, or lacks or contradicts a part
+            of a policy.
+        """
+        return load(path, (cls,))
+
     def with_metadata(self, metadata: Mapping[str, Any]) -> Self:
         """Returns the policy with other metadata."""
         return dataclasses.replace(self, metadata=metadata)  # type: ignore[type-var]
@@ -106,9 +135,6 @@ class StoredPolicy(abc.ABC):
           task: that the policy is to act in.
           observed: number of elements of its observations that the policy takes.
           expected: number of those that the task has.
-
-        Raises:
-          ValueError: they differ.
         """
         (size,) = task.mdp.action_mode.spec(task.robot).shape
         if (observed, self.action_size) != (expected, size):
@@ -139,20 +165,19 @@ class StoredPolicy(abc.ABC):
         return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
 
 
-def read(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Returns arrays and metadata of a policy's file.
+Stored = TypeVar("Stored", bound=StoredPolicy)
 
-    Raises:
-      OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
-      ValueError: the metadata lacks an entry, or the file has another version of the layout.
-    """
+
+def load(path: Path, classes: Sequence[type[Stored]]) -> Stored:
+    """Reads a policy of one of some classes: that of the algorithm that the file names."""
+    problem = f"{path} holds no trained policy"
     arrays, metadata = files.load_arrays(path, "a trained policy", max_bytes=_MAX_BYTES)
-    version = files.parse(metadata, _Metadata, problem(path)).format
+    version = files.parse(metadata, _Metadata, problem).format
     if version != FORMAT:
         raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
-    return arrays, metadata
-
-
-def problem(path: Path) -> str:
-    """Returns the beginning of the error for a file of another kind."""
-    return f"{path} holds no trained policy"
+    by_algorithm = {each.algorithm: each for each in classes}
+    try:
+        algorithm = checks.choice(metadata.get("algorithm", _UNNAMED), by_algorithm, "algorithm")
+        return by_algorithm[algorithm].from_arrays(arrays, metadata)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{problem}: {error}") from error

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies import stored
 from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
@@ -37,6 +36,8 @@ class TrainedPolicy(StoredPolicy):
       metadata: JSON-compatible; `domain_name`, `task_name`, `task_kwargs` and a record of the training.
     """
 
+    algorithm = "ppo"
+
     mean: NDArray[np.float32]
     deviation: NDArray[np.float32]
     clip: float
@@ -46,11 +47,7 @@ class TrainedPolicy(StoredPolicy):
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        """Checks the arrays.
-
-        Raises:
-          ValueError: an array has the wrong shape or type, or holds a number that is not finite or out of range.
-        """
+        """Checks the arrays."""
         if not self.weights or len(self.weights) != len(self.biases):
             raise ValueError(f"there are {len(self.weights)} layers of weights and {len(self.biases)} of biases")
         sizes = [self.mean.size, *(bias.size for bias in self.biases)]
@@ -104,26 +101,7 @@ class TrainedPolicy(StoredPolicy):
         }
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Reads a policy.
-
-        Raises:
-          OSError: the file does not exist, is larger than any policy, or is not an npz file with metadata.
-          ValueError: the file has another version of the layout, or lacks or contradicts a part of a policy.
-        """
-        arrays, metadata = stored.read(path)
-        try:
-            return cls.from_arrays(arrays, metadata)
-        except ValueError as error:
-            raise ValueError(f"{stored.problem(path)}: {error}") from error
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        """Returns the policy with the arrays and the metadata of a file.
-
-        Raises:
-          ValueError: an array is missing or unknown, or does not fit the others.
-        """
+    def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
         layers = range(sum(name.startswith("weight_") for name in arrays))
         names = ["mean", "deviation", "clip", "action_scale", *(f"{kind}_{i}" for kind in _LAYER for i in layers)]
         if odd := sorted(arrays.keys() ^ set(names)):
@@ -144,18 +122,13 @@ class TrainedPolicy(StoredPolicy):
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        del generator
         self.check_fits(task)
         flatten = task.policy_inputs.flatten
         return self._acting_in(task, lambda timestep: self(flatten(timestep.observation).ravel()))
 
 
 def _scalar(array: NDArray) -> NDArray:
-    """Returns an array of shape `()` of a real number.
-
-    Raises:
-      ValueError: the array has another shape, or holds no real number.
-    """
+    """Returns an array of shape `()` of a real number."""
     if array.shape != () or array.dtype.kind not in "fiu":
         raise ValueError(f"clip must be a number, not {array.dtype} of shape {array.shape}")
     return array

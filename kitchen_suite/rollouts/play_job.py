@@ -6,7 +6,7 @@ from typing import Any
 from tabulate import tabulate
 
 from kitchen_suite import files
-from kitchen_suite.policies import registry
+from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.rollouts.report import print_line
@@ -28,7 +28,7 @@ def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
       OSError: there is no such file, or it does not hold a trained policy.
       ValueError: the file's format is of another version, or its parts do not fit together.
     """
-    trained_for = registry.load(file).metadata
+    trained_for = load_policy(file).metadata
     return RolloutSettings(
         domain_name=trained_for["domain_name"],
         task_name=trained_for["task_name"],
@@ -99,7 +99,7 @@ class ListShippedJob:
 
 def _row(path: Path) -> dict[str, str]:
     """Returns the cells of a policy by the names of their columns."""
-    policy = registry.load(path)
+    policy = load_policy(path)
     metadata = policy.metadata
     return {
         "--shipped": path.stem,

@@ -84,11 +84,7 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
 
 
 def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
-    """Reads a checkpoint.
-
-    Raises:
-      OSError: the file cannot be read, is damaged, or does not hold a checkpoint that passes the check.
-    """
+    """Reads a checkpoint."""
     with files.reading(path, "a checkpoint"):
         contents = io.BytesIO(path.read_bytes())
         _check_zip(contents)
@@ -98,11 +94,7 @@ def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
 
 
 def _check_zip(contents: io.BytesIO) -> None:
-    """Checks the members of a zip file by their CRC-32, which PyTorch does not.
-
-    Raises:
-      zipfile.BadZipFile: a member is damaged, or larger than the file.
-    """
+    """Checks the members of a zip file by their CRC-32, which PyTorch does not."""
     with zipfile.ZipFile(contents) as archive:
         if sum(member.file_size for member in archive.infolist()) > len(contents.getbuffer()):
             raise zipfile.BadZipFile("PyTorch writes members without compression, but one is larger than the file")
@@ -117,49 +109,34 @@ def _paths(folder: Path) -> list[Path]:
 
 
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:
-    """Checks state dicts by the modules that they are for.
-
-    Args:
-      states: state dicts by name.
-      modules: networks, scalers and an optimiser, by name.
+    """Checks that state dicts have the keys, shapes and types of those of networks, scalers and an optimiser, by name.
 
     Raises:
-      ValueError: a name, a shape or a type differs.
+      ValueError: they differ. Damaged state dicts may raise any other exception.
     """
-    if states.keys() != modules.keys():
-        raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")
-    for name, module in modules.items():
-        if isinstance(module, torch.optim.Optimizer):
-            _check_optimizer(states[name], module)
-        else:
-            _check_tensors(states[name], module.state_dict(), name)
+    if _form(states) != {name: _form(_template(module, states[name])) for name, module in modules.items()}:
+        raise ValueError("it is of other networks or another optimiser")
 
 
-def _check_optimizer(state: Any, optimizer: torch.optim.Optimizer) -> None:
-    """Checks the state dict of an Adam optimiser, which has moments for each parameter that has had a gradient."""
-    if not isinstance(state, Mapping) or not isinstance(state.get("state"), Mapping):
-        raise ValueError("the optimizer has no state")
-    for group, expected in zip(state["param_groups"], optimizer.state_dict()["param_groups"], strict=True):
-        if not isinstance(group["lr"], float | int) or group["params"] != expected["params"]:
-            raise ValueError("the optimizer is one of other parameters")
-        if odd := [name for name, value in group.items() if name != "lr" and value != expected.get(name, value)]:
-            raise ValueError(f"the optimizer has other {odd}")
-    parameters = [parameter.detach() for group in optimizer.param_groups for parameter in group["params"]]
-    templates = {
-        i: {"step": torch.tensor(0.0), "exp_avg": parameter, "exp_avg_sq": parameter}
-        for i, parameter in enumerate(parameters)
-    }
-    for i, moments in state["state"].items():
-        if i not in templates:
-            raise ValueError(f"the optimizer has no parameter {i!r}")
-        _check_tensors(moments, templates[i], f"optimizer[{i}]")
+def _template(module: Any, state: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a state dict of a module, that of an Adam optimiser with the moments that `state` has."""
+    template = module.state_dict()
+    if isinstance(module, torch.optim.Optimizer):
+        # Only parameters that have had a gradient have moments.
+        parameters = [parameter for group in module.param_groups for parameter in group["params"]]
+        step = torch.tensor(0.0)
+        template["state"] = {
+            i: {"step": step, "exp_avg": parameters[i], "exp_avg_sq": parameters[i]} for i in state["state"]
+        }
+    return template
 
 
-def _check_tensors(tensors: Any, expected: Mapping[str, torch.Tensor], name: str) -> None:
-    """Checks a dict of tensors by their names, shapes and dtypes."""
-    if not isinstance(tensors, Mapping) or tensors.keys() != expected.keys():
-        raise ValueError(f"{name} must have the tensors {[*expected]}")
-    for key, template in expected.items():
-        tensor = tensors[key]
-        if not isinstance(tensor, torch.Tensor) or (tensor.shape, tensor.dtype) != (template.shape, template.dtype):
-            raise ValueError(f"{name}[{key!r}] must be {template.dtype} of shape {tuple(template.shape)}")
+def _form(state: Any) -> Any:
+    """Returns the keys, shapes and types in a state dict."""
+    if isinstance(state, Mapping):
+        return {key: _form(value) for key, value in state.items()}
+    if isinstance(state, list | tuple):
+        return [_form(value) for value in state]
+    if isinstance(state, torch.Tensor):
+        return state.shape, state.dtype
+    return float if isinstance(state, int) else type(state)

@@ -1,5 +1,6 @@
 """A PPO agent that learns from one vectorised environment, batch by batch."""
 
+import abc
 import collections
 import time
 from collections.abc import Callable, Mapping
@@ -14,11 +15,10 @@ from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.vector_rollout import Controller
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
-from kitchen_suite.training import behaviour_cloning
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.evaluation import episode_metrics, network_controller, step_metrics
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.ppo import Batch, build_agent, export_policy, load_policy
+from kitchen_suite.training.ppo import Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Weight of a task that always succeeds, relative to 1 more for one that never does.
@@ -36,7 +36,7 @@ class TaskBalance:
     """
 
     def __init__(self, requests: ResetRequests) -> None:
-        """Takes the requests of the task that starts the episodes; no drawn task has succeeded yet."""
+        """Starts without success of the tasks that the requests of the task that starts the episodes draw from."""
         self._requests, self._names = requests, requests.drawn_tasks
         self.success = np.zeros(len(self._names))
 
@@ -56,7 +56,7 @@ class TaskBalance:
           Successes of the tasks asked for, by the names of their curves.
         """
         asked, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
-        # Of tasks asked in turn, those that were never attempted say nothing.
+        # A task that is asked in turn counts only if it was attempted.
         asked = infos.get("attempted_tasks_mask", asked)
         for i in np.flatnonzero(ended).tolist():
             self.success += np.where(asked[i], completed[i] - self.success, 0.0) / _MEMORY
@@ -65,16 +65,119 @@ class TaskBalance:
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 
 
+# Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
+# squared error of a few large actions would dominate the loss.
+_ACTION_LIMIT = 5.0
+
+_BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
+
+
+def clone(
+    agent: Agent,
+    observations: NDArray[np.float32],
+    actions: NDArray[np.float32],
+    epochs: int,
+    report: Callable[[float], None] = lambda loss: None,
+) -> None:
+    """Fits the mean of an agent's policy to demonstrated actions, by least squares.
+
+    The demonstrations also fix the standardisation of observations.
+
+    Args:
+      agent: new.
+      observations: `(m, n)`.
+      actions: `(m, k)`.
+      epochs: number of passes over the demonstrations.
+      report: called after each pass with its mean loss, in squared units of the action scale.
+    """
+    policy = agent.policy
+    inputs = _fit_scaler(agent, torch.as_tensor(observations))
+    targets = (torch.as_tensor(actions) / policy.scale).clamp(-_ACTION_LIMIT, _ACTION_LIMIT)
+    optimizer = torch.optim.AdamW(policy.network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
+    num_batches = -(-len(targets) // _BATCH_SIZE)
+    scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * num_batches)
+    for _ in range(epochs):
+        losses = []
+        for batch in torch.randperm(len(targets)).split(_BATCH_SIZE):
+            loss = torch.nn.functional.mse_loss(policy.network(inputs[batch]), targets[batch])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            scheduler.step()
+            losses.append(loss.item())
+        report(float(np.mean(losses)))
+    agent.restart_average()
+
+
+def _fit_scaler(agent: Agent, observations: torch.Tensor) -> torch.Tensor:
+    """Fixes the standardisation by observations `(m, n)`; returns them standardised."""
+    scaler = agent.observation_scaler
+    scaler.update(observations)
+    # Every PPO update adds to the statistics, which would change what the cloned policy sees.
+    scaler.freeze()
+    return scaler(observations)
+
+
 class DivergedError(Exception):
     """A network's parameters are no longer finite."""
 
 
-class Learner:
+class Learner(abc.ABC):
+    """Learns step by step, and exports a policy.
+
+    Attributes:
+      steps: learned from so far: control steps over all environments, or steps of the optimiser.
+      warmup_batches: batches that still train the value network alone.
+    """
+
+    steps = 0
+    warmup_batches = 0
+
+    @property
+    @abc.abstractmethod
+    def modules(self) -> Mapping[str, Any]:
+        """Networks, scalers and optimiser by name."""
+
+    def start(self, seed: int) -> None:  # noqa: B027
+        """Begins to learn, with episodes of seeds from a first one."""
+
+    @abc.abstractmethod
+    def learn(self) -> dict[str, float]:
+        """Learns from a batch, or makes some steps of the optimiser; returns metrics by name."""
+
+    @abc.abstractmethod
+    def export(self, metadata: Mapping[str, Any]) -> StoredPolicy:
+        """Returns the present policy, without exploration."""
+
+    @abc.abstractmethod
+    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
+        """Returns a controller that acts by an exported policy."""
+
+    def state(self) -> dict[str, Any]:
+        """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
+        modules = {name: module.state_dict() for name, module in self.modules.items()}
+        random = torch.get_rng_state()
+        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self.warmup_batches}
+
+    def check_fits(self, checkpoint: Checkpoint) -> None:
+        """Checks that `load_state` can restore a checkpoint; raises a ValueError if it is one of other networks."""
+        check_modules(checkpoint.modules, self.modules)
+        # A generator of its own, so that a random state that is refused changes nothing.
+        torch.Generator().set_state(checkpoint.random)
+
+    def load_state(self, checkpoint: Checkpoint) -> None:
+        """Restores the state of learning; the checkpoint has to fit."""
+        for name, module in self.modules.items():
+            module.load_state_dict(checkpoint.modules[name])
+        torch.set_rng_state(checkpoint.random)
+        self.steps, self.warmup_batches = checkpoint.steps, checkpoint.warmup_batches
+
+
+class PPOLearner(Learner):
     """A PPO agent and the environments that it learns from.
 
     Attributes:
       agent: the PPO agent.
-      steps: control steps learned from so far, over all environments.
     """
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
@@ -90,14 +193,17 @@ class Learner:
         action_space = environments.single_action_space
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
-        self.agent = build_agent(size, action_space, config)
-        self.steps = 0
+        self.agent = Agent(size, action_space, config)
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
         self._task: SuiteTask = environments.template_env.environment.task
         self._balance = TaskBalance.of(self._task)
-        # Whether the standardisation of observations has been fitted, and batches that still train the values alone.
-        self._standardised, self._warmup_batches = False, 0
+        # Whether the standardisation of observations has been fitted.
+        self._standardised = False
+
+    @property
+    def modules(self) -> Mapping[str, Any]:
+        return self.agent.modules
 
     def imitate(
         self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
@@ -109,7 +215,7 @@ class Learner:
           actions: `(m, k)`.
           report: called after each pass over the demonstrations with its mean loss.
         """
-        behaviour_cloning.clone(self.agent, observations, actions, self._config.clone_epochs, report)
+        clone(self.agent, observations, actions, self._config.clone_epochs, report)
         self._warm_up_values()
 
     def adopt(self, policy: TrainedPolicy) -> None:
@@ -118,11 +224,11 @@ class Learner:
         Raises:
           ValueError: it does not fit the networks.
         """
-        load_policy(self.agent, policy)
+        adopt_policy(self.agent, policy)
         self._warm_up_values()
 
     def _warm_up_values(self) -> None:
-        self._standardised, self._warmup_batches = True, self._config.value_batches
+        self._standardised, self.warmup_batches = True, self._config.value_batches
 
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
@@ -137,7 +243,8 @@ class Learner:
         environments.reset_statistics(total_steps=self.steps // count)
         observations, _ = environments.reset(seed=seed)
         self._observations = self._tensor(observations)
-        length = _episode_length(environments)
+        length = environments.template_env.max_episode_steps
+        assert length, "the spec has the domain's where none is asked for"
         start_steps = np.random.default_rng(seed).permutation(count) * length // count
         for step in range(length):
             self._explore(starting=start_steps == step)
@@ -154,36 +261,14 @@ class Learner:
             self.agent.observation_scaler.update(self._observations)
 
     def export(self, metadata: Mapping[str, Any]) -> TrainedPolicy:
-        """Returns the present policy, without exploration."""
         return export_policy(self.agent, metadata)
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by a policy of PPO, in all environments at once."""
         assert isinstance(policy, TrainedPolicy)
         return network_controller(policy, environments)
 
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`; that of the episodes in progress is not part of it."""
-        modules = {name: module.state_dict() for name, module in self.agent.modules.items()}
-        random = torch.get_rng_state()
-        return {"modules": modules, "random": random, "steps": self.steps, "warmup_batches": self._warmup_batches}
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-        check_modules(checkpoint.modules, self.agent.modules)
-        # A generator of its own, so that a random state that is refused changes nothing.
-        torch.Generator().set_state(checkpoint.random)
-
     def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-        for name, module in self.agent.modules.items():
-            module.load_state_dict(checkpoint.modules[name])
-        torch.set_rng_state(checkpoint.random)
-        self.steps, self._warmup_batches = checkpoint.steps, checkpoint.warmup_batches
+        super().load_state(checkpoint)
         self._standardised = True
 
     def learn(self) -> dict[str, float]:
@@ -200,9 +285,9 @@ class Learner:
         """
         means = self._collect()
         started = time.perf_counter()
-        means |= self.agent.update(self._batch, values_only=self._warmup_batches > 0)
+        means |= self.agent.update(self._batch, values_only=self.warmup_batches > 0)
         means["time/update_milliseconds"] = 1000 * (time.perf_counter() - started)
-        self._warmup_batches = max(self._warmup_batches - 1, 0)
+        self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
         self._check_finite()
         return means
@@ -256,10 +341,3 @@ class Learner:
                 raise DivergedError(
                     f"after {self.steps} steps the {name} network is no longer finite: lower the learning rate"
                 )
-
-
-def _episode_length(environments: SuiteVectorEnv) -> int:
-    # The spec has the default one.
-    length = environments.template_env.max_episode_steps
-    assert length
-    return length

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import torch
 
+from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.training.hyperparameters import Hyperparameters
 
 # Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
 _LAST_LAYER_SCALE = 0.01
 
 
-class Policy(torch.nn.Module):
+class GaussianPolicy(torch.nn.Module):
     """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
 
     Both, and the actions that it deals with, are in units of `scale`, so that an optimiser step has the same effect on
@@ -91,9 +92,6 @@ def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
     return torch.nn.Sequential(*layers[:-1])
 
 
-# Bound of standardised numbers.
-CLIP = 10.0
-
 # Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
 _FROZEN_COUNT = 1e15
 
@@ -140,7 +138,7 @@ class RunningScaler(torch.nn.Module):
 
     @property
     def deviation(self) -> torch.Tensor:
-        """`(m,)`, what vectors are divided by: standard deviations with the epsilon."""
+        """`(m,)`, divisors of the vectors: standard deviations with the epsilon."""
         return self.running_variance.sqrt() + self.epsilon
 
     def forward(self, vectors: torch.Tensor) -> torch.Tensor:

@@ -9,9 +9,10 @@ import torch
 from gymnasium import spaces
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from kitchen_suite.policies.networks import CLIP
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.networks import CLIP, Policy, RunningScaler, build_network
+from kitchen_suite.training.networks import GaussianPolicy, RunningScaler, build_network
 
 
 class Batch:
@@ -77,6 +78,9 @@ _LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
 # Added to the standard deviation of advantages.
 _LEAST_DEVIATION = 1e-8
 
+# Added to the standard deviation of returns.
+_VALUE_EPSILON = 1e-8
+
 
 class Agent:
     """A policy and a value function, and their optimiser.
@@ -90,17 +94,24 @@ class Agent:
       optimizer: with a parameter group of each network, that of the policy first.
     """
 
-    def __init__(
-        self,
-        policy: Policy,
-        value: torch.nn.Module,
-        observation_scaler: RunningScaler,
-        value_scaler: RunningScaler,
-        config: Hyperparameters,
-    ) -> None:
-        """Takes the networks and scalers, and builds the optimiser."""
-        self.policy, self.value, self._config = policy, value, config
-        self.observation_scaler, self.value_scaler = observation_scaler, value_scaler
+    def __init__(self, observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> None:
+        """Builds networks, scalers and optimiser.
+
+        Args:
+          observation_size: length of the flat observation.
+          action_space: of one environment.
+          config: the hyperparameters.
+
+        Raises:
+          ValueError: the hyperparameter `action_scale` does not fit the action space.
+        """
+        if action_space.shape != (len(config.action_scale),):
+            raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
+        self._config = config
+        self.policy = policy = GaussianPolicy(observation_size, torch.tensor(config.action_scale), config)
+        self.value = value = build_network([observation_size, *config.hidden, 1])
+        self.observation_scaler = RunningScaler(observation_size, config.standardisation_epsilon)
+        self.value_scaler = RunningScaler(1, _VALUE_EPSILON)
         self.average = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         groups = [
             {"params": list(policy.parameters()), "lr": config.learning_rate},
@@ -193,7 +204,7 @@ class Agent:
         ]
 
     def _bootstrapped(self, batch: Batch) -> torch.Tensor:
-        """Returns the rewards `(t, n)`; where a step truncated an episode, plus the value of what would follow."""
+        """Returns the rewards `(t, n)`; with the discounted value of the last observation where a step truncated."""
         steps, indices, last = batch.last_observations()
         rewards = batch.rewards.clone()
         following = self.value_scaler.inverse(self.value(self.observation_scaler(last))).squeeze(-1)
@@ -258,44 +269,9 @@ class Agent:
                 group["lr"] = min(group["lr"] * _RATE_FACTOR, greatest)
 
 
-# Added to the standard deviation of returns.
-_VALUE_EPSILON = 1e-8
-
-
-def build_agent(observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> Agent:
-    """Returns a new agent.
-
-    Args:
-      observation_size: length of the flat observation.
-      action_space: of one environment.
-      config: the hyperparameters.
-
-    Raises:
-      ValueError: the hyperparameter `action_scale` does not fit the action space.
-    """
-    return Agent(
-        Policy(observation_size, _action_scale(action_space, config), config),
-        build_network([observation_size, *config.hidden, 1]),
-        RunningScaler(observation_size, config.standardisation_epsilon),
-        RunningScaler(1, _VALUE_EPSILON),
-        config,
-    )
-
-
-def _action_scale(action_space: spaces.Box, config: Hyperparameters) -> torch.Tensor:
-    """Returns the action `(k,)` for network outputs of one.
-
-    Raises:
-      ValueError: its length is not that of an action.
-    """
-    if action_space.shape != (len(config.action_scale),):
-        raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
-    return torch.tensor(config.action_scale)
-
-
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
-    scaler, policy = agent.observation_scaler, cast(Policy, agent.average.module)
+    scaler, policy = agent.observation_scaler, cast(GaussianPolicy, agent.average.module)
     layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
     return TrainedPolicy(
         mean=_array(scaler.running_mean),
@@ -309,8 +285,8 @@ def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
 
 
 @torch.no_grad()
-def load_policy(agent: Agent, policy: TrainedPolicy) -> None:
-    """Gives an agent the network of a trained policy, and its standardisation for good; the values are not known.
+def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
+    """Sets the network of an agent to that of a trained policy, and fixes its standardisation; values stay untrained.
 
     Raises:
       ValueError: the networks have other layers, or other units of actions.

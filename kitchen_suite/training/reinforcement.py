@@ -16,10 +16,11 @@ from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.settings import TrainSettings
-from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
+from kitchen_suite.training.learner import PPOLearner
 from kitchen_suite.training.recipes import find_recipe
+from kitchen_suite.training.seed_run import Training
 
 
 def make_spec(
@@ -31,10 +32,6 @@ def make_spec(
       settings: of the run.
       task_kwargs: arguments of the environments.
       max_episode_steps: the domain's when omitted.
-
-    Raises:
-      TypeError: an argument has the wrong type, or there is no such argument.
-      ValueError: an unknown name, or a value that is refused.
     """
     spec = RecordingSpec.make(
         domain_name=settings.domain_name,
@@ -55,8 +52,8 @@ def make_spec(
     return spec
 
 
-class PPOTraining:
-    """The environments, hyperparameters and demonstrations of a run by PPO; see `learning.Training`.
+class PPOTraining(Training):
+    """The environments, hyperparameters and demonstrations of a run by PPO.
 
     Attributes:
       environments: that are trained in.
@@ -70,11 +67,6 @@ class PPOTraining:
         Args:
           settings: of the run.
           spec: of the environments that are evaluated in.
-
-        Raises:
-          OSError: demonstrations or the initial policy cannot be read.
-          TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
-          ValueError: an unknown name, or a value that is refused.
         """
         if settings.schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
@@ -93,13 +85,13 @@ class PPOTraining:
         )
         self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
 
-    def make_learner(self, seed: int) -> Learner:
-        learner = Learner(self.environments, self.config, seed)
+    def make_learner(self, seed: int) -> PPOLearner:
+        learner = PPOLearner(self.environments, self.config, seed)
         if self._initial_policy:
             learner.adopt(self._initial_policy)
         return learner
 
-    def prepare(self, learner: Learner) -> None:
+    def prepare(self, learner: PPOLearner) -> None:
         if self._demonstrations:
             with _cloning_bar(self.config.clone_epochs) as report:
                 learner.imitate(*self._demonstrations, report)
@@ -111,9 +103,6 @@ class PPOTraining:
         """Returns the arguments of the environments that are trained in, which replace those of the task.
 
         The domain's are left out where the task's arguments have them.
-
-        Raises:
-          ValueError: observations or actions would have another meaning than in those that are evaluated in.
         """
         settings = self._settings
         domain = suite.find_domain(settings.domain_name)
@@ -136,11 +125,7 @@ class PPOTraining:
         return make_spec(self._settings, arguments, steps)
 
     def _load_initial_policy(self) -> TrainedPolicy | None:
-        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`.
-
-        Raises:
-          ValueError: it is of another domain, or demonstrations are to be cloned.
-        """
+        """Returns the policy to start from, if any; raises as `TrainedPolicy.load`."""
         path = self._settings.initial_policy
         if path is None:
             return None
@@ -160,12 +145,8 @@ class PPOTraining:
         return observations, actions
 
     def _load(self, folder: Path) -> tuple[NDArray, NDArray]:
-        """Returns the observations and actions of a recording; raises as `load_demonstrations`.
-
-        Raises:
-          ValueError: their shapes are not those of this task.
-        """
-        observations, actions = load_demonstrations(folder, self._spec)
+        """Returns the observations and actions of a recording; raises as `load_to_clone`."""
+        observations, actions = load_to_clone(folder, self._spec)
         space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
         found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
         if found != expected:

@@ -1,62 +1,32 @@
 """One seed of a training run: it learns, is evaluated, and writes curves and checkpoints, from which it can resume."""
 
+import abc
 import contextlib
 import enum
+import os
+import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from numpy.typing import NDArray
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.vector_rollout import Controller
 from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint
-from kitchen_suite.training.curves import CurveWriter
 from kitchen_suite.training.evaluation import evaluate
+from kitchen_suite.training.learner import Learner
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
-class Learner(Protocol):
-    """Learns step by step, and exports what it has learned.
-
-    Attributes:
-      steps: learned from so far: control steps over all environments, or steps of the optimiser.
-    """
-
-    steps: int
-
-    def start(self, seed: int) -> None:
-        """Begins to learn, with episodes of seeds from a first one."""
-
-    def learn(self) -> dict[str, float]:
-        """Learns a little; returns metrics by name."""
-
-    def export(self, metadata: Mapping[str, Any]) -> StoredPolicy:
-        """Returns the present policy."""
-
-    def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by an exported policy."""
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`."""
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-
-    def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-
-
-class Training(Protocol):
-    """The settings of a run as its algorithm reads them, and what it learns from.
+class Training(abc.ABC):
+    """The settings of a run as its algorithm reads them, and the environments or demonstrations that it learns from.
 
     Attributes:
       title: name of the algorithm.
@@ -70,13 +40,14 @@ class Training(Protocol):
     training_kwargs: dict[str, Any]
     max_episode_steps: int
 
+    @abc.abstractmethod
     def make_learner(self, seed: int) -> Learner:
         """Returns a new learner."""
 
-    def prepare(self, learner: Any) -> None:
-        """Does what comes before the first step of a new run."""
+    def prepare(self, learner: Any) -> None:  # noqa: B027
+        """Prepares the learner of a new run for its first step, such as by cloning."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027
         """Closes the environments that are trained in."""
 
 
@@ -120,6 +91,41 @@ class Stopwatch:
         self.processor_seconds = time.process_time() - self._processor_started
 
 
+class CurveWriter:
+    """Writes scalars to an event file of TensorBoard.
+
+    It writes in the calling thread. `torch.utils.tensorboard.SummaryWriter` writes in a thread of its own, which prints
+    a traceback where the disk is full.
+    """
+
+    def __init__(self, folder: Path, *, first_step: int | None = None) -> None:
+        """Opens a new file.
+
+        Args:
+          folder: of the file.
+          first_step: TensorBoard then hides what earlier files in the folder hold from this step on.
+        """
+        seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+        name = f"events.out.tfevents.{seconds:010d}.{socket.gethostname()}.{os.getpid()}.{nanoseconds:09d}"
+        self._writer = RecordWriter((folder / name).open("xb"))
+        self._write(file_version="brain.Event:2")
+        if first_step is not None:
+            self._write(step=first_step, session_log=SessionLog(status=SessionLog.START))
+
+    def write(self, scalars: Mapping[str, float], step: int) -> None:
+        """Writes the values of curves, by name, at a step."""
+        values = [Summary.Value(tag=name, simple_value=value) for name, value in scalars.items()]
+        self._write(step=step, summary=Summary(value=values))
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._writer.close()
+
+    def _write(self, **fields: Any) -> None:
+        self._writer.write(Event(wall_time=time.time(), **fields).SerializeToString())
+        self._writer.flush()
+
+
 class SeedRun:
     """The training of one learner, in a folder of its own.
 
@@ -145,10 +151,6 @@ class SeedRun:
           learner: new.
           evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
           metadata: of exported policies.
-
-        Raises:
-          CheckpointError: there are checkpoints, but none can be read.
-          OSError: the folder cannot be written to.
         """
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
@@ -212,7 +214,7 @@ class SeedRun:
         return self.steps // interval > previous // interval or self._stop_reason() is not None
 
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
-        """Learns from one batch, and shows its metrics."""
+        """Learns from one batch, and reports its metrics."""
         steps, started = self.steps, time.perf_counter()
         means = self._learner.learn()
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)

@@ -35,7 +35,7 @@ class TrainJob:
     """Trains with one seed, and with further seeds as long as there is no progress.
 
     Attributes:
-      training: what the algorithm learns from, and its settings.
+      training: environments or demonstrations of the algorithm, and its settings.
     """
 
     failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)
@@ -154,15 +154,11 @@ class TrainJob:
 
 
 def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
-    """Returns the training of the algorithm that settings name; raises what its class does.
-
-    Raises:
-      ValueError: an unknown algorithm.
-    """
+    """Returns the training of the algorithm that settings name; raises what its class does."""
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)
     # Needs a further package.
-    from kitchen_suite.training.imitation.training import ImitationTraining
+    from kitchen_suite.training.imitation.learner import ImitationTraining
 
     return ImitationTraining(settings, spec)

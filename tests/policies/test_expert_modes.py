@@ -148,8 +148,8 @@ def test_observations_alone_are_enough_at_the_cabinet(mode):
 
 def test_fixed_skills_keep_the_orientation_of_the_reset():
     rotation = ArmKinematics(KitchenArena, KITCHEN_FRANKA).forward(INITIAL_QPOS[ARM]).rotation()
-    for skill in FIXED_SKILLS.values():
-        for move in skill.moves:
+    for task in DEFAULT_TASKS:
+        for move in FIXED_SKILLS[task].moves:
             if isinstance(move, ArcMove):
                 assert move.hand_rotation_ratio == 0.0
             else:

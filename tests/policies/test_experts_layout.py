@@ -6,6 +6,7 @@ import pytest
 from kitchen_suite import experts, suite
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.variations.distributions import SPLITS
 from kitchen_suite.tasks.variations.randomizer import VariationRequest
 
@@ -99,7 +100,7 @@ def test_the_expert_says_which_observables_it_needs():
     expert.check_observes({"microwave/yaw", "hood/offset"})
     experts.KitchenExpert(["kettle"]).check_observes({"microwave/offset", "kettle/burner"})
     experts.DrawerExpert("top").check_observes({"cabinet/offset", "cabinet/yaw"})
-    assert needed_observables(list(SKILLS), varied) == ["franka/base_pose", "hood/pose", "microwave/pose"]
+    assert needed_observables(DEFAULT_TASKS, varied) == ["franka/base_pose", "hood/pose", "microwave/pose"]
 
 
 def test_a_task_out_of_reach_is_postponed():

@@ -8,7 +8,7 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
-from kitchen_suite.policies import registry as policy_files
+from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Linear, ResidualNetwork, Scales, silu
 
@@ -85,7 +85,7 @@ def kitchen(task_name="complete", **task_kwargs):
 
 def test_a_saved_policy_is_loaded_unchanged(policy, tmp_path):
     policy.save(tmp_path / "policy.npz")
-    loaded = policy_files.load(tmp_path / "policy.npz")
+    loaded = load_policy(tmp_path / "policy.npz")
     assert type(loaded) is type(policy)
     assert policy.metadata.items() <= loaded.metadata.items()
     inputs = np.random.default_rng(1).standard_normal(INPUTS)
@@ -219,7 +219,7 @@ def test_metadata_that_do_not_fit_are_refused(message, tmp_path):
     object.__setattr__(policy, "metadata", {**policy.metadata, **BAD[message]})
     policy.save(path)
     with pytest.raises(ValueError, match="holds no trained policy") as caught:
-        policy_files.load(path)
+        load_policy(path)
     assert message in str(caught.value)
 
 

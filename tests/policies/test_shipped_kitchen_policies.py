@@ -9,8 +9,7 @@ from sweeps import brief
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import play as play_command
 from kitchen_suite.gymnasium_env import KITCHEN_ID
-from kitchen_suite.policies import find
-from kitchen_suite.policies import registry as policy_files
+from kitchen_suite.policies import find, load_policy
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS
 
@@ -119,7 +118,7 @@ def test_all_policies_are_listed_with_their_success_and_size(capsys):
     paths = sorted(SHIPPED.glob("*.npz"))
     assert [line.split()[0] for line in lines[2:]] == [path.stem for path in paths]
     for line, path in zip(lines[2:], paths, strict=True):
-        metadata = policy_files.load(path).metadata
+        metadata = load_policy(path).metadata
         assert f"{metadata['domain_name']} {metadata['task_name']}" in line
         assert f"{metadata['training']['success']:.0%}" in line
         assert line.endswith(f" {path.stat().st_size / 1024:.0f} KiB")

@@ -8,7 +8,7 @@ import pytest
 from human_files import write_d4rl
 
 from kitchen_suite.cli.commands import convert, evaluate, record, train
-from kitchen_suite.policies import registry as policy_files
+from kitchen_suite.policies import load_policy
 
 pytestmark = pytest.mark.clients
 
@@ -157,7 +157,7 @@ def run(recording, tmp_path, capsys):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algorithm):
     assert run(f"--algorithm={algorithm}")[0] == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.tasks == ("kettle", "microwave", "light switch")
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
@@ -167,7 +167,7 @@ def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algori
 
 def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(run, tmp_path):
     assert run("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
 
 
@@ -202,32 +202,33 @@ def test_imitation_needs_demonstrations(tmp_path, capsys):
 
 def test_episodes_that_failed_are_left_out(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load
+    from kitchen_suite.training.imitation.demonstrations import load_recording
 
     folder, _ = recording
     opened = RecordingFolder.open(folder)
     successful = [index for index in opened.indices if opened.load_stats(index).metrics["success"]]
     assert 0 < len(successful) < len(opened.indices)
-    shown = load(folder, opened.spec, ["kettle"])
+    shown = load_recording(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
 
 
 def test_several_recordings_are_learned_from_together(recording):
     from kitchen_suite.rollouts.folder import RecordingFolder
-    from kitchen_suite.training.imitation.demonstrations import load, load_all
+    from kitchen_suite.training.imitation.demonstrations import load_demonstrations, load_recording
 
     folder, _ = recording
     spec, tasks = RecordingFolder.open(folder).spec, ["kettle"]
-    one, two = (load(folder, spec, tasks, count) for count in (1, 2))
-    together = load_all([folder, folder], spec, tasks, [1, 2])
+    one, two = (load_recording(folder, spec, tasks, count) for count in (1, 2))
+    together = load_demonstrations([folder, folder], spec, tasks, [1, 2])
     np.testing.assert_array_equal(together.inputs, np.concatenate([one.inputs, two.inputs]))
     np.testing.assert_array_equal(together.actions, np.concatenate([one.actions, two.actions]))
     chunks = together.actions[together.chunks(3)]
     np.testing.assert_array_equal(chunks[len(one.actions) :], two.actions[two.chunks(3)])
     np.testing.assert_array_equal(chunks[: len(one.actions)], one.actions[one.chunks(3)])
-    assert len(load_all([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
-    assert len(load_all([folder, folder], spec, tasks, []).actions) == 2 * len(load(folder, spec, tasks).actions)
+    assert len(load_demonstrations([folder, folder], spec, tasks, [1]).actions) == 2 * len(one.actions)
+    everything = load_demonstrations([folder, folder], spec, tasks, [])
+    assert len(everything.actions) == 2 * len(load_recording(folder, spec, tasks).actions)
 
 
 def test_numbers_of_demonstrations_are_as_many_as_folders(run, recording):
@@ -245,7 +246,7 @@ def test_policies_are_trained_on_positions_alone_where_velocities_were_not_recor
     arguments = ["--demonstrations=human", "--task_name=random_4", "--domain_name=kitchen", "--output=run"]
     quick = ["--num_steps=100", "--eval_interval=100", "--eval_episodes=1"]
     assert train.main([*arguments, "--algorithm=bc", hyperparameters, *quick]) == 0
-    policy = policy_files.load(tmp_path / "run" / "policy.npz")
+    policy = load_policy(tmp_path / "run" / "policy.npz")
     # Nine joints of the robot, 21 positions of objects, seven tasks.
     assert policy.metadata["state_elements"] == [*range(9), *range(18, 39)]
     assert policy.layers[0] == 30 + 7

@@ -50,9 +50,9 @@ def demonstrations(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def samples(demonstrations):
-    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+    from kitchen_suite.training.imitation.demonstrations import load_to_clone
 
-    return load_demonstrations(demonstrations, spec_of("open_cabinet", "top_drawer"))
+    return load_to_clone(demonstrations, spec_of("open_cabinet", "top_drawer"))
 
 
 @pytest.fixture
@@ -124,15 +124,15 @@ ARGUMENTS = [
 
 
 def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
-    from kitchen_suite.training import behaviour_cloning
+    from kitchen_suite.training import learner
 
-    cloned, clone = [], behaviour_cloning.clone
+    cloned, clone = [], learner.clone
 
     def counted(agent, observations, *rest):
         cloned.append(len(observations))
         clone(agent, observations, *rest)
 
-    monkeypatch.setattr(behaviour_cloning, "clone", counted)
+    monkeypatch.setattr(learner, "clone", counted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 0
     assert cloned == [6 * 150]
@@ -196,22 +196,22 @@ OTHER_ARGUMENTS = {
 
 @pytest.mark.parametrize(("recorded", "trained", "same"), OTHER_ARGUMENTS.values(), ids=OTHER_ARGUMENTS)
 def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, recorded, trained, same):
-    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+    from kitchen_suite.training.imitation.demonstrations import load_to_clone
 
     RecordingFolder.create(tmp_path, spec_of("kitchen", "all", **recorded))
     # A recording without episodes, which is refused only after its arguments have been compared.
     remedy = "record again without obs_type" if "obs_type" in recorded else "pass the same --task_kwargs"
     message = "holds no episodes yet" if same else f"was recorded with .*, but this run has .*: {remedy}"
     with pytest.raises(ValueError, match=message):
-        load_demonstrations(tmp_path, spec_of("kitchen", "all", **trained))
+        load_to_clone(tmp_path, spec_of("kitchen", "all", **trained))
 
 
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
 def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_path, goal_format):
-    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+    from kitchen_suite.training.imitation.demonstrations import load_to_clone
 
     record_kitchen(tmp_path / "episodes", {"goal_format": goal_format})
-    observations, actions = load_demonstrations(tmp_path / "episodes", spec_of("kitchen", "kettle"))
+    observations, actions = load_to_clone(tmp_path / "episodes", spec_of("kitchen", "kettle"))
     assert (observations.shape, actions.shape) == ((3, 59 + 2 * 7), (3, 9))
     # The desired goal comes last.
     from kitchen_suite.tasks import GOALS
@@ -220,13 +220,13 @@ def test_kitchen_demonstrations_have_the_order_of_a_policys_observations(tmp_pat
 
 
 def test_goals_recorded_by_task_are_flattened_in_the_order_of_flat_goals(tmp_path):
-    from kitchen_suite.training.behaviour_cloning import load_demonstrations
+    from kitchen_suite.training.imitation.demonstrations import load_to_clone
 
     # Neither the order of the alphabet nor that of all tasks.
     tasks, loaded = ["slide cabinet", "microwave", "kettle", "light switch"], []
     for goal_format in ("dict", "flat"):
         record_kitchen(tmp_path / goal_format, {"goal_format": goal_format, "tasks_to_complete": tasks}, "all")
-        loaded.append(load_demonstrations(tmp_path / goal_format, spec_of("kitchen", "all", tasks_to_complete=tasks)))
+        loaded.append(load_to_clone(tmp_path / goal_format, spec_of("kitchen", "all", tasks_to_complete=tasks)))
     (one, actions), (other, same_actions) = loaded
     assert one.shape == (3, 59 + 2 * (1 + 1 + 7 + 2))
     np.testing.assert_array_equal(one, other)

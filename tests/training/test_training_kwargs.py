@@ -105,9 +105,9 @@ def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
-    from kitchen_suite.training.learner import Learner
+    from kitchen_suite.training.learner import PPOLearner
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
-    Learner(environments, job.training.config, 0).start(0)
+    PPOLearner(environments, job.training.config, 0).start(0)
     assert sorted(environments._get_info()["episode_step"]) == [2, 5]

@@ -360,13 +360,13 @@ def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
     from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.ppo import Batch, build_agent
+    from kitchen_suite.training.ppo import Agent, Batch
 
     torch.manual_seed(0)
     config = Hyperparameters(
         num_envs=64, rollouts=8, mini_batches=4, hidden=(16,), action_scale=(2.0,), noise_correlation=0.0, kl_target=0.0
     )
-    agent = build_agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)
+    agent = Agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)
     batch = Batch(8, 64, 1, 1)
     for _ in range(60):
         batch.clear()

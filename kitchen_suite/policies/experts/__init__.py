@@ -1,9 +1,16 @@
 """Scripted experts, which complete the suite's tasks from observations alone. They need the extra `experts`."""
 
-import kitchen_suite.policies.experts.mink_import
-import kitchen_suite.rendering.choice  # noqa: F401
-from kitchen_suite.policies.experts.base import Expert, MotionStyle, expert_class, make, make_policy
-from kitchen_suite.policies.experts.kitchen import KitchenExpert
-from kitchen_suite.policies.experts.open_cabinet import DrawerExpert
+import numpy as _np
+
+# mink imports JAX where that is installed, which draws from NumPy's global random state.
+_state = _np.random.get_state()
+import mink  # noqa: E402, F401
+
+_np.random.set_state(_state)
+
+import kitchen_suite.rendering.choice  # noqa: E402, F401
+from kitchen_suite.policies.experts.base import Expert, MotionStyle, expert_class, make, make_policy  # noqa: E402
+from kitchen_suite.policies.experts.kitchen import KitchenExpert  # noqa: E402
+from kitchen_suite.policies.experts.open_cabinet import DrawerExpert  # noqa: E402
 
 __all__ = ["DrawerExpert", "Expert", "KitchenExpert", "MotionStyle", "expert_class", "make", "make_policy"]

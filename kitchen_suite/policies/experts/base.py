@@ -50,12 +50,14 @@ class Expert(abc.ABC):
     Attributes:
       control_modes: classes of the control modes by name; the first is the default.
       observation_size: elements of an observation.
+      observed_extras: names of the extra observables that the expert reads.
     """
 
     # Share of the style's speed at which the trajectory is followed at present.
     _pace: float = 1.0
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
     observation_size: int
+    observed_extras: Collection[str] = ()
 
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
         if not isinstance(style, MotionStyle | None):
@@ -70,10 +72,6 @@ class Expert(abc.ABC):
         Args:
           task: of the expert's domain.
           **options: arguments of the class; they replace the settings of the task.
-
-        Raises:
-          TypeError: an argument is unknown or of the wrong type.
-          ValueError: an option has a value that the expert rejects, or the task varies poses that it does not observe.
         """
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
@@ -109,16 +107,10 @@ class Expert(abc.ABC):
 
     def missing_observables(self, varied: Collection[str]) -> list[str]:
         """Returns the names of the extra observables that the expert lacks where parameters vary."""
-        return [name for name in self._needed_observables(varied) if name not in self._observed_extras]
-
-    @property
-    def _observed_extras(self) -> Collection[str]:
-        """Names of the extra observables that the expert reads."""
-        return ()
+        return [name for name in self._needed_observables(varied) if name not in self.observed_extras]
 
     def _needed_observables(self, varied: Collection[str]) -> list[str]:
         """Returns the names of the extra observables without which the expert cannot act where parameters vary."""
-        del varied
         return []
 
     def reset(self, generator: np.random.Generator) -> None:

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN
-from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, hand_speed_limits, joint_speed_limits
+from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.control_modes import end_effector, joints
-from kitchen_suite.tasks.control_modes import joints as joint_offset
 from kitchen_suite.tasks.control_modes.end_effector import (
     COMMAND_ANGLE,
     COMMAND_DISTANCE,
@@ -33,7 +31,6 @@ from kitchen_suite.tasks.control_modes.joints import (
     JointOffset,
     JointPosition,
 )
-from kitchen_suite.tasks.kitchen import action
 from kitchen_suite.tasks.kitchen import action as kitchen_action
 from kitchen_suite.tasks.mdp import ActionMode
 
@@ -89,8 +86,9 @@ class ActionEncoder(abc.ABC):
     high: ArrayLike = 1.0
     arm_size: int = 7
 
-    def __init__(self, arm: ArmModel) -> None:
-        self._arm = arm
+    def __init__(self, mode: Any, arm: ArmModel) -> None:
+        """Stores the control mode, one of those that `ENCODERS` has for the class, and the robot."""
+        self._mode, self._arm = mode, arm
 
     def reset(self, joints: NDArray[np.float64]) -> None:  # noqa: B027
         """Begins an episode at joint positions `(7,)` [rad]."""
@@ -112,7 +110,7 @@ class ActionEncoder(abc.ABC):
         """
 
     def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:  # noqa: B027
-        """Updates what the mode remembers from an action that is applied.
+        """Updates the memory of the mode after an action.
 
         Args:
           positions: observed positions of the robot's joints before it [rad, m].
@@ -125,7 +123,7 @@ def gripper_action(fingers: float) -> float:
     return 1.0 - 2.0 * fingers / OPEN
 
 
-# A hand farther than this from its target [m, rad] does not follow.
+# Distances of the hand from its target beyond which it does not follow [m, rad].
 _MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
 
 # Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
@@ -165,15 +163,15 @@ class HandEncoder(ActionEncoder):
     """An encoder of a mode that commands the hand's pose; the mode chooses the posture of the arm."""
 
     def __init__(
-        self, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED
+        self, mode: Any, arm: ArmModel, *, linear_speed: float = _LINEAR_SPEED, angular_speed: float = _ANGULAR_SPEED
     ) -> None:
         """Sets the speed limits [m/s, rad/s]."""
-        super().__init__(arm)
+        super().__init__(mode, arm)
         self._base = _Pose.of(arm.kinematics.base)
-        self.limits = hand_speed_limits(
-            arm.kinematics,
-            tuple(arm.joint_speed),
-            arm.timestep,
+        self.limits = HandSpeedLimits(
+            kinematics=arm.kinematics,
+            joint_speed=tuple(arm.joint_speed),
+            timestep=arm.timestep,
             linear_speed=_SPEED_RESERVE * linear_speed,
             angular_speed=_SPEED_RESERVE * angular_speed,
         )
@@ -201,12 +199,6 @@ class HandEncoder(ActionEncoder):
 class PoseEncoder(HandEncoder):
     """Encoder of `ee_pose`."""
 
-    arm_size = 7
-
-    def __init__(self, mode: EndEffectorPose, arm: ArmModel) -> None:
-        del mode
-        super().__init__(arm)
-
     def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
         to_base = rotations.inverse(self._base.orientation)
         position = rotations.rotated(to_base, pose.position - self._base.position) / REACH
@@ -219,7 +211,7 @@ class _DeltaEncoder(HandEncoder):
     def __init__(
         self, mode: EndEffectorDeltaPosition | EndEffectorDeltaPose, arm: ArmModel, *, angular_speed: float
     ) -> None:
-        super().__init__(arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
+        super().__init__(mode, arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
         self._frame, self._step = mode.frame, mode.linear_speed * arm.timestep
 
     def reset(self, joints: NDArray[np.float64]) -> None:
@@ -270,14 +262,11 @@ class DeltaPoseEncoder(_DeltaEncoder):
         return np.append(super()._encode_pose(pose), rotation)
 
 
-# A joint farther than this from its target [rad] does not follow.
+# Distance of a joint from its target beyond which it does not follow [rad].
 _MAX_LAG = 0.25
 
 # The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
 _VELOCITY_SCALE = 2.0
-
-# Fraction of `joint_speed` at which trajectories move, so that actions can still correct errors.
-_SPEED_RESERVE_2 = 0.9
 
 # Gripper logit at which the gripper closes almost surely.
 _CLOSE_LOGIT = 50.0
@@ -286,18 +275,18 @@ _CLOSE_LOGIT = 50.0
 class JointEncoder(ActionEncoder):
     """An encoder of a mode that commands joints."""
 
-    def __init__(self, arm: ArmModel, *, speed: float = np.inf, scale: float = 1.0) -> None:
+    def __init__(self, mode: Any, arm: ArmModel, *, speed: float = np.inf, scale: float = 1.0) -> None:
         """Sets the speed limits.
 
         Args:
+          mode: the control mode.
           arm: the robot.
           speed: greatest speed of any joint in the mode [rad / control step].
           scale: factor of the joint speeds.
         """
-        super().__init__(arm)
-        self.limits = joint_speed_limits(
-            tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale), arm.timestep
-        )
+        super().__init__(mode, arm)
+        speeds = tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale)
+        self.limits = JointSpeedLimits(joint_speed=speeds, timestep=arm.timestep)
 
     def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
         return bool(np.max(np.abs(target - joints)) < _MAX_LAG)
@@ -308,8 +297,7 @@ class VelocityEncoder(JointEncoder):
 
     def __init__(self, mode: kitchen_action.JointVelocity, arm: ArmModel) -> None:
         scale = checks.number(mode.velocity_scale, "velocity_scale", positive=True)
-        super().__init__(arm, scale=min(1.0, scale / _VELOCITY_SCALE))
-        self._mode = mode
+        super().__init__(mode, arm, scale=min(1.0, scale / _VELOCITY_SCALE))
 
     def reset(self, joints: NDArray[np.float64]) -> None:
         # The last position target, if the next one is relative to it.
@@ -336,10 +324,6 @@ class PositionEncoder(JointEncoder):
 
     low, high = JOINT_LOW, JOINT_HIGH
 
-    def __init__(self, mode: JointPosition | kitchen_action.JointPosition, arm: ArmModel) -> None:
-        del mode
-        super().__init__(arm)
-
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
@@ -358,10 +342,6 @@ class OffsetEncoder(JointEncoder):
 
     low, high = -np.inf, np.inf
 
-    def __init__(self, mode: JointOffset, arm: ArmModel) -> None:
-        del mode
-        super().__init__(arm)
-
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
@@ -375,7 +355,7 @@ class DeltaEncoder(JointEncoder):
 
     def __init__(self, mode: JointDelta, arm: ArmModel) -> None:
         self._step = mode.joint_speed * arm.timestep
-        super().__init__(arm, speed=_SPEED_RESERVE_2 * self._step)
+        super().__init__(mode, arm, speed=_SPEED_RESERVE * self._step)
 
     def reset(self, joints: NDArray[np.float64]) -> None:
         self._commanded = joints
@@ -393,14 +373,14 @@ class DeltaEncoder(JointEncoder):
 
 ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = MappingProxyType(
     {
-        action.JointVelocity: VelocityEncoder,
-        action.JointPosition: KitchenPositionEncoder,
-        joint_offset.JointOffset: OffsetEncoder,
-        joints.JointPosition: PositionEncoder,
-        joints.JointDelta: DeltaEncoder,
-        end_effector.EndEffectorDeltaPosition: DeltaPositionEncoder,
-        end_effector.EndEffectorDeltaPose: DeltaPoseEncoder,
-        end_effector.EndEffectorPose: PoseEncoder,
+        kitchen_action.JointVelocity: VelocityEncoder,
+        kitchen_action.JointPosition: KitchenPositionEncoder,
+        JointOffset: OffsetEncoder,
+        JointPosition: PositionEncoder,
+        JointDelta: DeltaEncoder,
+        EndEffectorDeltaPosition: DeltaPositionEncoder,
+        EndEffectorDeltaPose: DeltaPoseEncoder,
+        EndEffectorPose: PoseEncoder,
     }
 )
 
@@ -411,9 +391,6 @@ def make_encoder(mode: ActionMode, arm: ArmModel) -> ActionEncoder:
     Args:
       mode: an instance of one of the classes in `ENCODERS`.
       arm: the robot and its control.
-
-    Raises:
-      ValueError: there is no encoder for the mode.
     """
     if type(mode) not in ENCODERS:
         names = ", ".join(each.__name__ for each in ENCODERS)

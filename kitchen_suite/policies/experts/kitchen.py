@@ -13,19 +13,19 @@ from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM
-from kitchen_suite.policies.experts.kitchen_further_skills import (
-    ALL_FIXED_SKILLS,
-    ALL_SKILLS,
-    ALL_STRICT_SKILLS,
-    left_door_skill,
-)
 from kitchen_suite.policies.experts.kitchen_layout import (
     ObservedLayout,
     achieved,
     arm_model,
-    asked,
     needed_observables,
+    requested_in,
     scene,
+)
+from kitchen_suite.policies.experts.kitchen_skills import (
+    FIXED_SKILLS,
+    SKILLS,
+    STRICT_SKILLS,
+    left_door_skill,
 )
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
@@ -36,9 +36,9 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.observation import AMPLITUDES, SLICES
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
@@ -100,8 +100,8 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 # Share of the arc of a door with which its task is completed.
 _ENOUGH_OF_ARC = 0.8
 
-_ROBOT = noise.SLICES[0]
-_SIZE = noise.AMPLITUDES.size
+_ROBOT = SLICES[0]
+_SIZE = AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
@@ -144,24 +144,21 @@ class KitchenExpert(Expert):
             at once it cannot observe the order: with `in_order` it does them in that of `tasks`. It turns to other
             tasks when others are asked, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: a name that is unknown or repeated, or a number out of range.
         """
         self._goals = build_goals(tasks, goals)
         self._success = make_success(
             self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
-        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(ALL_SKILLS)
+        order = tuple(tasks) if checks.boolean(in_order, "in_order") else tuple(SKILLS)
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
+        self.observed_extras = self._layout.slices
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
-        precise = ALL_STRICT_SKILLS if self._is_strict else ALL_SKILLS
-        self._skills = precise if encoder.turns_hand else ALL_FIXED_SKILLS
+        precise = STRICT_SKILLS if self._is_strict else SKILLS
+        self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         self._limits, self._kinematics = encoder.limits, arm_model().kinematics
         super().__init__(style, encoder)
 
@@ -184,10 +181,6 @@ class KitchenExpert(Expert):
     def without_goals(self, flat: NDArray) -> NDArray:
         count = self._num_requests
         return np.concatenate([flat[: self.observation_size - count], flat[flat.size - count :]])
-
-    @property
-    def _observed_extras(self) -> Collection[str]:
-        return self._layout.slices
 
     def _needed_observables(self, varied: Collection[str]) -> list[str]:
         return needed_observables(self._goals.tasks, varied)
@@ -225,7 +218,7 @@ class KitchenExpert(Expert):
     def _requested(self, observation: NDArray[np.float64]) -> tuple[str, ...]:
         """Returns the tasks that an observation asks for, in the order in which to do them."""
         count = self._num_requests
-        return asked(self._order, self._goals.tasks, observation[-count:]) if count else self._order
+        return requested_in(self._order, self._goals.tasks, observation[-count:]) if count else self._order
 
     def _turn_to(
         self, tasks: Sequence[str], observation: NDArray[np.float64], joints: NDArray[np.float64]

@@ -12,9 +12,9 @@ from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_ki
 from kitchen_suite.policies.experts.encoders import ArmModel
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.tasks import observables
-from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.kitchen.observation import SLICES
 
 BASE = "franka/base_pose"
 
@@ -34,12 +34,7 @@ class ObservedLayout:
     """
 
     def __init__(self, extras: Sequence[str]) -> None:
-        """Looks up the poses; `extras` are the names of the task's extra observables.
-
-        Raises:
-          TypeError: `extras` is no sequence of strings.
-          ValueError: an unknown or repeated name.
-        """
+        """Looks up the poses; `extras` are the names of the task's extra observables."""
         slices = observables.slices(build_kitchen_scene(visuals=False), extras) if len(extras) else {}
         self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
@@ -113,7 +108,7 @@ def arm_model() -> ArmModel:
     )
 
 
-_, _, _OBJECTS, _ = noise.SLICES
+_, _, _OBJECTS, _ = SLICES
 
 
 @functools.cache
@@ -133,7 +128,7 @@ def achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]
     return observation[_OBJECTS][_elements()[task]]
 
 
-def asked(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
+def requested_in(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
     """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
     wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
     return tuple(task for task in order if task in wanted)

@@ -99,10 +99,6 @@ class DrawerExpert(Expert):
           style: speed, noise and jitter of the motions.
           control_mode: the environment's.
           **control_options: arguments of the control mode: the environment's.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: there is no such drawer or control mode, or a number is out of range.
         """
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
         encoder = make_encoder(make_mode(control_mode, OFFSET_MODES, control_options), _arm_model())

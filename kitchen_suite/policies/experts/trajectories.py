@@ -1,8 +1,7 @@
 """Plans joint trajectories for skills, timed by the speeds that the arm's actuators can follow."""
 
 import dataclasses
-import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 import mink
@@ -28,17 +27,16 @@ _MIN_KNOT_INTERVAL = 1e-3
 _JOINT_SPACING = 0.1
 
 
-# Compared by identity, so that plans can be cached by their limits.
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class JointSpeedLimits:
-    """Greatest speeds of the arm's joints.
+    """Greatest speeds of the arm's joints; hashable with a tuple of speeds, so that plans can be cached.
 
     Attributes:
-      joint_speed: `(7,)`, of each joint [rad / control step].
+      joint_speed: of each of the seven joints [rad / control step].
       timestep: length of a control step [s].
     """
 
-    joint_speed: NDArray[np.float64]
+    joint_speed: Sequence[float]
     timestep: float
 
     def steps_between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
@@ -50,7 +48,7 @@ class JointSpeedLimits:
         return distance / (speed * self.timestep)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class HandSpeedLimits(JointSpeedLimits):
     """Greatest speeds of the arm's joints and of the hand.
 
@@ -75,31 +73,6 @@ class HandSpeedLimits(JointSpeedLimits):
         distance = float(np.linalg.norm(end.translation() - start.translation()))
         angle = float(np.linalg.norm((start.rotation().inverse() @ end.rotation()).log()))
         return max(self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
-
-
-@functools.cache
-def joint_speed_limits(joint_speed: tuple[float, ...], timestep: float) -> JointSpeedLimits:
-    """Returns the limits of joint speeds [rad / control step], the same object for the same speeds."""
-    return JointSpeedLimits(joint_speed=np.array(joint_speed), timestep=timestep)
-
-
-@functools.cache
-def hand_speed_limits(
-    kinematics: ArmKinematics,
-    joint_speed: tuple[float, ...],
-    timestep: float,
-    *,
-    linear_speed: float,
-    angular_speed: float,
-) -> HandSpeedLimits:
-    """Returns the limits of joint speeds [rad / control step] and hand speeds [m/s, rad/s], one object for each."""
-    return HandSpeedLimits(
-        kinematics=kinematics,
-        joint_speed=np.array(joint_speed),
-        timestep=timestep,
-        linear_speed=linear_speed,
-        angular_speed=angular_speed,
-    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

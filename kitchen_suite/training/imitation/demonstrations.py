@@ -1,9 +1,11 @@
-"""Demonstrations as inputs of a policy and chunks of the actions that follow them."""
+"""Recorded demonstrations, as observations and actions that PPO clones, or as inputs and chunks of actions."""
 
+import contextlib
 import itertools
-from collections.abc import Sequence
+import json
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,14 @@ from numpy.typing import NDArray
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
+from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.training import behaviour_cloning
+
+# Arguments of all domains on which the meaning of observed numbers depends.
+OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
+
+# Other advice than to pass the same arguments to recording and training.
+_REMEDIES = {"obs_type": "record again without obs_type; the same seeds are the same episodes"}
 
 
 class Demonstrations(NamedTuple):
@@ -35,10 +43,10 @@ class Demonstrations(NamedTuple):
         return np.minimum(np.arange(len(self.actions))[:, np.newaxis] + np.arange(length), self.last[:, np.newaxis])
 
 
-def load_all(
+def load_demonstrations(
     folders: Sequence[Path], spec: RecordingSpec, tasks: Sequence[str], counts: Sequence[int]
 ) -> Demonstrations:
-    """Reads the successful episodes of recordings; see `load`.
+    """Reads the successful episodes of recordings; see `load_recording`.
 
     Args:
       folders: of the recordings.
@@ -48,12 +56,13 @@ def load_all(
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: as `load`; or there are not as many numbers as recordings, or these have other elements of the state.
+      ValueError: as `load_recording`; or there are not as many numbers as recordings, or these have other elements of
+        the state.
     """
     if len(counts) not in (0, 1, len(folders)):
         raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
     wanted = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)
-    parts = [load(folder, spec, tasks, count) for folder, count in zip(folders, wanted, strict=True)]
+    parts = [load_recording(folder, spec, tasks, count) for folder, count in zip(folders, wanted, strict=True)]
     for folder, part in zip(folders, parts, strict=True):
         if part.state_elements != parts[0].state_elements:
             raise ValueError(f"{folder} and {folders[0]} do not hold the same elements of the state")
@@ -66,7 +75,7 @@ def load_all(
     )
 
 
-def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
+def load_recording(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
     """Reads the successful episodes that `kitchen-record` has written to a folder.
 
     Args:
@@ -80,7 +89,7 @@ def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | N
       ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
         such episodes.
     """
-    recording = behaviour_cloning.open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
+    recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
     indices = [*itertools.islice(successful, count)]
     if len(indices) < (count or 1):
@@ -107,3 +116,83 @@ def _recorded_elements(inputs: NDArray[np.float32], size: int) -> tuple[int, ...
     """Returns which of the `size` elements of the state another program has recorded; None for all."""
     recorded = np.isfinite(inputs[:, :size]).all(axis=0)
     return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
+
+
+def load_to_clone(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone.
+
+    Args:
+      folder: of the recording.
+      spec: of the environments to be trained in.
+
+    Returns:
+      Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
+
+    Raises:
+      OSError: there is no recording, or one of its episodes cannot be read.
+      ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
+        episodes.
+    """
+    recording = open_recording(
+        folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
+    )
+    found, expected = (f"{each.domain_name} {each.task_name}" for each in (recording.spec, spec))
+    if found != expected:
+        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
+    if not recording.indices:
+        raise ValueError(f"{folder} holds no episodes yet")
+    if recording.spec.origin is not None:
+        raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
+    episodes = [recording.load(index).arrays for index in recording.indices]
+    with spec.make_environment() as environment:
+        flatten = suite_env(environment).environment.task.policy_inputs.flatten
+    observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])
+    actions = np.concatenate([arrays["action"] for arrays in episodes])
+    return observations.astype(np.float32), actions.astype(np.float32)
+
+
+def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]) -> RecordingFolder:
+    """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
+
+    Args:
+      folder: of the recording.
+      wanted: specification of those environments.
+      options: names of the domain's options that have to be equal.
+
+    Raises:
+      OSError: there is no recording.
+      ValueError: the domains differ, or one of the options.
+    """
+    if not (folder / SPEC_FILE).exists():
+        raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
+    recording = RecordingFolder.open(folder)
+    recorded = recording.spec
+    if recorded.domain_name != wanted.domain_name:
+        found, expected = (f"{each.domain_name} {each.task_name}" for each in (recorded, wanted))
+        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
+    for name in (*OBSERVATION_OPTIONS, *options):
+        one, other = (_argument(spec, name) for spec in (recorded, wanted))
+        if one != other:
+            one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
+        if one != other:
+            raise ValueError(
+                f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
+                f"{_REMEDIES.get(name, 'pass the same --task_kwargs to both commands')}"
+            )
+    return recording
+
+
+def _argument(spec: RecordingSpec, name: str) -> Any:
+    """Returns an argument of the environments of a specification, as JSON represents it."""
+    default = {name: spec.env_class.default_of(suite.find_domain(spec.domain_name), name)}
+    arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
+    return json.loads(json.dumps(arguments[name]))
+
+
+def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
+    """Returns the value of an argument; where it is None, that of the environments' control mode, if it has it."""
+    if value is not None:
+        return value
+    with contextlib.closing(spec.make_environment()) as environment:
+        mode = suite_env(environment).environment.task.mdp.action_mode
+    return mode.name if name == "control_mode" else getattr(mode, name, None)

@@ -1,4 +1,4 @@
-"""A learner from demonstrations."""
+"""Training by imitation: the demonstrations, and the learners from them."""
 
 import math
 import time
@@ -9,13 +9,18 @@ import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.rollouts.spec import RecordingSpec
 from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
-from kitchen_suite.training.checkpoints import Checkpoint, check_modules
-from kitchen_suite.training.imitation.demonstrations import Demonstrations
-from kitchen_suite.training.imitation.methods import ImitationHyperparameters, Method
+from kitchen_suite.settings import TrainSettings
+from kitchen_suite.training.hyperparameters import checked_changes
+from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
+from kitchen_suite.training.imitation.methods import METHODS, ImitationHyperparameters, Method
+from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.seed_run import Training
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.
@@ -25,12 +30,8 @@ _STEPS = 100
 _ACTION_EPSILON = 1e-3
 
 
-class ImitationLearner:
-    """Fits the networks of a method to demonstrations.
-
-    Attributes:
-      steps: steps of the optimiser so far.
-    """
+class ImitationLearner(Learner):
+    """Fits the networks of a method to demonstrations."""
 
     def __init__(
         self,
@@ -53,7 +54,6 @@ class ImitationLearner:
           tasks: names of the tasks whose request is an input.
         """
         torch.manual_seed(seed)
-        self.steps = 0
         self._config, self._num_steps, self._tasks = config, num_steps, tuple(tasks)
         self._state_elements = demonstrations.state_elements
         self._scales = _scales(demonstrations, config.standardisation_epsilon)
@@ -68,7 +68,7 @@ class ImitationLearner:
         )
 
     @property
-    def _modules(self) -> dict[str, Any]:
+    def modules(self) -> dict[str, Any]:
         return {"method": self._method, "average": self._average, "optimizer": self._optimizer}
 
     @property
@@ -76,11 +76,7 @@ class ImitationLearner:
         """The networks with the averaged weights, which act."""
         return cast(Method, self._average.module)
 
-    def start(self, seed: int) -> None:
-        """Does nothing: there are no environments to learn in."""
-
     def learn(self) -> dict[str, float]:
-        """Makes steps of the optimiser; returns metrics by name."""
         started, losses = time.perf_counter(), []
         for _ in range(min(_STEPS, self._num_steps - self.steps)):
             losses.append(self._step())
@@ -104,7 +100,6 @@ class ImitationLearner:
         return loss.item()
 
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
-        """Returns the policy with the averaged weights."""
         method = self.averaged
         policy_class = method.policy_class
         config = self._config
@@ -125,31 +120,9 @@ class ImitationLearner:
         )
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        """Returns a controller that acts by a policy."""
         return PolicyController(
             environments, lambda environment, generator: policy.episode(environment.task, generator)
         )
-
-    def state(self) -> dict[str, Any]:
-        """Returns the state of learning, as in a `Checkpoint`."""
-        modules = {name: module.state_dict() for name, module in self._modules.items()}
-        return {"modules": modules, "random": torch.get_rng_state(), "steps": self.steps, "warmup_batches": 0}
-
-    def check_fits(self, checkpoint: Checkpoint) -> None:
-        """Checks that `load_state` can restore a checkpoint.
-
-        Raises:
-          ValueError: it is one of other networks.
-        """
-        check_modules(checkpoint.modules, self._modules)
-        torch.Generator().set_state(checkpoint.random)
-
-    def load_state(self, checkpoint: Checkpoint) -> None:
-        """Restores the state of learning; the checkpoint has to fit."""
-        for name, module in self._modules.items():
-            module.load_state_dict(checkpoint.modules[name])
-        torch.set_rng_state(checkpoint.random)
-        self.steps = checkpoint.steps
 
 
 def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
@@ -161,3 +134,37 @@ def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
         "action_deviation": actions.std(axis=0) + _ACTION_EPSILON,
     }
     return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})
+
+
+class ImitationTraining(Training):
+    """The demonstrations and hyperparameters of a run by imitation."""
+
+    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+        """Reads the demonstrations.
+
+        Args:
+          settings: of the run.
+          spec: of the environments that are evaluated in.
+        """
+        name, folders = settings.algorithm, settings.demonstrations
+        if not folders:
+            raise ValueError(f"algorithm {name!r} needs --demonstrations, a folder written by kitchen-record")
+        for flag in ("initial_policy", "training_kwargs"):
+            if getattr(settings, flag):
+                raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {name!r}")
+        self._method = METHODS[name]
+        self.title = self._method.__doc__.partition(":")[0]
+        self.config: Any = checked_changes(self._method.hyperparameters(), settings.hyperparameters)
+        if self.config.executed > self.config.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
+        self.training_kwargs: dict[str, Any] = {}
+        self.max_episode_steps = spec.max_episode_steps
+        self._num_steps = settings.schedule.num_steps
+        with spec.make_environment() as environment:
+            self._tasks = suite_env(environment).environment.task.requests.drawn_tasks
+        self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
+
+    def make_learner(self, seed: int) -> ImitationLearner:
+        return ImitationLearner(
+            self._demonstrations, self._method, self.config, num_steps=self._num_steps, seed=seed, tasks=self._tasks
+        )

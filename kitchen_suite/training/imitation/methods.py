@@ -29,7 +29,7 @@ class ImitationHyperparameters:
       batch_size: samples of a step of the optimiser.
       learning_rate: of the optimiser (AdamW) at first; it falls to 0 like half a cosine.
       weight_decay: of the optimiser.
-      averaging: decay of the moving average of the weights, which is what acts.
+      averaging: decay of the moving average of the weights, which is evaluated and exported.
       input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
         positive.
@@ -64,7 +64,7 @@ class TokenHyperparameters(ImitationHyperparameters):
     """Hyperparameters of VQ-BeT.
 
     Attributes:
-      codebooks: number of codes of a chunk, the later ones for what the earlier leave over.
+      codebooks: number of codes of a chunk; each later one is for the residual of the earlier ones.
       codes: number of codes in each codebook.
       latent: length of a code vector.
       quantizer_steps: steps of the optimiser, the first ones, that fit codes and decoder.
@@ -78,7 +78,7 @@ class TokenHyperparameters(ImitationHyperparameters):
     offset_scale: float = 5.0
 
 
-class Block(torch.nn.Module):
+class TorchBlock(torch.nn.Module):
     """A residual block: normalisation of the layer, and two affine maps with SiLU units between them."""
 
     def __init__(self, width: int) -> None:
@@ -93,7 +93,7 @@ class Block(torch.nn.Module):
         return values + self.second(torch.nn.functional.silu(self.first(self.norm(values))))
 
 
-class ResidualNetwork(torch.nn.Module):
+class TorchNetwork(torch.nn.Module):
     """An affine map, residual blocks, and another affine map."""
 
     def __init__(self, inputs: int, outputs: int, *, width: int, blocks: int) -> None:
@@ -107,7 +107,7 @@ class ResidualNetwork(torch.nn.Module):
         """
         super().__init__()
         self.input = torch.nn.Linear(inputs, width)
-        self.blocks = torch.nn.Sequential(*(Block(width) for _ in range(blocks)))
+        self.blocks = torch.nn.Sequential(*(TorchBlock(width) for _ in range(blocks)))
         self.output = torch.nn.Linear(width, outputs)
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
@@ -123,7 +123,7 @@ class ResidualNetwork(torch.nn.Module):
 # Encoder and decoder of chunks are small beside the network that predicts codes.
 _CODER_WIDTH, _CODER_BLOCKS = 128, 1
 
-# Of the mean vectors of codes (exponential moving averages).
+# Decay of the exponential moving averages of code vectors.
 _CODE_DECAY = 0.99
 
 # Factor of the distance of encoded chunks from their codes.
@@ -140,7 +140,7 @@ class Method(torch.nn.Module, abc.ABC):
     policy_class: ClassVar[type[ImitatedPolicy]]
     hyperparameters: ClassVar[type[ImitationHyperparameters]]
 
-    network: ResidualNetwork
+    network: TorchNetwork
 
     @abc.abstractmethod
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
@@ -157,7 +157,7 @@ class Method(torch.nn.Module, abc.ABC):
         return {}
 
     def settings(self) -> dict[str, Any]:
-        """Returns the policy's metadata beside what all have."""
+        """Returns the metadata that only policies of this algorithm have."""
         return {}
 
 
@@ -170,7 +170,7 @@ class Cloning(Method):
     def __init__(self, inputs: int, outputs: int, config: ImitationHyperparameters) -> None:
         """Builds the network for `inputs` and `outputs` values."""
         super().__init__()
-        self.network = ResidualNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
+        self.network = TorchNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         del step
@@ -187,7 +187,7 @@ class Flow(Method):
         """Builds the network for `inputs` and `outputs` values."""
         super().__init__()
         size = inputs + outputs + len(time_features(0.0))
-        self.network = ResidualNetwork(size, outputs, width=config.width, blocks=config.blocks)
+        self.network = TorchNetwork(size, outputs, width=config.width, blocks=config.blocks)
         self._flow_steps = config.flow_steps
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
@@ -213,8 +213,8 @@ class Tokens(Method):
         super().__init__()
         self._config, self._outputs = config, outputs
         coder = {"width": _CODER_WIDTH, "blocks": _CODER_BLOCKS}
-        self.encoder = ResidualNetwork(outputs, config.latent, **coder)
-        self.decoder = ResidualNetwork(config.latent, outputs, **coder)
+        self.encoder = TorchNetwork(outputs, config.latent, **coder)
+        self.decoder = TorchNetwork(config.latent, outputs, **coder)
         self.quantizer = ResidualVQ(
             dim=config.latent,
             num_quantizers=config.codebooks,
@@ -225,7 +225,7 @@ class Tokens(Method):
             threshold_ema_dead_code=2,
         )
         size = config.codebooks * config.codes * (1 + outputs)
-        self.network = ResidualNetwork(inputs, size, width=config.width, blocks=config.blocks)
+        self.network = TorchNetwork(inputs, size, width=config.width, blocks=config.blocks)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
         return self._coding_loss(chunks) if step < self._config.quantizer_steps else self._loss(inputs, chunks)
