@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import Feature, LeRobotObservations, frames_per_second
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -39,7 +39,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         """Adapts environments.
 
         Args:
-          environments: with autoreset mode `SameStep`, and one of `recordings.settings.OBS_TYPES`.
+          environments: with autoreset mode `SameStep`, and an observation type of `recordings.formats.LEROBOT`.
 
         Raises:
           ValueError: the environments have another autoreset mode or observation type.
@@ -126,12 +126,12 @@ class Films(Sequence[NDArray[np.uint8]]):
 
 
 def make_vector_env(
-    spec: RecordingSpec, num_envs: int, *, num_threads: int | None = None, **rendering: Any
+    spec: EnvironmentSpec, num_envs: int, *, num_threads: int | None = None, **rendering: Any
 ) -> LeRobotVectorEnv:
     """Makes environments for LeRobot.
 
     Args:
-      spec: specification of the episodes; its policy and its seed are not used.
+      spec: of the environments.
       num_envs: number of environments.
       num_threads: number of threads that step them.
       **rendering: further arguments, such as `render_mode`.
@@ -146,7 +146,7 @@ def make_vector_env(
     return LeRobotVectorEnv(spec.make_vector_env(num_envs, num_threads, AutoresetMode.SAME_STEP, **arguments))
 
 
-def features_of(spec: RecordingSpec) -> tuple[tuple[Feature, ...], int]:
+def features_of(spec: EnvironmentSpec) -> tuple[tuple[Feature, ...], int]:
     """Returns the features of an environment, and its frames per second [Hz]; raises as `make_vector_env`."""
     return _features_of(json.dumps(spec.as_json()))
 
@@ -154,5 +154,5 @@ def features_of(spec: RecordingSpec) -> tuple[tuple[Feature, ...], int]:
 @functools.cache
 def _features_of(spec: str) -> tuple[tuple[Feature, ...], int]:
     """Returns what `features_of` does, for the JSON of a specification: LeRobot makes configs several times."""
-    environment = suite_env(RecordingSpec.from_json(json.loads(spec)).make_environment())
+    environment = suite_env(EnvironmentSpec(**json.loads(spec)).make_environment())
     return tuple(LeRobotObservations(environment).features), frames_per_second(environment)

@@ -20,7 +20,7 @@ COMMAND = Command(
     name="kitchen-replay",
     description=__doc__,
     settings=ReplaySettings,
-    job="kitchen_suite.recordings.replay_job:ReplayJob",
+    job="kitchen_suite.recordings.replay:ReplayJob",
     # A recording may hold pictures, which its replay renders again.
     renders=lambda settings: True if settings.video else None,
     positional="source",

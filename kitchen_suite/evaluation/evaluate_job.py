@@ -18,11 +18,11 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.page import Page, PageStep
 from kitchen_suite.rollouts.report import EpisodeBar, print_line
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.vector_rollout import EndedEpisode, PolicyController, VectorRollout, even_count
+from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Scores that are means in a unit of their own; all others are rates.
@@ -143,7 +143,7 @@ class EpisodePage:
             for name, spec in self._plan.specs.items():
                 self._play(f"{name}, " if len(self._plan.specs) > 1 else "", spec, show)
 
-    def _play(self, prefix: str, spec: RecordingSpec, show: PageStep) -> None:
+    def _play(self, prefix: str, spec: EpisodeSpec, show: PageStep) -> None:
         """Plays the episodes of a condition, whose names begin with a prefix."""
         rollout = SingleRollout(spec, visuals=True, **_light(spec))
         environment = suite_env(rollout.environment).environment
@@ -160,7 +160,7 @@ class EpisodePage:
                     rollout.play(index, spec.seed + index, watch)
 
 
-def _light(spec: RecordingSpec) -> dict[str, str]:
+def _light(spec: EpisodeSpec) -> dict[str, str]:
     """Returns the argument with which meshes are light, unless the episodes' pictures are of another quality."""
     return {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
 
@@ -230,7 +230,7 @@ class EvaluateJob:
         plan = self._plan
         return {(name, index): plan.first.seed + index for name in plan.specs for index in range(plan.num_episodes)}
 
-    def _play(self, name: str, spec: RecordingSpec, bar: EpisodeBar) -> None:
+    def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
         """Plays the missing episodes of a condition."""
         waiting = collections.deque(
             (index, seed)
@@ -260,7 +260,7 @@ class EvaluateJob:
 
 
 def _result(
-    environments: SuiteVectorEnv, spec: RecordingSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
+    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
 ) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged (None) that of its start, as a failure."""
     task = environments.template_env.environment.task

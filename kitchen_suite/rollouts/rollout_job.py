@@ -14,13 +14,13 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
-from kitchen_suite.rollouts.film import Views
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.settings import RolloutSettings
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner
+from kitchen_suite.rollouts.views import Views
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
@@ -47,7 +47,7 @@ class RolloutJob:
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
-        self._spec = RecordingSpec.of(settings, seeding="dm_control")
+        self._spec = EpisodeSpec.of(settings, seeding="dm_control")
         self._rollout = SingleRollout(self._spec, **settings.rendering)
         self._environment = suite_env(self._rollout.environment).environment
         if settings.output:
@@ -120,7 +120,7 @@ class RolloutJob:
 
     @contextlib.contextmanager
     def _watch(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
-        """Yields the function to be called at every step: it moves the progress bar, and shows the step."""
+        """Yields the function to be called at every step: it moves the progress bar, and films the step."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (
             self._views.open() as view_step,

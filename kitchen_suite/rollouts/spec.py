@@ -1,5 +1,6 @@
-"""The specification of recorded episodes: with it, episode `i` can be played again anywhere, at any time."""
+"""Specifications: of environments, and of episodes in them that can be played again anywhere, at any time."""
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ from kitchen_suite.rollouts.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
-# Arguments of the environments that a recording sets itself.
+# Arguments of the environments that the commands set themselves.
 _RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
 _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 
@@ -32,67 +33,36 @@ _POLICY_STREAM = 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RecordingSpec:
-    """The specification of recorded episodes; episode `i` has the seed `seed + i`.
+class EnvironmentSpec:
+    """How Gymnasium environments of a task are made.
 
     Attributes:
       domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
       task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
-      policy: name of the policy, as `policies.find` takes it.
-      seed: of the first episode.
-      seeding: one of `SEEDINGS`.
       max_episode_steps: control steps after which an episode is truncated.
-      versions: by package.
-      policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
-      origin: where the episodes come from, if other programs recorded them; these have no seeds.
     """
 
     domain_name: str
     task_name: str
     task_kwargs: Mapping[str, Any]
-    policy: str
-    seed: int
-    seeding: str
     max_episode_steps: int
-    versions: Mapping[str, str]
-    policy_sha256: str | None = None
-    origin: Mapping[str, Any] | None = None
 
-    @classmethod
-    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "RecordingSpec":
-        """Makes the specification of a command's episodes; raises as `make`."""
-        return cls.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            policy=settings.policy,
-            seed=settings.seed,
-            seeding=seeding,
-            max_episode_steps=settings.max_episode_steps,
-        )
-
-    @classmethod
+    @staticmethod
     def make(
-        cls,
         *,
         domain_name: str,
         task_name: str | None,
         task_kwargs: Mapping[str, Any],
-        policy: str,
-        seed: int,
-        seeding: str,
-        max_episode_steps: int | None,
-    ) -> "RecordingSpec":
-        """Makes a specification of checked names, with the versions installed here.
+        max_episode_steps: int | None = None,
+    ) -> "EnvironmentSpec":
+        """Makes a specification of checked names.
 
         Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
 
         Raises:
-          ImportError: the policy needs an extra that is not installed.
-          OSError: the policy names a file that cannot be read.
           TypeError: a name is not a string.
-          ValueError: an unknown domain, task or policy, or an argument that is reserved.
+          ValueError: an unknown domain or task, or an argument that is reserved.
         """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
@@ -105,21 +75,120 @@ class RecordingSpec:
         settings = ObservationSettings(obs_type=task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
         quality = {"render_quality": "high"} if settings.layout(env_class.observed).has_pictures else {}
-        policies.find(policy)
-        return cls(
+        return EnvironmentSpec(
             domain_name=domain_name,
             task_name=task_name,
             task_kwargs={**quality, **task_kwargs},
+            max_episode_steps=max_episode_steps or domain.episode_steps,
+        )
+
+    def episodes(self, *, policy: str, seed: int, seeding: str) -> "EpisodeSpec":
+        """Returns the specification of episodes that a policy plays in such environments, with the versions here.
+
+        Arguments are the attributes of `EpisodeSpec`.
+
+        Raises:
+          ImportError: the policy needs an extra that is not installed.
+          OSError: the policy names a file that cannot be read.
+          ValueError: an unknown policy or seeding.
+        """
+        policies.find(policy)
+        return EpisodeSpec(
+            **self._environment,
             policy=policy,
             seed=seed,
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
-            max_episode_steps=max_episode_steps or domain.episode_steps,
             versions=installed_versions(),
             policy_sha256=_policy_digest(policy),
         )
 
+    def as_json(self) -> dict[str, Any]:
+        """Returns the specification as JSON represents it."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    @property
+    def env_class(self) -> type[SuiteEnv]:
+        """Class of the single environment."""
+        return _env_class(suite.DOMAINS[self.domain_name])
+
+    def make_environment(self, **extra: Any) -> gymnasium.Env:
+        """Makes a single environment; `extra` are further arguments, which do not replace those of the specification.
+
+        Raises:
+          TypeError: an argument has the wrong type, or there is no such argument.
+        """
+        arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments}
+        try:
+            return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
+        except TypeError as error:
+            # Gymnasium adds all arguments to the message.
+            raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
+
+    def make_vector_env(
+        self,
+        num_envs: int,
+        num_threads: int | None,
+        autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
+        **extra: Any,
+    ) -> SuiteVectorEnv:
+        """Makes vectorised environments; `extra` are further arguments, which replace those of the specification."""
+        environments = gymnasium.make_vec(
+            suite.DOMAINS[self.domain_name].env_id,
+            num_envs,
+            vectorization_mode="vector_entry_point",
+            num_threads=num_threads,
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=self.max_episode_steps,
+            **{**self._arguments, **extra},
+        )
+        return cast(SuiteVectorEnv, environments)
+
+    @property
+    def _environment(self) -> dict[str, Any]:
+        """The attributes of `EnvironmentSpec`."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(EnvironmentSpec)}
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        """Arguments of the Gymnasium environment."""
+        task = suite.task_arguments(self.domain_name, self.task_name)
+        arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
+        return {**arguments, **suite.DOMAINS[self.domain_name].array_options}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeSpec(EnvironmentSpec):
+    """The environments and the episodes of a recording; episode `i` has the seed `seed + i`.
+
+    Attributes:
+      policy: name of the policy, as `policies.find` takes it.
+      seed: of the first episode.
+      seeding: one of `SEEDINGS`.
+      versions: by package.
+      policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
+      origin: where the episodes come from, if other programs recorded them; these have no seeds.
+    """
+
+    policy: str
+    seed: int
+    seeding: str
+    versions: Mapping[str, str]
+    policy_sha256: str | None = None
+    origin: Mapping[str, Any] | None = None
+
     @classmethod
-    def from_json(cls, record: Mapping[str, Any]) -> "RecordingSpec":
+    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
+        """Makes the specification of a command's episodes; raises as `EnvironmentSpec.make` and `episodes`."""
+        environments = EnvironmentSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.environment_kwargs,
+            max_episode_steps=settings.max_episode_steps,
+        )
+        return environments.episodes(policy=settings.policy, seed=settings.seed, seeding=seeding)
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> "EpisodeSpec":
         """Returns the specification that `as_json` wrote.
 
         Raises:
@@ -136,27 +205,18 @@ class RecordingSpec:
 
     def as_json(self) -> dict[str, Any]:
         """Returns the specification as JSON represents it, without what is None."""
-        record = json.loads(json.dumps(dataclasses.asdict(self)))
-        return {name: value for name, value in record.items() if value is not None}
+        record = super().as_json()
+        # The order of the attributes in files.
+        order = ("domain_name", "task_name", "task_kwargs", "policy", "seed", "seeding", "max_episode_steps")
+        return {name: value for name, value in {**dict.fromkeys(order), **record}.items() if value is not None}
 
     def seed_of(self, index: int) -> int | None:
         """Returns the seed of an episode; None where another program recorded it."""
         return self.seed + index if self.origin is None else None
 
-    @property
-    def env_class(self) -> type[SuiteEnv]:
-        """Class of the single environment."""
-        return _env_class(suite.DOMAINS[self.domain_name])
-
-    def make_environment(self, **extra: Any) -> gymnasium.Env:
-        """Makes the environment of the episodes; `extra` are further arguments."""
-        # Those of the recording are of its observations.
-        arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments()}
-        try:
-            return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
-        except TypeError as error:
-            # Gymnasium adds all arguments to the message.
-            raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
+    def find_policy(self) -> policies.PolicyBuilder:
+        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
+        return policies.find(self.policy, digest=self.policy_sha256)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
         """Builds the policy for an environment of the episodes, so that bad options are refused before the first one.
@@ -166,33 +226,23 @@ class RecordingSpec:
         """
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
 
-    def find_policy(self) -> policies.PolicyBuilder:
-        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
-        return policies.find(self.policy, digest=self.policy_sha256)
+    def prepared(self) -> "EpisodeSpec":
+        """Returns the specification with what the policy needs to act, and the digest of the policy's file.
 
-    def make_vector_env(
-        self,
-        num_envs: int,
-        num_threads: int | None,
-        autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
-        **extra: Any,
-    ) -> SuiteVectorEnv:
-        """Makes vectorised environments of the same kind; `extra` are further arguments."""
-        environments = gymnasium.make_vec(
-            suite.DOMAINS[self.domain_name].env_id,
-            num_envs,
-            vectorization_mode="vector_entry_point",
-            num_threads=num_threads,
-            autoreset_mode=autoreset_mode,
-            max_episode_steps=self.max_episode_steps,
-            **{**self._arguments(), **extra},
-        )
-        return cast(SuiteVectorEnv, environments)
+        The expert needs extra observables where layouts vary.
 
-    def _arguments(self) -> dict[str, Any]:
-        task = suite.task_arguments(self.domain_name, self.task_name)
-        arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
-        return {**arguments, **suite.DOMAINS[self.domain_name].array_options}
+        Raises:
+          PolicyError: the policy cannot be built.
+        """
+        with contextlib.closing(self.make_environment()) as environment:
+            task = suite_env(environment).environment.task
+            missing = policies.missing_observables(self.policy, task)
+            if not missing:
+                self.check_policy(environment)
+                file = policies.file_of(self.policy, task)
+                return dataclasses.replace(self, policy_sha256=files.file_digest(file) if file else None)
+            extras = [*task.extra_observables, *missing]
+        return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras}).prepared()
 
 
 def _env_class(domain: suite.Domain) -> type[SuiteEnv]:

@@ -16,7 +16,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import base
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.ppo import Agent
 
 # Bound of the imitated actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
@@ -32,7 +32,7 @@ _REMEDIES = {"obs_type": "record again without obs_type; the same seeds are the 
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
-def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def load_demonstrations(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Reads the episodes that `kitchen-record` has written to a folder.
 
     Args:
@@ -61,7 +61,7 @@ def load_demonstrations(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.f
     return observations.astype(np.float32), actions.astype(np.float32)
 
 
-def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]) -> RecordingFolder:
+def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
     """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
 
     Args:
@@ -92,7 +92,7 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
     return recording
 
 
-def _argument(spec: RecordingSpec, name: str) -> Any:
+def _argument(spec: EnvironmentSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
     environment = pkgutil.resolve_name(suite.DOMAINS[spec.domain_name].env)
     parameter = inspect.signature(environment).parameters.get(name)
@@ -101,7 +101,7 @@ def _argument(spec: RecordingSpec, name: str) -> Any:
     return json.loads(json.dumps(arguments[name]))
 
 
-def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
+def _in_mode(spec: EnvironmentSpec, name: str, value: Any) -> Any:
     """Returns the value of an argument; where it is None, that of the environments' control mode, if it has it."""
     if value is not None:
         return value

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.behaviour_cloning import OBSERVATION_OPTIONS, load_demonstrations
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.learner import Learner
@@ -23,7 +23,7 @@ from kitchen_suite.training.settings import TrainSettings
 
 def make_spec(
     settings: TrainSettings, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
-) -> RecordingSpec:
+) -> EnvironmentSpec:
     """Returns the specification of environments of the task, with which `kitchen-play` can play the policy.
 
     Args:
@@ -35,13 +35,10 @@ def make_spec(
       TypeError: an argument has the wrong type, or there is no such argument.
       ValueError: an unknown name, or a value that is refused.
     """
-    spec = RecordingSpec.make(
+    spec = EnvironmentSpec.make(
         domain_name=settings.domain_name,
         task_name=settings.task_name,
         task_kwargs=task_kwargs,
-        policy="zero",
-        seed=settings.seed,
-        seeding="gymnasium",
         max_episode_steps=max_episode_steps,
     )
     default = spec.env_class.observed.default_type
@@ -63,7 +60,7 @@ class PPOTraining:
 
     title = "PPO"
 
-    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Makes the environments.
 
         Args:
@@ -123,7 +120,7 @@ class PPOTraining:
             raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
         return arguments
 
-    def _make_training_spec(self) -> RecordingSpec:
+    def _make_training_spec(self) -> EnvironmentSpec:
         """Returns the specification of the environments that are trained in."""
         arguments = {**self._settings.environment_kwargs, **self.training_kwargs}
         steps = arguments.pop("max_episode_steps", None)

@@ -18,7 +18,7 @@ from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.settings import PlaySettings
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError
@@ -154,7 +154,7 @@ class TrainJob:
         print_line(f"video {file}")
 
 
-def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
+def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:
     """Returns the training of the algorithm that settings name; raises what its class does.
 
     Raises:

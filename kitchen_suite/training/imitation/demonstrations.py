@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.training import behaviour_cloning
 
@@ -38,7 +38,7 @@ class Demonstrations(NamedTuple):
 
 
 def load_all(
-    folders: Sequence[Path], spec: RecordingSpec, tasks: Sequence[str], counts: Sequence[int]
+    folders: Sequence[Path], spec: EnvironmentSpec, tasks: Sequence[str], counts: Sequence[int]
 ) -> Demonstrations:
     """Reads the successful episodes of recordings; see `load`.
 
@@ -68,7 +68,7 @@ def load_all(
     )
 
 
-def load(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
+def load(folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
     """Reads the successful episodes that `kitchen-record` has written to a folder.
 
     Args:

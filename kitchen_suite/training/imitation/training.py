@@ -3,7 +3,7 @@
 from typing import Any
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.hyperparameters import checked_changes
 from kitchen_suite.training.imitation import demonstrations
 from kitchen_suite.training.imitation.learner import ImitationLearner
@@ -14,7 +14,7 @@ from kitchen_suite.training.settings import TrainSettings
 class ImitationTraining:
     """The demonstrations and hyperparameters of a run by imitation; see `learning.Training`."""
 
-    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Reads the demonstrations.
 
         Args:
