@@ -1,4 +1,4 @@
-"""Formats of datasets that recordings are made into; a further one is a module with its plan and source, and an entry."""
+"""Formats of datasets that recordings are made into; a further one is a module with plan and source, and an entry."""
 
 import abc
 import dataclasses
