@@ -85,7 +85,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         """
         if args or kwargs:
             raise TypeError(f"{name} takes no arguments: the environments are stepped together")
-        return Films(self.environments) if name == "render" else self.environments.call(name)
+        return RenderedPictures(self.environments) if name == "render" else self.environments.call(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Returns an attribute of every environment; raises an AttributeError if there is no such attribute."""
@@ -93,13 +93,13 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
 
     def render(self) -> tuple[NDArray, ...]:
         """Returns a picture `(height, width, 3)` of every environment."""
-        return tuple(Films(self.environments))
+        return tuple(RenderedPictures(self.environments))
 
     def close_extras(self, **kwargs: Any) -> None:
         self.environments.close(**kwargs)
 
 
-class Films(Sequence[NDArray[np.uint8]]):
+class RenderedPictures(Sequence[NDArray[np.uint8]]):
     """Pictures `(height, width, 3)` of environments, rendered when they are read: LeRobot reads only some.
 
     Pictures are black where the environments have no render mode: LeRobot always asks for them.

@@ -42,7 +42,8 @@ class RecordJob:
           TypeError: an argument of the task has the wrong type, or there is no such argument.
           ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
         """
-        self._ray = RaySettings.of(settings.workers, settings.ray_address)
+        workers, address = settings.workers, settings.ray_address
+        self._ray = RaySettings.of(workers, address) if workers or address else None
         self._settings = settings = _with_format(settings.with_preset)
         self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()

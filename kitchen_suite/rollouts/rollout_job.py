@@ -43,7 +43,8 @@ class RolloutJob:
           TypeError: an argument of the task has the wrong type, or there is no such argument.
           ValueError: an unknown name, or a value that is refused.
         """
-        self._ray = RaySettings.of(settings.workers, settings.ray_address)
+        workers, address = settings.workers, settings.ray_address
+        self._ray = RaySettings.of(workers, address) if workers or address else None
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings

@@ -4,21 +4,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import dm_env
-import gymnasium
-import numpy as np
-from numpy.typing import NDArray
-
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import Policy
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
-from kitchen_suite.rollouts.spec import EpisodeSpec, policy_generator, reset_to_seed
-
-
-def clipped_action(policy: Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:
-    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one."""
-    assert isinstance(space, gymnasium.spaces.Box)
-    return np.asarray(policy(timestep)).clip(space.low, space.high)
+from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator, reset_to_seed
 
 
 def episode_name(index: int, seed: int | None) -> str:

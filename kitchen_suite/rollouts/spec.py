@@ -6,10 +6,12 @@ import json
 from collections.abc import Mapping
 from typing import Any, cast
 
+import dm_env
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
@@ -279,3 +281,9 @@ def reset_to_seed(
 def policy_generator(seed: int) -> np.random.Generator:
     """Returns the generator that the policy of an episode draws from."""
     return np.random.default_rng((seed, _POLICY_STREAM))
+
+
+def clipped_action(policy: policies.Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:
+    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one."""
+    assert isinstance(space, gymnasium.spaces.Box)
+    return np.asarray(policy(timestep)).clip(space.low, space.high)

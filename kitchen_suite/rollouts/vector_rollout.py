@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
-from kitchen_suite.rollouts.single_rollout import SingleRollout, clipped_action
-from kitchen_suite.rollouts.spec import EpisodeSpec, policy_generator
+from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
