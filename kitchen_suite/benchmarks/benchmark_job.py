@@ -30,12 +30,7 @@ class BenchmarkJob:
     usage_errors: tuple[type[Exception], ...] = ()
 
     def __init__(self, settings: BenchmarkSettings) -> None:
-        """Checks the settings.
-
-        Raises:
-          ValueError: the domain or the measure is unknown, a number is not positive, or the measure takes one number of
-            environments and there are several.
-        """
+        """Checks the settings."""
         measure = checks.choice(settings.measure, _DEFAULT_NUM_ENVS, "measure")
         self._settings = settings
         self._domain = find_cases(settings.domain_name)
@@ -94,11 +89,7 @@ class BenchmarkJob:
 
 
 def find_cases(domain_name: str) -> BenchmarkDomain:
-    """Returns the benchmark cases of a domain.
-
-    Raises:
-      ValueError: there is no such domain, or none with benchmarks.
-    """
+    """Returns the benchmark cases of a domain."""
     benchmark = suite.DOMAINS[checks.choice(domain_name, suite.DOMAINS, "domain_name")].benchmark
     if benchmark is None:
         names = [domain.name for domain in suite.DOMAINS.values() if domain.benchmark]

@@ -142,13 +142,7 @@ class ExportJob:
     usage_errors = ()
 
     def __init__(self, settings: ExportSettings) -> None:
-        """Builds the scene, and starts the episode.
-
-        Raises:
-          OSError: the folder holds something already, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
+        """Builds the scene, and starts the episode."""
         self._folder = settings.output
         if self._folder.exists() and any(self._folder.iterdir()):
             raise FileExistsError(f"{self._folder} is not empty: name another folder")

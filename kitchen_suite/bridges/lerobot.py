@@ -40,9 +40,6 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
 
         Args:
           environments: with autoreset mode `SameStep`, and an observation type of `recordings.formats.LEROBOT`.
-
-        Raises:
-          ValueError: the environments have another autoreset mode or observation type.
         """
         vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
@@ -135,10 +132,6 @@ def make_vector_env(
       num_envs: number of environments.
       num_threads: number of threads that step them.
       **rendering: further arguments, such as `render_mode`.
-
-    Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: an unknown name, a number out of range, or an observation type that LeRobot does not read.
     """
     quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
     size = {name: value for name, value in _FILM_SIZE.items() if name not in spec.task_kwargs}
@@ -147,7 +140,7 @@ def make_vector_env(
 
 
 def features_of(spec: EnvironmentSpec) -> tuple[tuple[Feature, ...], int]:
-    """Returns the features of an environment, and its frames per second [Hz]; raises as `make_vector_env`."""
+    """Returns the features of an environment, and its frames per second [Hz]."""
     return _features_of(json.dumps(spec.as_json()))
 
 

@@ -20,14 +20,7 @@ class LiveEpisode:
     """
 
     def __init__(self, settings: ViewSettings) -> None:
-        """Builds environment and policy, and starts the episode of the settings' seed.
-
-        Raises:
-          ImportError: the policy needs an extra that is not installed.
-          OSError: the policy names a file that cannot be read, or assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
+        """Builds environment and policy, and starts the episode of the settings' seed."""
         environments = EnvironmentSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,

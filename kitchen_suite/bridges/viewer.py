@@ -255,7 +255,7 @@ class ViewJob:
     usage_errors = ()
 
     def __init__(self, settings: ViewSettings) -> None:
-        """Builds the first environment, so that bad settings are refused; raises what `LiveEpisode` does."""
+        """Builds the first environment, so that bad settings are refused."""
         task_name = settings.task_name or suite.default_task(settings.domain_name)
         self._settings = dataclasses.replace(settings, task_name=task_name)
         self._episode = LiveEpisode(self._settings)

@@ -116,12 +116,7 @@ class EpisodePage:
     """
 
     def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
-        """Checks that the page can be made.
-
-        Raises:
-          ImportError: the extra is missing.
-          ValueError: there is no such camera.
-        """
+        """Checks that the page can be made."""
         self._settings, self._plan = settings, plan
         self._count = min(settings.web_episodes, plan.num_episodes)
         self._page = Page(settings, num_episodes=self._count * len(plan.specs))
@@ -171,14 +166,7 @@ class EvaluateJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: EvaluateSettings) -> None:
-        """Prepares the evaluation, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the folder cannot be written to or holds another evaluation, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, a value that is refused, or a folder with another evaluation.
-        """
+        """Prepares the evaluation, so that bad settings are refused before the first episode."""
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)

@@ -49,14 +49,7 @@ class EvaluationPlan:
 
 
 def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
-    """Plans the evaluation that a command asks for, and builds the policy once in each condition.
-
-    Raises:
-      ImportError: the policy needs an extra that is not installed.
-      OSError: the policy names a file that cannot be read.
-      TypeError: an argument of the task has the wrong type, or there is no such argument.
-      ValueError: an unknown name, a protocol of another domain, or a value that is refused.
-    """
+    """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
     specs = {name: spec.prepared() for name, spec in _specs(protocol, settings).items()}
     own_tasks = {condition.task_name for condition in protocol.conditions}
@@ -69,12 +62,7 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
-    """Returns a protocol of a domain.
-
-    Raises:
-      TypeError: a name is no string.
-      ValueError: there is no such domain, no such protocol, or the protocol is for other domains.
-    """
+    """Returns a protocol of a domain; a ValueError if it is for other domains."""
     domain = suite.find_domain(domain_name)
     protocol = PROTOCOLS[checks.choice(name, PROTOCOLS.keys(), "protocol")]
     offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in domain.protocols]
@@ -84,11 +72,7 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
 
 
 def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeSpec]:
-    """Returns the specifications by condition, with the values that settings replace; equal ones only once.
-
-    Raises:
-      ValueError: settings replace arguments in which the conditions differ.
-    """
+    """Returns the specifications by condition, with the values that settings replace; equal ones only once."""
     given = settings.environment_kwargs
     if clash := sorted(_differing(protocol) & given.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")

@@ -101,11 +101,6 @@ class D4RLData(HumanData):
         Args:
           path: of the file.
           scene: the kitchen.
-
-        Raises:
-          ImportError: h5py is not installed.
-          OSError: the file cannot be read.
-          ValueError: an array is missing, or has another layout.
         """
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
@@ -154,11 +149,7 @@ class MinariData(HumanData):
     has_velocities = True
 
     def __init__(self, source: MinariSource, name: str) -> None:
-        """Takes a dataset; `name` is for messages.
-
-        Raises:
-          ValueError: it is of another environment.
-        """
+        """Takes a dataset; `name` is for messages."""
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
             raise ValueError(
@@ -323,13 +314,7 @@ class ConvertJob:
     usage_errors = (ValueError,)
 
     def __init__(self, settings: ConvertSettings) -> None:
-        """Opens the data, and starts the recording.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the data cannot be read, or the folder cannot be written to.
-          ValueError: the data have another layout, or the folder holds another recording.
-        """
+        """Opens the data, and starts the recording."""
         self._settings = settings
         environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
         # The MDP needs no physics.

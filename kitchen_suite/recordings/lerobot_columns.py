@@ -63,11 +63,7 @@ class LeRobotObservations:
     """
 
     def __init__(self, environment: SuiteEnv) -> None:
-        """Takes an environment with an observation type of `formats.LEROBOT`.
-
-        Raises:
-          ValueError: it has another observation type, or observes depth or segmentation.
-        """
+        """Takes an environment with an observation type of `formats.LEROBOT`."""
         given = environment.observation_space
         found = {*given.spaces} if isinstance(given, spaces.Dict) else set()
         if AGENT_POS not in found:

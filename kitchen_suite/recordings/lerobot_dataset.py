@@ -187,13 +187,7 @@ class LeRobotSource(Source):
 
 
 def find(name: str, root: Path | None) -> LeRobotSource | None:
-    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`.
-
-    Raises:
-      ImportError: LeRobot is not installed.
-      OSError: the dataset cannot be read.
-      ValueError: another program has made it.
-    """
+    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`."""
     for folder in (Path(name), home(root) / name):
         if (folder / INFO_FILE).is_file():
             return LeRobotSource(folder)

@@ -203,11 +203,6 @@ def find(name: str, root: Path | None) -> MinariSource | None:
     """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`.
 
     The folder of all datasets is that of `minari_root`.
-
-    Raises:
-      ImportError: the name is that of a dataset, but Minari is not installed.
-      OSError: the dataset cannot be read.
-      ValueError: it is of another environment, or its name is malformed.
     """
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():

@@ -34,14 +34,7 @@ class RecordJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
-        """Prepares the recording, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the folder cannot be written to or holds other episodes, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
-        """
+        """Prepares the recording, so that bad settings are refused before the first episode."""
         workers, address = settings.workers, settings.ray_address
         self._ray = RaySettings.of(workers, address) if workers or address else None
         self._settings = settings = _with_format(settings.with_preset)
@@ -148,11 +141,7 @@ class RecordJob:
 
 
 def _with_format(settings: RecordSettings) -> RecordSettings:
-    """Returns settings with an observation type of the dataset's format.
-
-    Raises:
-      ValueError: there is no such format, there is a format and no dataset, or the format does not hold the type.
-    """
+    """Returns settings with an observation type of the dataset's format."""
     if settings.format is None:
         return settings
     chosen = FORMATS[checks.choice(settings.format, FORMATS, "format")]

@@ -265,14 +265,7 @@ class ReplayJob:
     usage_errors = ()
 
     def __init__(self, settings: ReplaySettings) -> None:
-        """Prepares the replay, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: there is no such recording, or the assets are missing.
-          TypeError: an argument of the recorded environment is unknown here.
-          ValueError: the recording cannot be replayed here, or there is no such episode or camera.
-        """
+        """Prepares the replay, so that bad settings are refused before the first episode."""
         self._settings = settings
         with minari_root(settings.data_path):
             self._source = sources.find(settings.source, settings.data_path)

@@ -35,14 +35,7 @@ class RolloutJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RolloutSettings) -> None:
-        """Prepares the rollout, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the output folder cannot be written to or holds episodes, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
+        """Prepares the rollout, so that bad settings are refused before the first episode."""
         workers, address = settings.workers, settings.ray_address
         self._ray = RaySettings.of(workers, address) if workers or address else None
         if self._ray and (settings.video or settings.web):
@@ -158,7 +151,7 @@ class ListJob:
 
 
 def make_job(settings: RolloutSettings) -> RolloutJob | ListJob:
-    """Returns the job that `kitchen-rollout` was asked for; raises what `RolloutJob` does."""
+    """Returns the job that settings ask for."""
     return ListJob() if settings.list else RolloutJob(settings)
 
 

@@ -61,10 +61,6 @@ class EnvironmentSpec:
         """Makes a specification of checked names.
 
         Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
-
-        Raises:
-          TypeError: a name is not a string.
-          ValueError: an unknown domain or task, or an argument that is reserved.
         """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
@@ -88,11 +84,6 @@ class EnvironmentSpec:
         """Returns the specification of episodes that a policy plays in such environments, with the versions here.
 
         Arguments are the attributes of `EpisodeSpec`.
-
-        Raises:
-          ImportError: the policy needs an extra that is not installed.
-          OSError: the policy names a file that cannot be read.
-          ValueError: an unknown policy or seeding.
         """
         policies.find(policy)
         return EpisodeSpec(
@@ -114,11 +105,7 @@ class EnvironmentSpec:
         return _env_class(suite.DOMAINS[self.domain_name])
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
-        """Makes a single environment; `extra` are further arguments, which do not replace those of the specification.
-
-        Raises:
-          TypeError: an argument has the wrong type, or there is no such argument.
-        """
+        """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""
         arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments}
         try:
             return gymnasium.make(suite.DOMAINS[self.domain_name].env_id, **arguments)
@@ -133,7 +120,7 @@ class EnvironmentSpec:
         autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
         **extra: Any,
     ) -> SuiteVectorEnv:
-        """Makes vectorised environments; `extra` are further arguments, which replace those of the specification."""
+        """Makes vectorised environments; `extra` are further arguments, which replace the specification's."""
         environments = gymnasium.make_vec(
             suite.DOMAINS[self.domain_name].env_id,
             num_envs,
@@ -180,7 +167,7 @@ class EpisodeSpec(EnvironmentSpec):
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
-        """Makes the specification of a command's episodes; raises as `EnvironmentSpec.make` and `episodes`."""
+        """Makes the specification of a command's episodes."""
         environments = EnvironmentSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,

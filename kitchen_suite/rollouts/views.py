@@ -38,10 +38,6 @@ class Film:
           environment: that is filmed.
           num_episodes: number of episodes that will be played.
           max_steps: maximum number of control steps in an episode; None where there is none.
-
-        Raises:
-          ImportError: a film is asked for, but there is no ffmpeg.
-          ValueError: there is no such camera, or the pictures are too large.
         """
         self._settings, self._environment = settings, environment
         self._camera = cameras.find_camera(environment.physics, settings.camera)
@@ -106,9 +102,6 @@ class Page:
         Args:
           settings: of the page.
           num_episodes: maximum number of episodes in the page.
-
-        Raises:
-          ImportError: the extra is missing.
         """
         if settings.web:
             viser_servers.check_extra("a web page")
@@ -207,12 +200,7 @@ class Views:
     def __init__(
         self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
     ) -> None:
-        """Checks that they can be made; arguments are those of `Film`.
-
-        Raises:
-          ImportError: an extra is missing.
-          ValueError: there is no such camera, or the pictures are too large.
-        """
+        """Checks that they can be made; arguments are those of `Film`."""
         self._environment = environment
         self._film = Film(settings, environment, num_episodes=num_episodes, max_steps=max_steps)
         self._page = Page(settings, num_episodes=settings.web_episodes)
