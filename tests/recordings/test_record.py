@@ -19,7 +19,7 @@ from episode_files import assert_same_arrays, left_behind
 from episode_files import load_episode as load
 from sweeps import brief
 
-from kitchen_suite import policies
+from kitchen_suite import files, policies
 from kitchen_suite.cli import record, rollout
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies.trained import shipped_as
@@ -333,17 +333,14 @@ def test_a_recording_made_with_another_mujoco_is_not_continued(run, tmp_path):
 
 
 def test_two_recordings_started_together_do_not_share_a_folder(run, tmp_path, monkeypatch):
-    exists = Path.exists
+    check_writable = files.check_writable
 
-    def not_yet(path):
-        # Another recording begins right after this one has looked for it.
-        if path.name == "recording.json":
-            monkeypatch.setattr(Path, "exists", exists)
-            assert run("--output=runs", "--num_episodes=1", "--seed=5", *SHORT)[0] == 0
-            return False
-        return exists(path)
+    def check_late(folder):
+        # Another recording begins right before this one writes its specification.
+        monkeypatch.setattr(files, "check_writable", check_writable)
+        assert run("--output=runs", "--num_episodes=1", "--seed=5", *SHORT)[0] == 0
 
-    monkeypatch.setattr(Path, "exists", not_yet)
+    monkeypatch.setattr(files, "check_writable", check_late)
     status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
     assert (status, err) == (
         2,
