@@ -23,10 +23,10 @@ from dm_control.mujoco import wrapper
 from dm_control.mujoco.engine import MovableCamera
 from numpy.typing import NDArray
 from PIL import Image
+from scripts import tracking
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import tracking
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.tasks import rotations

@@ -7,8 +7,8 @@ import numpy as np
 from benchmark_results import read_results
 from dm_env import specs
 from entity_tables import markdown
+from scripts import tracking
 
-from kitchen_suite.benchmarks import tracking
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES as KITCHEN_MODES
 from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES as MICROWAVE_TABLE_MODES

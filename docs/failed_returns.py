@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
 from kitchen_suite import suite
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 RESULTS = Path(__file__).parent / "benchmarks" / "failed_returns.json"
@@ -29,16 +29,10 @@ EPISODES, EPISODE_STEPS = 20, 280
 FIRST_SEED = 40_000
 
 
-def spec_of(task: str, arguments: dict[str, Any], steps: int) -> RecordingSpec:
+def spec_of(task: str, arguments: dict[str, Any], steps: int) -> EnvironmentSpec:
     """Returns the specification of environments of a task, with episodes of some control steps."""
-    return RecordingSpec.make(
-        domain_name="kitchen",
-        task_name=task.replace(" ", "_"),
-        task_kwargs=arguments,
-        policy="zero",
-        seed=0,
-        seeding="gymnasium",
-        max_episode_steps=steps,
+    return EnvironmentSpec.make(
+        domain_name="kitchen", task_name=task.replace(" ", "_"), task_kwargs=arguments, max_episode_steps=steps
     )
 
 

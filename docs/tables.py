@@ -21,7 +21,7 @@ from training_tables import TRAINING_TABLES
 from variation_tables import VARIATION_TABLES
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import report as benchmark_report
+from kitchen_suite.benchmarks import benchmark_job
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks import GOALS, Randomization
 from kitchen_suite.tasks.kitchen import observation
@@ -250,7 +250,7 @@ TABLES: dict[str, Callable[[], str]] = {
 
 def benchmark_table(name: str) -> str:
     """Returns the tables of a result of `kitchen-benchmark --json`, as kept in docs/benchmarks/."""
-    return benchmark_report.markdown(read_results(name))
+    return benchmark_job.markdown(read_results(name))
 
 
 TABLES |= {
@@ -262,5 +262,5 @@ TABLES |= {
     f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
     for domain, record in suite.DOMAINS.items()
     if record.benchmark
-    for measure in benchmark_report.TABLES
+    for measure in benchmark_job.TABLES
 }

@@ -26,7 +26,7 @@ from typing import Any
 
 from kitchen_suite import suite
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
 RESULTS = Path(__file__).parent / "benchmarks" / "training.json"
@@ -119,13 +119,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     from kitchen_suite.training.evaluation import evaluate, network_controller
 
     policy = TrainedPolicy.load(policy_file)
-    spec = RecordingSpec.make(
-        **{name: policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs")},
-        policy="zero",
-        seed=UNSEEN,
-        seeding="gymnasium",
-        max_episode_steps=None,
-    )
+    spec = EnvironmentSpec.make(**{name: policy.metadata[name] for name in ("domain_name", "task_name", "task_kwargs")})
     environments = spec.make_vector_env(EPISODES, None, **spec.env_class.flat_options)
     counts = []
     with contextlib.closing(environments):

@@ -1,6 +1,7 @@
-"""Files that are written atomically, and whose contents are checked when they are read."""
+"""Files and folders that are written atomically, and whose contents are checked when they are read."""
 
 import contextlib
+import dataclasses
 import errno
 import functools
 import hashlib
@@ -62,6 +63,101 @@ def atomic_create(path: Path) -> Iterator[Path]:
                 raise
             os.close(os.open(path, os.O_CREAT | os.O_EXCL))
             os.replace(partial, path)
+
+
+@contextlib.contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Yields the path of a folder to make, which is renamed to `path` unless an exception is raised.
+
+    Raises:
+      OSError: there is something at `path` at the end, an empty folder excepted.
+    """
+    with temporary_folder(path) as partial:
+        yield partial
+        os.rename(partial, path)
+
+
+@contextlib.contextmanager
+def temporary_folder(path: Path) -> Iterator[Path]:
+    """Yields the hidden path of a folder to make beside `path`; the folder is removed if it is still there at the end.
+
+    Folders that killed processes have left there are removed first.
+    """
+    path = path.absolute()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_stale_partials(path.parent)
+    partial = partial_path(path)
+    try:
+        yield partial
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class DescribedFolder:
+    """A kind of folder with a description of its contents as JSON; nothing of another description is added to them.
+
+    Attributes:
+      file: name of the description's file.
+      kind: contents in words, with the article.
+      contents: pattern of the names of what is described.
+      remedy: advice where such a folder exists already.
+    """
+
+    file: str
+    kind: str
+    contents: str
+    remedy: str = "name another folder"
+
+    def create(self, folder: Path, description: Mapping[str, Any]) -> None:
+        """Makes a folder without contents; of several processes that do so at the same time, one succeeds.
+
+        Raises:
+          FileExistsError: it has a description or contents already.
+          OSError: it cannot be made or written to.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        check_writable(folder)
+        try:
+            with atomic_create(folder / self.file) as partial:
+                if any(folder.glob(self.contents)):
+                    raise FileExistsError
+                partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+        except FileExistsError as error:
+            raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
+
+    def load(self, folder: Path) -> Any:
+        """Returns the description of a folder; raises an OSError if there is none or it cannot be read."""
+        path = folder / self.file
+        if not path.exists():
+            raise FileNotFoundError(f"{folder} does not hold {self.kind} to resume: there is no {self.file}")
+        return load_json(path, f"the description of {self.kind}")
+
+    def resume(self, folder: Path, present: Any, wanted: Mapping[str, Any]) -> None:
+        """Prepares a folder to be added to: removes unfinished files.
+
+        Args:
+          folder: to be added to.
+          present: its description.
+          wanted: the description that it must have.
+
+        Raises:
+          OSError: the folder cannot be written to.
+          ValueError: the descriptions differ.
+        """
+        check_writable(folder)
+        if found := first_difference(present, wanted):
+            raise ValueError(f"{folder} holds {self.kind} with {found}: name another folder")
+        remove_stale_partials(folder)
+
+
+def first_difference(present: Any, wanted: Mapping[str, Any]) -> str:
+    """Returns name and values of the first entry in which two descriptions differ; empty if they are equal."""
+    found = present if isinstance(present, Mapping) else {}
+    for name in {**found, **wanted}:
+        if found.get(name) != wanted.get(name):
+            return f"{name} {json.dumps(found.get(name))}, not {json.dumps(wanted.get(name))}"
+    return ""
 
 
 @contextlib.contextmanager

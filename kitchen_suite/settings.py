@@ -388,10 +388,6 @@ class PlaySettings(FilmSettings):
     video_fps: VideoFps = 12.5
 
 
-# Observation types of the suite that hold what LeRobot reads; the first where none is named.
-OBS_TYPES = ("environment_state_agent_pos", "pixels_agent_pos")
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecordSettings(EpisodeSettings):
     """Settings of `kitchen-record`.
@@ -410,30 +406,15 @@ class RecordSettings(EpisodeSettings):
 
     @property
     def resolved(self) -> "RecordSettings":
-        """The settings with those of the preset, and with the observation type of the dataset's format.
-
-        Raises:
-          ValueError: there is no such preset, or it fixes a setting that is given; there is a format and no dataset; or
-            the format does not hold the observation type.
-        """
-        if self.format is not None and self.dataset is None:
-            raise ValueError(f"format {self.format!r} needs the name of a dataset: --dataset=me/kitchen-v0")
-        settings = dataclasses.replace(self, **self._preset_values())
-        if self.format != "lerobot":
-            return settings
-        obs_type = checks.choice(settings.task_kwargs.get("obs_type", OBS_TYPES[0]), OBS_TYPES, "LeRobot's obs_type")
-        return dataclasses.replace(settings, task_kwargs={**settings.task_kwargs, "obs_type": obs_type})
-
-    def _preset_values(self) -> Mapping[str, Any]:
-        """Returns the settings that the preset fixes; raises a ValueError where one of them is given another value."""
+        """The settings with those of the preset; a ValueError where one of them is given another value."""
         if self.preset is None:
-            return {}
+            return self
         presets = suite.find_domain(self.domain_name).resolve("recording") or {}
         chosen = presets[checks.choice(self.preset, presets, "preset")]
         defaults = {field.name: field.default for field in dataclasses.fields(self)} | {"task_kwargs": {}}
         if given := sorted(name for name in chosen if getattr(self, name) not in (defaults[name], chosen[name])):
             raise ValueError(f"preset {self.preset!r} fixes {', '.join(given)}: leave it out, or the preset")
-        return chosen
+        return dataclasses.replace(self, **chosen)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

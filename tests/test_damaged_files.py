@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from kitchen_suite.cli.commands import record
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.recordings.replay import compare, replay
-from kitchen_suite.recordings.sources import FolderSource, MinariSource, find
+from kitchen_suite.recordings.sources import FolderSource, find
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.training import run_folder
 

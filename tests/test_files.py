@@ -151,3 +151,51 @@ def test_a_device_or_a_pipe_is_refused_in_place_of_being_read_without_end(tmp_pa
     for path in (Path("/dev/zero"), tmp_path / "pipe"):
         with pytest.raises(OSError, match=rf"^{path} does not hold an episode: it is not a regular file$"):
             load(path, "an episode")
+
+
+def make_folder(path, text="new", *, interrupt=False):
+    with files.atomic_folder(path) as partial:
+        partial.mkdir()
+        (partial / "file").write_text(text)
+        if interrupt:
+            raise KeyboardInterrupt
+
+
+def test_a_folder_is_made_as_a_whole_or_not_at_all(tmp_path):
+    left_behind(tmp_path / "made").mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        make_folder(tmp_path / "made", interrupt=True)
+    assert os.listdir(tmp_path) == []
+    make_folder(tmp_path / "below" / "made")
+    assert [path.read_text() for path in tmp_path.rglob("file")] == ["new"]
+
+
+def test_a_folder_with_contents_is_never_replaced(tmp_path):
+    make_folder(tmp_path / "made", "old")
+    with pytest.raises(OSError, match="not empty"):
+        make_folder(tmp_path / "made")
+    assert (os.listdir(tmp_path), (tmp_path / "made" / "file").read_text()) == (["made"], "old")
+
+
+NOTES = files.DescribedFolder("notes.json", "a notebook", "page_*")
+
+
+def test_a_described_folder_is_created_once_and_resumed_by_the_same_description(tmp_path):
+    folder, description = tmp_path / "notes", {"title": "one", "pages": 3}
+    with pytest.raises(FileNotFoundError, match="does not hold a notebook"):
+        NOTES.load(folder)
+    NOTES.create(folder, description)
+    left_behind(folder / "page_0").write_text("x")
+    with pytest.raises(FileExistsError, match="holds a notebook already"):
+        NOTES.create(folder, description)
+    with pytest.raises(ValueError, match="a notebook with pages 3, not 4"):
+        NOTES.resume(folder, NOTES.load(folder), {**description, "pages": 4})
+    NOTES.resume(folder, NOTES.load(folder), description)
+    assert os.listdir(folder) == ["notes.json"]
+
+
+def test_contents_without_a_description_are_not_taken_over(tmp_path):
+    (tmp_path / "page_1").write_text("x")
+    with pytest.raises(FileExistsError, match="holds a notebook already"):
+        NOTES.create(tmp_path, {})
+    assert os.listdir(tmp_path) == ["page_1"]

@@ -34,7 +34,6 @@ def _robot_get_obs(
     model: mujoco.MjModel, data: mujoco.MjData, names: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the robot's joint positions (9,) and velocities (9,), as the helper did."""
-    del model, names
     return data.qpos[:9].copy(), data.qvel[:9].copy()
 
 

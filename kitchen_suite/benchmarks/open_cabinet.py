@@ -89,16 +89,13 @@ class EmptyTask(composer.Task):
         return self._scene.arena
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
-        del random_state
         self._ctrl, self._qpos = physics.data.ctrl, physics.data.qpos
         self._qpos[: DEFAULT_POSE.size] = DEFAULT_POSE
 
     def before_step(self, physics: mjcf.Physics, action: NDArray, random_state: np.random.RandomState) -> None:
-        del physics, random_state
         self._ctrl[_ARM] = self._qpos[_ARM] + action[_ARM]
 
     def get_reward(self, physics: mjcf.Physics) -> float:
-        del physics
         return 0.0
 
 

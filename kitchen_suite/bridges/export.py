@@ -3,9 +3,7 @@
 import contextlib
 import importlib.metadata
 import json
-import os
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,8 +17,9 @@ from kitchen_suite.bridges.mjcf_values import Difference, greatest_difference, w
 from kitchen_suite.environment import Environment
 from kitchen_suite.environment.environment import PHYSICS_STATE
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
-from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+from kitchen_suite.rollouts.spec import EnvironmentSpec, reset_to_seed
 from kitchen_suite.settings import ExportSettings
+from kitchen_suite.versions import installed_versions
 
 # File with the licence of the installed meshes and textures.
 LICENCE_FILE = "LICENSE-gymnasium-robotics.txt"
@@ -143,24 +142,13 @@ class ExportJob:
     usage_errors = ()
 
     def __init__(self, settings: ExportSettings) -> None:
-        """Builds the scene, and starts the episode.
-
-        Raises:
-          OSError: the folder holds something already, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
+        """Builds the scene, and starts the episode."""
         self._folder = settings.output
         if self._folder.exists() and any(self._folder.iterdir()):
             raise FileExistsError(f"{self._folder} is not empty: name another folder")
-        self._spec = RecordingSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            policy="zero",
-            seed=settings.seed,
-            seeding="gymnasium",
-            max_episode_steps=None,
+        self._seed = settings.seed
+        self._spec = EnvironmentSpec.make(
+            domain_name=settings.domain_name, task_name=settings.task_name, task_kwargs=settings.environment_kwargs
         )
         if settings.variation_values and settings.variations is None and "variations" not in settings.task_kwargs:
             raise ValueError("variation_values needs --variations, the parameters that vary")
@@ -173,12 +161,13 @@ class ExportJob:
 
     def run(self) -> bool:
         """Writes all files; prints the folder, and the difference of the XML."""
-        with contextlib.closing(self._gymnasium_env), _complete_folder(self._folder) as folder:
+        with contextlib.closing(self._gymnasium_env), files.atomic_folder(self._folder) as folder:
+            folder.mkdir()
             differences = write_scene(folder, self._environment)
             record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
             (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
             (folder / PAGE).write_text(page(record), encoding="utf-8")
-        print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._spec.seed}, in {self._folder}")
+        print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")
         for name, difference in differences.items():
             print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
@@ -190,11 +179,14 @@ class ExportJob:
 
     def _metadata(self) -> dict[str, Any]:
         """Returns the contents of the JSON file that describe scene and episode."""
-        recorded = {name: value for name, value in self._spec.as_json().items() if name not in ("policy", "seeding")}
         task, model = self._environment.task, self._environment.physics.model.ptr
+        spec = self._spec.as_json()
         values = {name: value.tolist() for name, value in task.variations.values.items()}
         return {
-            **recorded,
+            **{name: spec[name] for name in ("domain_name", "task_name", "task_kwargs")},
+            "seed": self._seed,
+            "max_episode_steps": spec["max_episode_steps"],
+            "versions": installed_versions(),
             "instruction": task.instruction,
             VARIATION_VALUES: values,
             "physics_timestep": model.opt.timestep,
@@ -283,17 +275,3 @@ def _joint(model: mujoco.MjModel, number: int) -> dict[str, Any]:
     joint = model.joint(number)
     kind = mujoco.mjtJoint(model.jnt_type[number]).name.removeprefix("mjJNT_").lower()
     return {"name": joint.name, "type": kind, "qposadr": joint.qposadr.item(), "dofadr": joint.dofadr.item()}
-
-
-@contextlib.contextmanager
-def _complete_folder(folder: Path) -> Iterator[Path]:
-    """Yields a hidden folder beside `folder`, which takes its place unless an exception is raised."""
-    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-    files.remove_stale_partials(folder.absolute().parent)
-    partial = files.partial_path(folder.absolute())
-    partial.mkdir()
-    try:
-        yield partial
-        os.rename(partial, folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import Feature, LeRobotObservations, frames_per_second
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -39,10 +39,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         """Adapts environments.
 
         Args:
-          environments: with autoreset mode `SameStep`, and one of `settings.OBS_TYPES`.
-
-        Raises:
-          ValueError: the environments have another autoreset mode or observation type.
+          environments: with autoreset mode `SameStep`, and an observation type of `recordings.formats.LEROBOT`.
         """
         vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
         self.environments, self.num_envs = environments, environments.num_envs
@@ -85,7 +82,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         """
         if args or kwargs:
             raise TypeError(f"{name} takes no arguments: the environments are stepped together")
-        return Films(self.environments) if name == "render" else self.environments.call(name)
+        return RenderedPictures(self.environments) if name == "render" else self.environments.call(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Returns an attribute of every environment; raises an AttributeError if there is no such attribute."""
@@ -93,13 +90,13 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
 
     def render(self) -> tuple[NDArray, ...]:
         """Returns a picture `(height, width, 3)` of every environment."""
-        return tuple(Films(self.environments))
+        return tuple(RenderedPictures(self.environments))
 
     def close_extras(self, **kwargs: Any) -> None:
         self.environments.close(**kwargs)
 
 
-class Films(Sequence[NDArray[np.uint8]]):
+class RenderedPictures(Sequence[NDArray[np.uint8]]):
     """Pictures `(height, width, 3)` of environments, rendered when they are read: LeRobot reads only some.
 
     Pictures are black where the environments have no render mode: LeRobot always asks for them.
@@ -126,19 +123,15 @@ class Films(Sequence[NDArray[np.uint8]]):
 
 
 def make_vector_env(
-    spec: RecordingSpec, num_envs: int, *, num_threads: int | None = None, **rendering: Any
+    spec: EnvironmentSpec, num_envs: int, *, num_threads: int | None = None, **rendering: Any
 ) -> LeRobotVectorEnv:
     """Makes environments for LeRobot.
 
     Args:
-      spec: specification of the episodes; its policy and its seed are not used.
+      spec: of the environments.
       num_envs: number of environments.
       num_threads: number of threads that step them.
       **rendering: further arguments, such as `render_mode`.
-
-    Raises:
-      TypeError: an argument of the wrong type, or an unknown one.
-      ValueError: an unknown name, a number out of range, or an observation type that LeRobot does not read.
     """
     quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
     size = {name: value for name, value in _FILM_SIZE.items() if name not in spec.task_kwargs}
@@ -146,13 +139,13 @@ def make_vector_env(
     return LeRobotVectorEnv(spec.make_vector_env(num_envs, num_threads, AutoresetMode.SAME_STEP, **arguments))
 
 
-def features_of(spec: RecordingSpec) -> tuple[tuple[Feature, ...], int]:
-    """Returns the features of an environment, and its frames per second [Hz]; raises as `make_vector_env`."""
+def features_of(spec: EnvironmentSpec) -> tuple[tuple[Feature, ...], int]:
+    """Returns the features of an environment, and its frames per second [Hz]."""
     return _features_of(json.dumps(spec.as_json()))
 
 
 @functools.cache
 def _features_of(spec: str) -> tuple[tuple[Feature, ...], int]:
     """Returns what `features_of` does, for the JSON of a specification: LeRobot makes configs several times."""
-    environment = suite_env(RecordingSpec.from_json(json.loads(spec)).make_environment())
+    environment = suite_env(EnvironmentSpec(**json.loads(spec)).make_environment())
     return tuple(LeRobotObservations(environment).features), frames_per_second(environment)

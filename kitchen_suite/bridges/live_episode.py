@@ -2,15 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-import gymnasium
-import numpy as np
-
-from kitchen_suite.evaluation.plan import prepared
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import Policy
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator, reset_to_seed
+from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ViewSettings
 
 if TYPE_CHECKING:
@@ -25,77 +20,54 @@ class LiveEpisode:
     """
 
     def __init__(self, settings: ViewSettings) -> None:
-        """Builds environment and policy, and starts the episode of the settings' seed.
-
-        Raises:
-          ImportError: the policy needs an extra that is not installed.
-          OSError: the policy names a file that cannot be read, or assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
-        spec = RecordingSpec.make(
+        """Builds environment and policy, and starts the episode of the settings' seed."""
+        environments = EnvironmentSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,
             task_kwargs=settings.environment_kwargs,
-            policy=settings.policy,
-            seed=settings.seed,
-            seeding="gymnasium",
             max_episode_steps=settings.max_episode_steps,
         )
-        # The expert gets the observables that it needs where layouts vary.
-        self._spec = prepared(spec)
+        spec = environments.episodes(policy=settings.policy, seed=settings.seed, seeding="gymnasium")
         quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": settings.render_quality}
-        self._environment = self._spec.make_environment(visuals=True, **quality)
-        self._inner = suite_env(self._environment)
+        self._rollout = SingleRollout(spec.prepared(), visuals=True, **quality)
+        self._max_steps = spec.max_episode_steps
+        self._environment = suite_env(self._rollout.environment).environment
         cameras.find_camera(self.physics, settings.camera)
-        self._build_policy = self._spec.find_policy()
         self.start(settings.seed)
 
     @property
     def physics(self) -> "mjcf.Physics":
         """The physics, another object after a reset that compiles the model again."""
-        return self._inner.environment.physics
+        return self._environment.physics
 
     @property
     def timestep(self) -> float:
         """Duration of a control step [s]."""
-        return self._inner.environment.control_timestep()
+        return self._environment.control_timestep()
 
     @property
     def has_ended(self) -> bool:
         """Whether the episode has terminated or was truncated."""
-        return self._buffer.has_ended
+        return self._rollout.buffer.has_ended
 
     def start(self, seed: int) -> None:
         """Starts the episode of a seed; raises a PolicyError if the policy cannot be built."""
-        start = reset_to_seed(self._environment, seed, self._spec.seeding)
         self.seed, self._total_reward = seed, 0.0
-        self._buffer = EpisodeBuffer(*start)
-        self._policy: Policy = self._build_policy(self._inner.environment, policy_generator(seed))
+        self._rollout.start(seed)
 
     def step(self) -> None:
-        """Makes a control step with the policy's action; nothing after the end of the episode.
-
-        Raises:
-          PhysicsError: the physics has diverged.
-          PolicyError: the policy raised an exception, or returned a bad action.
-        """
-        if self.has_ended:
-            return
-        space = self._environment.action_space
-        assert isinstance(space, gymnasium.spaces.Box)
-        action = np.asarray(self._policy(self._buffer.timestep(self._inner))).clip(space.low, space.high)
-        observation, reward, termination, truncation, info = self._environment.step(action)
-        self._buffer.add(action, observation, float(reward), termination, truncation, info)
-        self._total_reward += float(reward)
+        """Makes a control step, unless the episode has ended; raises what `SingleRollout.step` does."""
+        if not self.has_ended:
+            self._rollout.step()
+            self._total_reward += self._rollout.buffer.reward
 
     def report(self) -> str:
         """Returns the progress of the episode as Markdown: the tasks that it asks for, reward and measures."""
-        task = self._inner.environment.task
+        task, buffer = self._environment.task, self._rollout.buffer
         numbers = {
-            "time": f"{self._buffer.steps * self.timestep:.1f} s",
-            "control step": f"{self._buffer.steps} of {self._spec.max_episode_steps}",
-            "reward": f"{self._buffer.reward:.3f}",
+            "time": f"{buffer.steps * self.timestep:.1f} s",
+            "control step": f"{buffer.steps} of {self._max_steps}",
+            "reward": f"{buffer.reward:.3f}",
             "return": f"{self._total_reward:.3f}",
         }
         for name, value in task.episode_metrics.items():
@@ -111,7 +83,7 @@ class LiveEpisode:
 
     def close(self) -> None:
         """Frees the environment."""
-        self._environment.close()
+        self._rollout.environment.close()
 
     def _task_line(self, name: str, step: int | None) -> str:
         name = name.replace("_", " ")

@@ -129,7 +129,6 @@ class SuiteVecEnv(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Indices = None) -> list[bool]:
         """Returns False for each index: there are no wrappers."""
-        del wrapper_class
         return [False for _ in self._get_indices(indices)]
 
 

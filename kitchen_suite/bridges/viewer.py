@@ -39,7 +39,7 @@ class ViewerPanel:
 
     @property
     def is_paused(self) -> bool:
-        """Whether time stands still."""
+        """Whether the episode is paused."""
         return not self._run.value
 
     @property
@@ -140,7 +140,7 @@ class ViewerPanel:
         self._task.value = suite.default_task(domain)
 
 
-# Time between two looks at the panel [s].
+# Greatest time between two readings of the panel [s].
 _IDLE = 0.05
 
 # Errors of a choice in the panel, of the policy, or of physics that diverges (a RuntimeError); they are shown there.
@@ -167,10 +167,10 @@ class Viewer:
     def run(self) -> None:
         """Plays episodes until an exception is raised, such as an interrupt."""
         while True:
-            self.turn()
+            self.update()
 
-    def turn(self) -> None:
-        """Makes the control step that is due, if there is one, and obeys the panel until the next one is."""
+    def update(self) -> None:
+        """Makes the control step that is due, and carries out a command that is given until the next one is."""
         panel, now = self._panel, time.monotonic()
         if not panel.is_paused and not self._problem and now >= self._due:
             self._step()
@@ -181,18 +181,18 @@ class Viewer:
             command = panel.commands.get(timeout=wait) if wait else panel.commands.get_nowait()
         except queue.Empty:
             return
-        self._obey(command)
+        self._carry_out(command)
 
     @property
     def episode(self) -> LiveEpisode:
         """The episode that is shown."""
         return self._episode
 
-    def _obey(self, command: str) -> None:
+    def _carry_out(self, command: str) -> None:
         if command == "step":
             self._step()
         elif command == "camera":
-            self._look()
+            self._move_cameras()
         else:
             self._try(self._load if command == "load" else self._reset)
         self._due = time.monotonic()
@@ -217,7 +217,7 @@ class Viewer:
             self._scene = self._show_scene()
 
     def _try(self, action: Any) -> None:
-        """Calls a function, and shows the state after it, or its error; time then stands still until a reset."""
+        """Calls a function, and shows the state after it; or its error, which pauses the episode until a reset."""
         try:
             action()
             self._problem = ""
@@ -235,11 +235,11 @@ class Viewer:
         scene = WebScene(server, physics, find_camera(physics, self._panel.camera))
         scene.update(physics)
         self._panel.show(self._episode.report())
-        self._look()
+        self._move_cameras()
         return scene
 
-    def _look(self) -> None:
-        """Lets all browsers look through the camera that is chosen."""
+    def _move_cameras(self) -> None:
+        """Moves the views of all browsers to the chosen camera."""
         physics, view = self._episode.physics, self._server.initial_camera
         set_camera(self._server, physics, find_camera(physics, self._panel.camera))
         for client in self._server.get_clients().values():
@@ -255,10 +255,9 @@ class ViewJob:
     usage_errors = ()
 
     def __init__(self, settings: ViewSettings) -> None:
-        """Builds the first environment, so that bad settings are refused; raises what `LiveEpisode` does."""
-        domain = suite.find_domain(settings.domain_name)
-        task_name = settings.task_name or domain.default_task
-        self._settings = dataclasses.replace(settings, domain_name=domain.name, task_name=task_name)
+        """Builds the first environment, so that bad settings are refused."""
+        task_name = settings.task_name or suite.default_task(settings.domain_name)
+        self._settings = dataclasses.replace(settings, task_name=task_name)
         self._episode = LiveEpisode(self._settings)
 
     def progress(self) -> str:

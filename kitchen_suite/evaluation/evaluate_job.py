@@ -9,7 +9,6 @@ from typing import Any
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files
-from kitchen_suite.benchmarks.report import Table
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
@@ -17,11 +16,11 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.page import Page, PageStep
-from kitchen_suite.rollouts.report import EpisodeBar, print_line
+from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec, reset_to_seed
+from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.vector_rollout import EndedEpisode, PolicyController, VectorRollout, even_count
+from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -35,7 +34,7 @@ _MEANS = {
 }
 
 
-def heading(description: Mapping[str, Any]) -> str:
+def format_heading(description: Mapping[str, Any]) -> str:
     """Returns the line above the scores: what is evaluated, and on which episodes."""
     each = " of each condition" if len(description["conditions"]) > 1 else ""
     return (
@@ -44,27 +43,27 @@ def heading(description: Mapping[str, Any]) -> str:
     )
 
 
-def condition(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
-    """Returns the tables of a condition: its scores with intervals, and the rates of single tasks if there are any.
+def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
+    """Returns the tables of one condition: its scores with intervals, and the rates of single tasks if there are any.
 
     Args:
       name: of the condition.
       task_name: its task.
       num_episodes: number of its episodes.
-      scores: as `episode_results.score_episodes` returns them.
+      scores: as `results.score_episodes` returns them.
     """
     title = task_name if name == task_name else f"{name} ({task_name})"
     intervals = scores["intervals"]
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
     if "order_entropy" in scores:
         rows.append(("order entropy [bit]", f"{scores['order_entropy']:.2f}", ""))
-    parts = [Table((title, _episodes(num_episodes), "95 % interval"), rows).format("simple")]
+    parts = [table((title, _episodes(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
         tasks = [
             (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
             for task, row in scores["task_rates"].items()
         ]
-        parts.append(Table(("task", "completed", "95 % interval", "where asked"), tasks).format("simple"))
+        parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
     if diverged := scores["diverged_seeds"]:
         episodes = _episodes(len(diverged))
         parts.append(
@@ -73,14 +72,14 @@ def condition(name: str, task_name: str, num_episodes: int, scores: Mapping[str,
     return "\n\n".join(parts)
 
 
-def summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
+def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
     """Returns the table of all conditions: a row for each, without intervals."""
     keys = list(dict.fromkeys(key for each in scores.values() for key in each["intervals"]))
     rows = [
         (name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each))
         for name, each in scores.items()
     ]
-    return Table(("condition", *map(_label, keys), "order entropy [bit]"), rows).format("simple")
+    return table(("condition", *map(_label, keys), "order entropy [bit]"), rows)
 
 
 def _episodes(count: int) -> str:
@@ -117,12 +116,7 @@ class EpisodePage:
     """
 
     def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
-        """Checks that the page can be made.
-
-        Raises:
-          ImportError: the extra is missing.
-          ValueError: there is no such camera.
-        """
+        """Checks that the page can be made."""
         self._settings, self._plan = settings, plan
         self._count = min(settings.web_episodes, plan.num_episodes)
         self._page = Page(settings, num_episodes=self._count * len(plan.specs))
@@ -143,7 +137,7 @@ class EpisodePage:
             for name, spec in self._plan.specs.items():
                 self._play(f"{name}, " if len(self._plan.specs) > 1 else "", spec, show)
 
-    def _play(self, prefix: str, spec: RecordingSpec, show: PageStep) -> None:
+    def _play(self, prefix: str, spec: EpisodeSpec, show: PageStep) -> None:
         """Plays the episodes of a condition, whose names begin with a prefix."""
         rollout = SingleRollout(spec, visuals=True, **_light(spec))
         environment = suite_env(rollout.environment).environment
@@ -160,7 +154,7 @@ class EpisodePage:
                     rollout.play(index, spec.seed + index, watch)
 
 
-def _light(spec: RecordingSpec) -> dict[str, str]:
+def _light(spec: EpisodeSpec) -> dict[str, str]:
     """Returns the argument with which meshes are light, unless the episodes' pictures are of another quality."""
     return {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
 
@@ -172,14 +166,7 @@ class EvaluateJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: EvaluateSettings) -> None:
-        """Prepares the evaluation, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the folder cannot be written to or holds another evaluation, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, a value that is refused, or a folder with another evaluation.
-        """
+        """Prepares the evaluation, so that bad settings are refused before the first episode."""
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)
@@ -199,7 +186,7 @@ class EvaluateJob:
           PolicyError: the policy raised an exception, or returned a bad action.
         """
         plan = self._plan
-        print_line(heading(plan.description))
+        print_line(format_heading(plan.description))
         scores: dict[str, dict[str, Any]] = {}
         successes = sum(result.success for result in self._results.values())
         with EpisodeBar(len(self._seeds), len(self._results), successes) as bar:
@@ -207,9 +194,9 @@ class EvaluateJob:
                 self._play(name, spec, bar)
                 results = [self._results[name, index] for index in range(plan.num_episodes)]
                 scores[name] = score_episodes(results, plan.score)
-                print_line(f"\n{condition(name, spec.task_name, plan.num_episodes, scores[name])}")
+                print_line(f"\n{format_scores(name, spec.task_name, plan.num_episodes, scores[name])}")
         if len(scores) > 1:
-            print_line(f"\n{summary(scores)}")
+            print_line(f"\n{format_summary(scores)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
                 partial.write_text(json.dumps(self._as_json(scores), indent=1) + "\n", encoding="utf-8")
@@ -230,7 +217,7 @@ class EvaluateJob:
         plan = self._plan
         return {(name, index): plan.first.seed + index for name in plan.specs for index in range(plan.num_episodes)}
 
-    def _play(self, name: str, spec: RecordingSpec, bar: EpisodeBar) -> None:
+    def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
         """Plays the missing episodes of a condition."""
         waiting = collections.deque(
             (index, seed)
@@ -260,7 +247,7 @@ class EvaluateJob:
 
 
 def _result(
-    environments: SuiteVectorEnv, spec: RecordingSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
+    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
 ) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged (None) that of its start, as a failure."""
     task = environments.template_env.environment.task

@@ -1,6 +1,5 @@
 """The folder of an evaluation: its description, and a line of JSON for each finished episode."""
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,9 @@ from kitchen_suite.evaluation.results import EpisodeResult
 
 DESCRIPTION_FILE = "evaluation.json"
 EPISODES_FILE = "episodes.jsonl"
+_EVALUATION = files.DescribedFolder(
+    DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "continue it with --resume, or name another folder"
+)
 
 # Bound of the lines together [bytes]: more than a million episodes take less.
 _MAX_BYTES = 2**30
@@ -42,17 +44,7 @@ class EvaluationFolder:
         Raises:
           OSError: the folder cannot be made or written to, or holds an evaluation.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        files.check_writable(folder)
-        try:
-            with files.atomic_create(folder / DESCRIPTION_FILE) as partial:
-                if (folder / EPISODES_FILE).exists():
-                    raise FileExistsError
-                partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
-        except FileExistsError:
-            raise FileExistsError(
-                f"{folder} holds an evaluation already: continue it with --resume, or name another folder"
-            ) from None
+        _EVALUATION.create(folder, description)
         return cls(folder)
 
     @classmethod
@@ -68,12 +60,7 @@ class EvaluationFolder:
           OSError: the folder cannot be written to, holds no evaluation, or a file in it is damaged.
           ValueError: it holds another evaluation.
         """
-        path = folder / DESCRIPTION_FILE
-        if not path.exists():
-            raise FileNotFoundError(f"{folder} holds no evaluation to resume")
-        files.check_writable(folder)
-        _check_same(folder, files.load_json(path, "the description of an evaluation"), description)
-        files.remove_stale_partials(folder)
+        _EVALUATION.resume(folder, _EVALUATION.load(folder), description)
         opened = cls(folder)
         opened._read(seeds)
         return opened
@@ -102,12 +89,3 @@ class EvaluationFolder:
         self.results = {(result.condition, result.episode): result for result in results}
         if torn:
             os.truncate(self._path, self._path.stat().st_size - len(torn))
-
-
-def _check_same(folder: Path, present: object, wanted: Mapping[str, Any]) -> None:
-    """Raises a ValueError that names the first difference."""
-    found = present if isinstance(present, Mapping) else {}
-    for name in {**found, **wanted}:
-        if found.get(name) != wanted.get(name):
-            there, here = (json.dumps(each.get(name)) for each in (found, wanted))
-            raise ValueError(f"{folder} holds an evaluation with {name} {there}, not {here}: name another folder")

@@ -1,15 +1,13 @@
 """The plan of an evaluation: its protocol with all replaced values, and the episodes of each condition."""
 
-import contextlib
 import dataclasses
 import json
 from collections.abc import Mapping
 from typing import Any
 
-from kitchen_suite import checks, files, policies
+from kitchen_suite import checks, policies
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score, domain_protocols
-from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import EvaluateSettings
 
 
@@ -25,12 +23,12 @@ class EvaluationPlan:
     """
 
     protocol: str
-    specs: Mapping[str, RecordingSpec]
+    specs: Mapping[str, EpisodeSpec]
     num_episodes: int
     score: Score | None
 
     @property
-    def first(self) -> RecordingSpec:
+    def first(self) -> EpisodeSpec:
         """Specification of the first condition."""
         return next(iter(self.specs.values()))
 
@@ -51,16 +49,9 @@ class EvaluationPlan:
 
 
 def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
-    """Plans the evaluation that a command asks for, and builds the policy once in each condition.
-
-    Raises:
-      ImportError: the policy needs an extra that is not installed.
-      OSError: the policy names a file that cannot be read.
-      TypeError: an argument of the task has the wrong type, or there is no such argument.
-      ValueError: an unknown name, a protocol of another domain, or a value that is refused.
-    """
+    """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
-    specs = {name: prepared(spec) for name, spec in _specs(protocol, settings).items()}
+    specs = {name: spec.prepared() for name, spec in _specs(protocol, settings).items()}
     own_tasks = {condition.task_name for condition in protocol.conditions}
     return EvaluationPlan(
         protocol=protocol.name,
@@ -71,12 +62,7 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
-    """Returns a protocol of a domain.
-
-    Raises:
-      TypeError: a name is no string.
-      ValueError: there is no such domain, no such protocol, or the protocol is for other domains.
-    """
+    """Returns a protocol of a domain; a ValueError if it is for other domains."""
     own = domain_protocols(domain_name).protocols
     protocol = PROTOCOLS[checks.choice(name, PROTOCOLS.keys(), "protocol")]
     offered = [each.name for each in PROTOCOLS.values() if each.is_general or each.name in own]
@@ -85,16 +71,12 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
     return protocol
 
 
-def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, RecordingSpec]:
-    """Returns the specifications by condition, with the values that settings replace; equal ones only once.
-
-    Raises:
-      ValueError: settings replace arguments in which the conditions differ.
-    """
+def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeSpec]:
+    """Returns the specifications by condition, with the values that settings replace; equal ones only once."""
     given = settings.environment_kwargs
     if clash := sorted(_differing(protocol) & given.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
-    specs: dict[str, RecordingSpec] = {}
+    specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
         spec = _spec(protocol, condition, settings, given)
         if spec not in specs.values():
@@ -111,36 +93,19 @@ def _differing(protocol: Protocol) -> set[str]:
 
 def _spec(
     protocol: Protocol, condition: Condition, settings: EvaluateSettings, given: Mapping[str, Any]
-) -> RecordingSpec:
+) -> EpisodeSpec:
     """Returns the specification of the episodes of a condition, in which settings replace the protocol's values."""
-    return RecordingSpec.make(
+    environments = EnvironmentSpec.make(
         domain_name=settings.domain_name,
         task_name=settings.task_name or condition.task_name or domain_protocols(settings.domain_name).task_name,
         task_kwargs={**condition.task_kwargs, **given},
-        policy=settings.policy,
-        seed=protocol.seed if settings.seed is None else settings.seed,
-        seeding="gymnasium",
         max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
     )
+    seed = protocol.seed if settings.seed is None else settings.seed
+    return environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
 
 
-def prepared(spec: RecordingSpec) -> RecordingSpec:
-    """Returns a specification whose policy can act, with the digest of the policy's file.
-
-    The expert gets the extra observables that it needs where layouts vary.
-    """
-    with contextlib.closing(spec.make_environment()) as environment:
-        task = suite_env(environment).environment.task
-        missing = policies.missing_observables(spec.policy, task)
-        if not missing:
-            spec.check_policy(environment)
-            file = policies.file_of(spec.policy, task)
-            return dataclasses.replace(spec, policy_sha256=files.file_digest(file) if file else None)
-        extras = [*task.extra_observables, *missing]
-    return prepared(dataclasses.replace(spec, task_kwargs={**spec.task_kwargs, "extra_observables": extras}))
-
-
-def _described(spec: RecordingSpec) -> dict[str, Any]:
+def _described(spec: EpisodeSpec) -> dict[str, Any]:
     """Returns the task of a condition, and the policy's file, as JSON represents them."""
     described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
     return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

@@ -1,4 +1,4 @@
-"""The protocols of `kitchen-evaluate`: what each fixes, and whom it follows.
+"""The protocols of `kitchen-evaluate`: the values that each fixes, and its source.
 
 This module imports no dm_control, so that the command's help can show them. Results are quoted by the name of their
 protocol, so the numbers of a protocol must not change once results under it have been published.
@@ -60,7 +60,7 @@ class Protocol:
 
     Attributes:
       name: value of the flag `--protocol`.
-      follows: whom it follows, and what it fixes, in a few words.
+      follows: its source, and the values that it fixes, in a few words.
       conditions: of its episodes; each is played from the same seeds.
       seed: of the first episode of a condition; the others have the next ones.
       num_episodes: of each condition.
@@ -79,17 +79,15 @@ class Protocol:
     score: Score | None = None
 
 
-def _shifts() -> tuple[Condition, ...]:
-    """Returns the conditions of `shift`: nothing varied, each group alone, all groups, seen and held-out."""
-    sets = {**{group: [group] for group in SHIFT_GROUPS}, "all": list(SHIFT_GROUPS)}
-    return (
-        Condition(name="none"),
-        *(
-            Condition(name=f"{name} {split}", task_kwargs={"variations": groups, "variation_split": split})
-            for name, groups in sets.items()
-            for split in ("seen", "held_out")
-        ),
-    )
+# Conditions of `shift`: nothing varied, each group alone, all groups, seen and held-out.
+_SHIFTS = (
+    Condition(name="none"),
+    *(
+        Condition(name=f"{name} {split}", task_kwargs={"variations": groups, "variation_split": split})
+        for name, groups in {**{group: [group] for group in SHIFT_GROUPS}, "all": [*SHIFT_GROUPS]}.items()
+        for split in ("seen", "held_out")
+    ),
+)
 
 
 _PROTOCOLS = (
@@ -146,7 +144,7 @@ _PROTOCOLS = (
     Protocol(
         name="shift",
         follows="zero-shot, as kitchen-shift 2021: no variation, each group alone, all groups; seen and held-out",
-        conditions=_shifts(),
+        conditions=_SHIFTS,
         num_episodes=100,
         is_general=True,
     ),

@@ -9,8 +9,9 @@ from lerobot.envs import EnvConfig
 from kitchen_suite import suite
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.settings import OBS_TYPES, EpisodeSettings
+from kitchen_suite.recordings.formats import LEROBOT
+from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.settings import EpisodeSettings
 
 
 @dataclasses.dataclass
@@ -36,7 +37,7 @@ class SuiteEnvConfig(EnvConfig):
     domain_name: ClassVar[str]
 
     fps: int = 0
-    obs_type: str = OBS_TYPES[0]
+    obs_type: str = LEROBOT.obs_types[0]
     control_mode: str | None = None
     cameras: list[str] | None = None
     image_size: list[int] | None = None
@@ -80,22 +81,26 @@ class SuiteEnvConfig(EnvConfig):
         each = [self._make(spec, n_envs) for spec in self._specs()]
         return {self.domain_name: dict(enumerate(each))}
 
-    def _make(self, spec: RecordingSpec, count: int) -> LeRobotVectorEnv:
+    def _make(self, spec: EnvironmentSpec, count: int) -> LeRobotVectorEnv:
         return make_vector_env(spec, count, num_threads=self.num_threads, render_mode=self.render_mode)
 
-    def _specs(self) -> list[RecordingSpec]:
-        """Returns a specification of the episodes of each task."""
+    def _specs(self) -> list[EnvironmentSpec]:
+        """Returns a specification of the environments of each task."""
         tasks = self.task.split(",") if self.task else [None]
-        return [RecordingSpec.of(self._settings(task), seeding="gymnasium") for task in tasks]
+        return [self._spec(task) for task in tasks]
 
-    def _settings(self, task: str | None) -> EpisodeSettings:
-        return EpisodeSettings(
+    def _spec(self, task: str | None) -> EnvironmentSpec:
+        settings = EpisodeSettings(
             domain_name=self.domain_name,
-            task_name=task,
             task_kwargs=self.gym_kwargs,
             control_mode=self.control_mode,
             variations=self.variations,
             variation_split=self.variation_split,
+        )
+        return EnvironmentSpec.make(
+            domain_name=self.domain_name,
+            task_name=task,
+            task_kwargs=settings.environment_kwargs,
             max_episode_steps=self.max_episode_steps,
         )
 

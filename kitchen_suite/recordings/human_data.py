@@ -6,7 +6,6 @@ observed, with their noise: the control mode `joint_velocity`.
 
 import abc
 import collections
-import dataclasses
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,10 +19,10 @@ from tqdm import tqdm
 from kitchen_suite import files
 from kitchen_suite.entities import Scene, build_kitchen_scene
 from kitchen_suite.recordings import sources
-from kitchen_suite.recordings.minari_dataset import minari_root
+from kitchen_suite.recordings.minari_dataset import MinariSource, minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import SEEDINGS, EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen import observation
@@ -31,6 +30,7 @@ from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import KitchenReading
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, in_order, order_of
 from kitchen_suite.tasks.task import Metrics
+from kitchen_suite.versions import installed_versions
 
 # Numbers of an observation and of an action of the kitchen.
 STATE_SIZE, ACTION_SIZE = observation.AMPLITUDES.size, 9
@@ -101,11 +101,6 @@ class D4RLData(HumanData):
         Args:
           path: of the file.
           scene: the kitchen.
-
-        Raises:
-          ImportError: h5py is not installed.
-          OSError: the file cannot be read.
-          ValueError: an array is missing, or has another layout.
         """
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
@@ -153,12 +148,8 @@ class MinariData(HumanData):
     format = "Minari"
     has_velocities = True
 
-    def __init__(self, source: sources.MinariSource, name: str) -> None:
-        """Takes a dataset; `name` is for messages.
-
-        Raises:
-          ValueError: it is of another environment.
-        """
+    def __init__(self, source: MinariSource, name: str) -> None:
+        """Takes a dataset; `name` is for messages."""
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
             raise ValueError(
@@ -200,7 +191,7 @@ def open_data(name: str, scene: Scene) -> HumanData:
     if path.suffix in _SUFFIXES or path.is_file():
         return D4RLData(path, scene)
     source = sources.find(name)
-    if not isinstance(source, sources.MinariSource):
+    if not isinstance(source, MinariSource):
         raise ValueError(f"{name} is a recording of this suite already")
     return MinariData(source, name)
 
@@ -323,23 +314,9 @@ class ConvertJob:
     usage_errors = (ValueError,)
 
     def __init__(self, settings: ConvertSettings) -> None:
-        """Opens the data, and starts the recording.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the data cannot be read, or the folder cannot be written to.
-          ValueError: the data have another layout, or the folder holds another recording.
-        """
+        """Opens the data, and starts the recording."""
         self._settings = settings
-        base = RecordingSpec.make(
-            domain_name="kitchen",
-            task_name=_TASK,
-            task_kwargs=_TASK_KWARGS,
-            policy="zero",
-            seed=0,
-            seeding="gymnasium",
-            max_episode_steps=None,
-        )
+        environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
         # The MDP needs no physics.
         self._task = KitchenTask(build_kitchen_scene(visuals=False), **_TASK_KWARGS)
         with minari_root(settings.data_path):
@@ -347,7 +324,14 @@ class ConvertJob:
         if not len(self._data):
             raise ValueError(f"{settings.source} holds no episodes of two or more observations")
         origin = {"format": self._data.format, "source": settings.source}
-        spec = dataclasses.replace(base, policy=_POLICY, origin=origin)
+        spec = EpisodeSpec(
+            **vars(environments),
+            policy=_POLICY,
+            seed=0,
+            seeding=SEEDINGS[0],
+            versions=installed_versions(),
+            origin=origin,
+        )
         self._folder = RecordingFolder.claim(settings.output, spec)
         self._finished = 0
 

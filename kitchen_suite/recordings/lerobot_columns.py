@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.observations import picture_key
+from kitchen_suite.recordings.formats import LEROBOT
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
-from kitchen_suite.settings import OBS_TYPES
 
 AGENT_POS, ENVIRONMENT_STATE, PIXELS = "agent_pos", "environment_state", "pixels"
 
@@ -63,15 +63,11 @@ class LeRobotObservations:
     """
 
     def __init__(self, environment: SuiteEnv) -> None:
-        """Takes an environment with one of `OBS_TYPES`.
-
-        Raises:
-          ValueError: it has another observation type, or observes depth or segmentation.
-        """
+        """Takes an environment with an observation type of `formats.LEROBOT`."""
         given = environment.observation_space
         found = {*given.spaces} if isinstance(given, spaces.Dict) else set()
         if AGENT_POS not in found:
-            raise ValueError(f"LeRobot needs obs_type={' or '.join(map(repr, OBS_TYPES))}")
+            raise ValueError(f"LeRobot needs obs_type={' or '.join(map(repr, LEROBOT.obs_types))}")
         assert isinstance(given, spaces.Dict)
         if refused := sorted(found & {"depth", "segmentation"}):
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")

@@ -7,7 +7,6 @@ import json
 import logging
 import os
 import re
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,11 @@ import numpy as np
 
 from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.recordings.datasets import DatasetPlan
+from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features, digest, frames_per_second
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 
 # File of a dataset with what LeRobot's own files do not hold: the specification of the recording, and the episodes.
 RECORDING_FILE = Path("meta", "kitchen_suite.json")
@@ -72,7 +71,7 @@ class _Record:
 class LeRobotPlan(DatasetPlan):
     """A LeRobot dataset; its name is `NAMESPACE/NAME`."""
 
-    def __init__(self, dataset_id: str, spec: RecordingSpec, count: int, root: Path | None = None) -> None:
+    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         super().__init__(dataset_id, spec, count, root)
         self._library = import_lerobot()
         if not _DATASET_ID.fullmatch(dataset_id):
@@ -88,7 +87,7 @@ class LeRobotPlan(DatasetPlan):
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         inner = suite_env(environment)
         observations, fps = LeRobotObservations(inner), frames_per_second(inner)
-        with self._write_elsewhere() as elsewhere, _quietly():
+        with files.atomic_folder(self.path) as elsewhere, _quietly():
             dataset = self._library.LeRobotDataset.create(
                 self.dataset_id,
                 fps,
@@ -129,22 +128,9 @@ class LeRobotPlan(DatasetPlan):
         text = json.dumps(dataclasses.asdict(record), indent=2)
         (folder / RECORDING_FILE).write_text(f"{text}\n", encoding="utf-8")
 
-    @contextlib.contextmanager
-    def _write_elsewhere(self) -> Iterator[Path]:
-        """Yields a hidden path, which becomes the dataset if nothing fails."""
-        parent = self.path.parent
-        parent.mkdir(parents=True, exist_ok=True)
-        files.remove_stale_partials(parent)
-        elsewhere = files.partial_path(self.path)
-        try:
-            yield elsewhere
-            os.rename(elsewhere, self.path)
-        finally:
-            shutil.rmtree(elsewhere, ignore_errors=True)
 
-
-class LeRobotEpisodes:
-    """The episodes of a dataset that `LeRobotPlan` has made."""
+class LeRobotSource(Source):
+    """A dataset that `LeRobotPlan` has made."""
 
     def __init__(self, folder: Path) -> None:
         """Opens a dataset.
@@ -158,7 +144,7 @@ class LeRobotEpisodes:
             raise ValueError(f"{folder} is no dataset of kitchen-record, which writes the seeds to {RECORDING_FILE}")
         self._record, self._folder = load_record(folder), folder
         with self._reading("the specification of a recording"):
-            self.spec = RecordingSpec.from_json(self._record.recording)
+            self._spec = EpisodeSpec.from_json(self._record.recording)
         library = import_lerobot()
         with self._reading("a LeRobot dataset"), _quietly():
             self._dataset = library.LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
@@ -167,12 +153,20 @@ class LeRobotEpisodes:
             raise ValueError(f"{folder} has other episodes than its {RECORDING_FILE}: it was changed after recording")
 
     @property
+    def spec(self) -> EpisodeSpec:
+        return self._spec
+
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        environment = self._spec.make_environment(**rendering)
+        self._observations = LeRobotObservations(suite_env(environment))
+        return environment
+
+    @property
     def indices(self) -> Sequence[int]:
-        """Numbers of the episodes in the dataset."""
         return range(len(self._record.episodes))
 
-    def load(self, index: int, observations: LeRobotObservations) -> EpisodeArrays:
-        """Reads an episode, with the arrays of `LeRobotObservations.arrays`; raises an OSError if it is damaged."""
+    def load(self, index: int) -> EpisodeArrays:
+        """Reads an episode, with the arrays of `LeRobotObservations.arrays`, once the environment has been made."""
         recorded = self._record.episodes[index]
         with self._reading(f"episode {index}"):
             bounds = self._dataset.meta.episodes[index]
@@ -181,12 +175,23 @@ class LeRobotEpisodes:
             return EpisodeArrays(
                 index=index,
                 seed=recorded.seed,
-                arrays=observations.arrays(columns, recorded.sha256),
+                arrays=self._observations.arrays(columns, recorded.sha256),
                 instruction=str(bounds["tasks"][0]),
             )
 
+    def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
+        return self._observations.projected(replayed)
+
     def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
         return files.reading(self._folder, what)
+
+
+def find(name: str, root: Path | None) -> LeRobotSource | None:
+    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`."""
+    for folder in (Path(name), home(root) / name):
+        if (folder / INFO_FILE).is_file():
+            return LeRobotSource(folder)
+    return None
 
 
 def load_record(folder: Path) -> _Record:

@@ -3,20 +3,22 @@
 import contextlib
 import importlib
 import os
-import shutil
+import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
+from numpy.typing import NDArray
 
-from kitchen_suite import files
+from kitchen_suite import files, gymnasium_env
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.datasets import DatasetPlan
-from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
+from kitchen_suite.recordings.formats import DatasetPlan, Source
+from kitchen_suite.rollouts.episode import EpisodeArrays, flatten, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 
 # Keys of the dataset's metadata: the specification of the recording, and the number of episodes asked for.
 SPEC_KEY = "kitchen_suite_recording"
@@ -35,13 +37,19 @@ _PICTURES_NDIM = 4
 # Name of Minari's file of all episodes.
 _DATA_FILE = "main_data.hdf5"
 
+# End of the name of a dataset.
+_VERSION = re.compile(r"-v\d+$")
+
+# Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
+_ORIGINAL_ID = "FrankaKitchen-v1"
+
 _ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 
 
 class MinariPlan(DatasetPlan):
     """A Minari dataset; its name ends in a version, such as `-v0`."""
 
-    def __init__(self, dataset_id: str, spec: RecordingSpec, count: int, root: Path | None = None) -> None:
+    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         super().__init__(dataset_id, spec, count, root)
         self._minari = import_minari()
         check_id(dataset_id)
@@ -76,16 +84,12 @@ class MinariPlan(DatasetPlan):
     def _write_elsewhere(self) -> Iterator[None]:
         """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
         root = absolute_root()
-        files.remove_stale_partials(root)
-        elsewhere = files.partial_path(root / "kitchen-record")
-        try:
+        with files.temporary_folder(root / "kitchen-record") as elsewhere:
             with minari_root(elsewhere):
                 yield
             if "/" in self.dataset_id:
                 self._make_namespace(self.dataset_id.rpartition("/")[0])
             os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
-        finally:
-            shutil.rmtree(elsewhere, ignore_errors=True)
 
     def _make_namespace(self, namespace: str) -> None:
         if namespace not in self._minari.namespace.list_local_namespaces():
@@ -120,6 +124,102 @@ class MinariPlan(DatasetPlan):
             truncations=arrays["truncation"],
             infos={name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
         )
+
+
+class MinariSource(Source):
+    """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen."""
+
+    def __init__(self, dataset: Any) -> None:
+        """Takes a dataset that Minari has loaded.
+
+        Raises:
+          OSError: its metadata cannot be read.
+          ValueError: the dataset is of another environment.
+        """
+        self._dataset = dataset
+        with self._reading("the metadata of a dataset"):
+            spec = dataset.storage.metadata.get(SPEC_KEY)
+            self._spec = None if spec is None else EpisodeSpec.from_json(spec)
+            self._env_spec = dataset.env_spec
+        found = self._env_spec and self._env_spec.id
+        if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
+            raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
+
+    @property
+    def spec(self) -> EpisodeSpec | None:
+        return self._spec
+
+    @property
+    def indices(self) -> Sequence[int]:
+        return range(self._dataset.total_episodes)
+
+    @property
+    def is_original(self) -> bool:
+        """Whether the dataset is of Gymnasium-Robotics' kitchen."""
+        return self._env_spec.id == _ORIGINAL_ID
+
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        env_spec = self._env_spec
+        env_id = gymnasium_env.KITCHEN_ID if self.is_original else env_spec.id
+        arguments = {name: value for name, value in env_spec.kwargs.items() if name != "render_mode"}
+        # -1: no limit.
+        limit = env_spec.max_episode_steps or -1
+        return gymnasium.make(env_id, max_episode_steps=limit, **{**rendering, **arguments})
+
+    def load(self, index: int) -> EpisodeArrays:
+        with self._reading(f"episode {index}"):
+            check_size(self._dataset.storage.data_path, index)
+            (data,) = self._dataset.iterate_episodes([index])
+            (metadata,) = self._dataset.storage.get_episode_metadata([index])
+            arrays = {
+                **flatten(data.observations, "observation"),
+                **_numeric(data.infos or {}, len(data.rewards) + 1),
+                "action": data.actions,
+                "reward": data.rewards,
+                "termination": data.terminations,
+                "truncation": data.truncations,
+            }
+            seed = metadata.get("seed")
+            episode = EpisodeArrays(
+                index=index,
+                seed=None if seed is None else int(seed),
+                arrays=arrays,
+                instruction=str(metadata.get(INSTRUCTION_KEY, "")),
+            )
+            episode.check()
+        return episode
+
+    def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
+        return files.reading(self._dataset.storage.data_path, what)
+
+
+def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:
+    """Returns the arrays of numbers with `rows` rows: other programs also keep strings, or lack the reset's infos."""
+    arrays = {name: np.asarray(array) for name, array in flatten(infos, "info").items()}
+    return {name: array for name, array in arrays.items() if array.dtype.kind in "biuf" and array.shape[:1] == (rows,)}
+
+
+def find(name: str, root: Path | None) -> MinariSource | None:
+    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`.
+
+    The folder of all datasets is that of `minari_root`.
+    """
+    for data in (Path(name), Path(name, "data")):
+        if (data / "metadata.json").is_file():
+            return MinariSource(_load_dataset(import_minari().MinariDataset, data))
+    if Path(name).exists() or not _VERSION.search(name):
+        return None
+    minari = import_minari()
+    check_id(name)
+    if not (absolute_root() / name / "data").exists():
+        return None
+    return MinariSource(_load_dataset(minari.load_dataset, name))
+
+
+def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
+    """Loads a dataset; raises an OSError if it is damaged."""
+    with files.reading(Path(name), "a Minari dataset"):
+        return load(name)
 
 
 def _compress(path: Path) -> None:

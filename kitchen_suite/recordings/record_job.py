@@ -8,14 +8,14 @@ import math
 import sys
 from collections.abc import Generator, Sequence
 
+from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
-from kitchen_suite.recordings import datasets
-from kitchen_suite.recordings.datasets import DatasetPlan
+from kitchen_suite.recordings.formats import FORMATS, MINARI, DatasetPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.vector_rollout import VectorRunner, even_count, play_many
 from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
@@ -34,17 +34,11 @@ class RecordJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
-        """Prepares the recording, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the folder cannot be written to or holds other episodes, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, a value that is refused, or a folder or dataset with another recording.
-        """
-        self._ray = RaySettings.of(settings.workers, settings.ray_address)
-        self._settings = settings = settings.resolved
-        self._spec = RecordingSpec.of(settings, seeding="gymnasium")
+        """Prepares the recording, so that bad settings are refused before the first episode."""
+        workers, address = settings.workers, settings.ray_address
+        self._ray = RaySettings.of(workers, address) if workers or address else None
+        self._settings = settings = _with_format(settings.resolved)
+        self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
         self._spec.check_policy(self._template_env)
@@ -87,13 +81,8 @@ class RecordJob:
         settings = self._settings
         if settings.dataset is None:
             return None
-        return datasets.plan(
-            settings.format or next(iter(datasets.FORMATS)),
-            settings.dataset,
-            self._spec,
-            settings.num_episodes,
-            settings.data_path,
-        )
+        chosen = FORMATS[settings.format or MINARI.name]
+        return chosen.make_plan(settings.dataset, self._spec, settings.num_episodes, settings.data_path)
 
     def _play(self) -> list[int]:
         """Plays and saves the missing episodes; returns the seeds of those in which the physics diverged."""
@@ -149,6 +138,16 @@ class RecordJob:
         for index in self._present():
             report.add(self._load_stats(index))
         return report.summary()
+
+
+def _with_format(settings: RecordSettings) -> RecordSettings:
+    """Returns settings with an observation type of the dataset's format."""
+    if settings.format is None:
+        return settings
+    chosen = FORMATS[checks.choice(settings.format, FORMATS, "format")]
+    if settings.dataset is None:
+        raise ValueError(f"format {chosen.name!r} needs the name of a dataset: --dataset={chosen.example}")
+    return dataclasses.replace(settings, task_kwargs=chosen.task_kwargs(settings.task_kwargs))
 
 
 def _types(metrics: Metrics) -> dict[str, type]:

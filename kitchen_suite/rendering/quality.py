@@ -1,4 +1,4 @@
-"""Render quality, set in the model, so that every renderer obeys it."""
+"""Render quality, set in the model, so that it holds for every renderer."""
 
 import contextlib
 import hashlib

@@ -1,4 +1,4 @@
-"""Servers of viser: one that answers this machine alone, and one that listens to nobody; needs the extra `web`."""
+"""Servers of viser: one bound to localhost, and one without a port; needs the extra `web`."""
 
 import contextlib
 import functools
@@ -104,7 +104,7 @@ class _Unbound:
     server = types.SimpleNamespace(sockets=())
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        del args, kwargs
+        pass
 
     async def __aenter__(self) -> "_Unbound":
         return self

@@ -48,7 +48,7 @@ class WebPage:
         self._episodes.append({**about, "size": base64.b64encode(size).decode(), "chunks": [*map(self._chunk, parts)]})
 
     def html(self, title: str) -> str:
-        """Returns the page, which asks nothing of the network."""
+        """Returns the page, which loads nothing from elsewhere."""
         values = {
             "title": html.escape(title),
             "page": _script_json({"title": title, "episodes": self._episodes, "chunks": self._chunks}),

@@ -23,7 +23,7 @@ _FIRST_HIDDEN_GROUP = 3
 _BRIGHTNESS = 0.4
 
 # Fields of a model on which the shapes and colours depend that a scene shows.
-_LOOKS = (
+_APPEARANCE = (
     *("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid"),
     *("mat_rgba", "mat_texid", "mat_texrepeat", "mesh_vert", "site_pos", "site_rgba", "tex_data"),
 )
@@ -42,7 +42,7 @@ class WebScene:
         """
         # mjviser changes the model's colours of contacts, and shows no geom that is fully transparent.
         self._model = copy.copy(physics.model.ptr)
-        self._looks = {name: getattr(self._model, name).copy() for name in _LOOKS}
+        self._appearance = {name: getattr(self._model, name).copy() for name in _APPEARANCE}
         self._model.geom_rgba[self._model.geom_group >= _FIRST_HIDDEN_GROUP, 3] = 0.0
         set_camera(server, physics, camera)
         server.scene.configure_default_lights(cast_shadow=False)
@@ -57,7 +57,7 @@ class WebScene:
     def shows(self, physics: "mjcf.Physics") -> bool:
         """Returns whether a model's shapes and colours are those of this scene."""
         model = physics.model.ptr
-        return all(np.array_equal(look, getattr(model, name)) for name, look in self._looks.items())
+        return all(np.array_equal(value, getattr(model, name)) for name, value in self._appearance.items())
 
 
 def set_camera(server: "viser.ViserServer", physics: "mjcf.Physics", camera: int) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import dm_env
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -189,6 +190,11 @@ class EpisodeBuffer:
         self.observation = observation
         self._rows.append(_row(observation, info))
         self._steps.append((action, reward, termination, truncation))
+
+    def step(self, environment: gymnasium.Env, action: NDArray) -> None:
+        """Makes a control step, and adds it."""
+        observation, reward, termination, truncation, info = environment.step(action)
+        self.add(action, observation, float(reward), termination, truncation, info)
 
     @property
     def steps(self) -> int:

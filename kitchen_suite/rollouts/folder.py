@@ -1,20 +1,19 @@
 """A folder of episodes: one file each, written atomically, and the specification that they were made from."""
 
-import contextlib
 import dataclasses
 import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import Metrics
 
 SPEC_FILE = "recording.json"
 _PATTERN = "episode_*.npz"
+_RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,12 +33,12 @@ class _Metadata:
 class RecordingFolder:
     """The folder of one recording."""
 
-    def __init__(self, folder: Path, spec: RecordingSpec) -> None:
+    def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
         """Names the folder; see `create`, `claim` and `open`."""
         self._folder, self._spec = folder, spec
 
     @classmethod
-    def create(cls, folder: Path, spec: RecordingSpec) -> "RecordingFolder":
+    def create(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
         """Starts a new recording.
 
         Raises:
@@ -51,7 +50,7 @@ class RecordingFolder:
         return cls.claim(folder, spec)
 
     @classmethod
-    def claim(cls, folder: Path, spec: RecordingSpec) -> "RecordingFolder":
+    def claim(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
         """Starts a new recording, or continues an interrupted one of the same specification.
 
         Of several processes that start different recordings in one folder at the same time, one succeeds.
@@ -60,17 +59,13 @@ class RecordingFolder:
           OSError: the folder cannot be made or written to, or holds other episodes.
           ValueError: it holds a recording of another specification.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        files.check_writable(folder)
-        episodes, path = any(folder.glob(_PATTERN)), folder / SPEC_FILE
-        if not path.exists():
-            if episodes:
-                raise FileExistsError(f"{folder} holds episodes already, but no {SPEC_FILE}: name another folder")
-            with contextlib.suppress(FileExistsError), files.atomic_create(path) as partial:
-                partial.write_text(json.dumps(spec.as_json(), indent=2) + "\n", encoding="utf-8")
+        try:
+            _RECORDING.create(folder, spec.as_json())
+        except FileExistsError:
+            if not (folder / SPEC_FILE).exists():
+                raise
         present = cls.open(folder)
-        _check_same(folder, present.spec.as_json(), spec.as_json())
-        files.remove_stale_partials(folder)
+        _RECORDING.resume(folder, present.spec.as_json(), spec.as_json())
         return present
 
     @classmethod
@@ -83,12 +78,12 @@ class RecordingFolder:
         path = folder / SPEC_FILE
         record = files.load_json(path, "the specification of a recording")
         try:
-            return cls(folder, RecordingSpec.from_json(record))
+            return cls(folder, EpisodeSpec.from_json(record))
         except ValueError as error:
             raise OSError(f"{path} does not describe a recording: {error}") from error
 
     @property
-    def spec(self) -> RecordingSpec:
+    def spec(self) -> EpisodeSpec:
         """The specification of the episodes."""
         return self._spec
 
@@ -176,14 +171,3 @@ class RecordingFolder:
 
     def _path(self, index: int) -> Path:
         return self._folder / _PATTERN.replace("*", f"{index:06d}")
-
-
-def _check_same(folder: Path, present: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    """Raises a ValueError that names the first difference."""
-    for name in {**present, **wanted}:
-        found, given = present.get(name), wanted.get(name)
-        if found != given:
-            raise ValueError(
-                f"{folder} holds a recording with {name} {json.dumps(found)}, not {json.dumps(given)}: "
-                "name another folder"
-            )

@@ -23,10 +23,6 @@ def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
     Args:
       file: of the policy.
       **settings: further fields of `RolloutSettings`.
-
-    Raises:
-      OSError: there is no such file, or it does not hold a trained policy.
-      ValueError: the file's format is of another version, or its parts do not fit together.
     """
     trained_for = load_policy(file).metadata
     return RolloutSettings(
@@ -42,11 +38,7 @@ class PlayJob(RolloutJob):
     """Plays and films a trained policy; the last line that it prints is the number of successes."""
 
     def __init__(self, settings: PlaySettings) -> None:
-        """Prepares the rollout; raises what `RolloutJob` does.
-
-        Raises:
-          ValueError: two policies are named, or a video is both asked for and refused.
-        """
+        """Prepares the rollout, and chooses whether to film it."""
         if settings.shipped and settings.policy_file:
             raise ValueError("--shipped and --policy_file both name a policy: give one of them")
         if settings.video and settings.novideo:

@@ -1,9 +1,11 @@
-"""Statistics of episodes as plain text: a table row by row, a summary, a progress bar."""
+"""Text of the commands: tables, statistics of episodes row by row and in sum, a progress bar."""
 
 import statistics
 import sys
 import textwrap
+from collections.abc import Sequence
 
+from tabulate import tabulate
 from tqdm import tqdm
 
 from kitchen_suite.rollouts.episode import EpisodeStats
@@ -103,6 +105,12 @@ class EpisodeBar:
         self._count, self._successes = self._count + 1, self._successes + success
         self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
         self._bar.update()
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "simple") -> str:
+    """Returns a table in one of tabulate's formats; the first column is left-aligned, the others right-aligned."""
+    alignment = ["left", *["right"] * (len(header) - 1)]
+    return tabulate(rows, header, tablefmt=style, colalign=alignment, disable_numparse=True)
 
 
 def print_line(text: str) -> None:

@@ -14,12 +14,12 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
-from kitchen_suite.rollouts.film import Views
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner
+from kitchen_suite.rollouts.views import Views
 from kitchen_suite.settings import RolloutSettings
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
@@ -35,19 +35,13 @@ class RolloutJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RolloutSettings) -> None:
-        """Prepares the rollout, so that bad settings are refused before the first episode.
-
-        Raises:
-          ImportError: an extra is missing.
-          OSError: the output folder cannot be written to or holds episodes, or the assets are missing.
-          TypeError: an argument of the task has the wrong type, or there is no such argument.
-          ValueError: an unknown name, or a value that is refused.
-        """
-        self._ray = RaySettings.of(settings.workers, settings.ray_address)
+        """Prepares the rollout, so that bad settings are refused before the first episode."""
+        workers, address = settings.workers, settings.ray_address
+        self._ray = RaySettings.of(workers, address) if workers or address else None
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
-        self._spec = RecordingSpec.of(settings, seeding="dm_control")
+        self._spec = EpisodeSpec.of(settings, seeding="dm_control")
         self._rollout = SingleRollout(self._spec, **settings.rendering)
         self._environment = suite_env(self._rollout.environment).environment
         if settings.output:
@@ -120,7 +114,7 @@ class RolloutJob:
 
     @contextlib.contextmanager
     def _watch(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
-        """Yields the function to be called at every step: it moves the progress bar, and shows the step."""
+        """Yields the function to be called at every step: it moves the progress bar, and films the step."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (
             self._views.open() as view_step,
@@ -157,7 +151,7 @@ class ListJob:
 
 
 def make_job(settings: RolloutSettings) -> RolloutJob | ListJob:
-    """Returns the job that `kitchen-rollout` was asked for; raises what `RolloutJob` does."""
+    """Returns the job that settings ask for."""
     return ListJob() if settings.list else RolloutJob(settings)
 
 

@@ -1,13 +1,16 @@
-"""The specification of recorded episodes: with it, episode `i` can be played again anywhere, at any time."""
+"""Specifications: of environments, and of episodes in them that can be played again anywhere, at any time."""
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Mapping
 from typing import Any, cast
 
+import dm_env
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.random_state import legacy_generator
@@ -17,7 +20,7 @@ from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
-# Arguments of the environments that a recording sets itself.
+# Arguments of the environments that the commands set themselves.
 _RESERVED = {"info_format", "max_episode_steps", "random", "render_mode", "time_limit", "visuals"}
 _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 
@@ -31,67 +34,32 @@ _POLICY_STREAM = 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RecordingSpec:
-    """The specification of recorded episodes; episode `i` has the seed `seed + i`.
+class EnvironmentSpec:
+    """How Gymnasium environments of a task are made.
 
     Attributes:
       domain_name: a key of `suite.DOMAINS`.
       task_name: one of the domain's tasks.
       task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
-      policy: name of the policy, as `policies.find` takes it.
-      seed: of the first episode.
-      seeding: one of `SEEDINGS`.
       max_episode_steps: control steps after which an episode is truncated.
-      versions: by package.
-      policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
-      origin: where the episodes come from, if other programs recorded them; these have no seeds.
     """
 
     domain_name: str
     task_name: str
     task_kwargs: Mapping[str, Any]
-    policy: str
-    seed: int
-    seeding: str
     max_episode_steps: int
-    versions: Mapping[str, str]
-    policy_sha256: str | None = None
-    origin: Mapping[str, Any] | None = None
 
-    @classmethod
-    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "RecordingSpec":
-        """Makes the specification of a command's episodes; raises as `make`."""
-        return cls.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            policy=settings.policy,
-            seed=settings.seed,
-            seeding=seeding,
-            max_episode_steps=settings.max_episode_steps,
-        )
-
-    @classmethod
+    @staticmethod
     def make(
-        cls,
         *,
         domain_name: str,
         task_name: str | None,
         task_kwargs: Mapping[str, Any],
-        policy: str,
-        seed: int,
-        seeding: str,
-        max_episode_steps: int | None,
-    ) -> "RecordingSpec":
-        """Makes a specification of checked names, with the versions installed here.
+        max_episode_steps: int | None = None,
+    ) -> "EnvironmentSpec":
+        """Makes a specification of checked names.
 
         Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
-
-        Raises:
-          ImportError: the policy needs an extra that is not installed.
-          OSError: the policy names a file that cannot be read.
-          TypeError: a name is not a string.
-          ValueError: an unknown domain, task or policy, or an argument that is reserved.
         """
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
@@ -104,21 +72,112 @@ class RecordingSpec:
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
         quality = {"render_quality": "high"} if has_pictures(obs_type) else {}
-        policies.find(policy)
-        return cls(
+        return EnvironmentSpec(
             domain_name=domain_name,
             task_name=task_name,
             task_kwargs={**quality, **task_kwargs},
+            max_episode_steps=max_episode_steps or domain.episode_steps,
+        )
+
+    def episodes(self, *, policy: str, seed: int, seeding: str) -> "EpisodeSpec":
+        """Returns the specification of episodes that a policy plays in such environments, with the versions here.
+
+        Arguments are the attributes of `EpisodeSpec`.
+        """
+        policies.find(policy)
+        return EpisodeSpec(
+            **self._environment,
             policy=policy,
             seed=seed,
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
-            max_episode_steps=max_episode_steps or domain.episode_steps,
             versions=installed_versions(),
             policy_sha256=_policy_digest(policy),
         )
 
+    def as_json(self) -> dict[str, Any]:
+        """Returns the specification as JSON represents it."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    @property
+    def env_class(self) -> type[SuiteEnv]:
+        """Class of the single environment."""
+        env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
+        return env_class
+
+    def make_environment(self, **extra: Any) -> gymnasium.Env:
+        """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""
+        arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments}
+        try:
+            return gymnasium.make(suite.find_domain(self.domain_name).env_id, **arguments)
+        except TypeError as error:
+            # Gymnasium adds all arguments to the message.
+            raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
+
+    def make_vector_env(
+        self,
+        num_envs: int,
+        num_threads: int | None,
+        autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
+        **extra: Any,
+    ) -> SuiteVectorEnv:
+        """Makes vectorised environments; `extra` are further arguments, which replace the specification's."""
+        environments = gymnasium.make_vec(
+            suite.find_domain(self.domain_name).env_id,
+            num_envs,
+            vectorization_mode="vector_entry_point",
+            num_threads=num_threads,
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=self.max_episode_steps,
+            **{**self._arguments, **extra},
+        )
+        return cast(SuiteVectorEnv, environments)
+
+    @property
+    def _environment(self) -> dict[str, Any]:
+        """The attributes of `EnvironmentSpec`."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(EnvironmentSpec)}
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        """Arguments of the Gymnasium environment."""
+        task = suite.task_arguments(self.domain_name, self.task_name)
+        arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
+        return {**arguments, **self.env_class.array_options}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EpisodeSpec(EnvironmentSpec):
+    """The environments and the episodes of a recording; episode `i` has the seed `seed + i`.
+
+    Attributes:
+      policy: name of the policy, as `policies.find` takes it.
+      seed: of the first episode.
+      seeding: one of `SEEDINGS`.
+      versions: by package.
+      policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.
+      origin: where the episodes come from, if other programs recorded them; these have no seeds.
+    """
+
+    policy: str
+    seed: int
+    seeding: str
+    versions: Mapping[str, str]
+    policy_sha256: str | None = None
+    origin: Mapping[str, Any] | None = None
+
     @classmethod
-    def from_json(cls, record: Mapping[str, Any]) -> "RecordingSpec":
+    def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
+        """Makes the specification of a command's episodes."""
+        environments = EnvironmentSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.environment_kwargs,
+            max_episode_steps=settings.max_episode_steps,
+        )
+        return environments.episodes(policy=settings.policy, seed=settings.seed, seeding=seeding)
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> "EpisodeSpec":
         """Returns the specification that `as_json` wrote.
 
         Raises:
@@ -135,28 +194,18 @@ class RecordingSpec:
 
     def as_json(self) -> dict[str, Any]:
         """Returns the specification as JSON represents it, without what is None."""
-        record = json.loads(json.dumps(dataclasses.asdict(self)))
-        return {name: value for name, value in record.items() if value is not None}
+        record = super().as_json()
+        # The order of the attributes in files.
+        order = ("domain_name", "task_name", "task_kwargs", "policy", "seed", "seeding", "max_episode_steps")
+        return {name: value for name, value in {**dict.fromkeys(order), **record}.items() if value is not None}
 
     def seed_of(self, index: int) -> int | None:
         """Returns the seed of an episode; None where another program recorded it."""
         return self.seed + index if self.origin is None else None
 
-    @property
-    def env_class(self) -> type[SuiteEnv]:
-        """Class of the single environment."""
-        env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
-        return env_class
-
-    def make_environment(self, **extra: Any) -> gymnasium.Env:
-        """Makes the environment of the episodes; `extra` are further arguments."""
-        # Those of the recording are of its observations.
-        arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments()}
-        try:
-            return gymnasium.make(suite.find_domain(self.domain_name).env_id, **arguments)
-        except TypeError as error:
-            # Gymnasium adds all arguments to the message.
-            raise TypeError(str(error).partition(" was raised from the environment creator")[0]) from error
+    def find_policy(self) -> policies.PolicyBuilder:
+        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
+        return policies.find(self.policy, digest=self.policy_sha256)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
         """Builds the policy for an environment of the episodes, so that bad options are refused before the first one.
@@ -166,33 +215,23 @@ class RecordingSpec:
         """
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
 
-    def find_policy(self) -> policies.PolicyBuilder:
-        """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
-        return policies.find(self.policy, digest=self.policy_sha256)
+    def prepared(self) -> "EpisodeSpec":
+        """Returns the specification with what the policy needs to act, and the digest of the policy's file.
 
-    def make_vector_env(
-        self,
-        num_envs: int,
-        num_threads: int | None,
-        autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
-        **extra: Any,
-    ) -> SuiteVectorEnv:
-        """Makes vectorised environments of the same kind; `extra` are further arguments."""
-        environments = gymnasium.make_vec(
-            suite.find_domain(self.domain_name).env_id,
-            num_envs,
-            vectorization_mode="vector_entry_point",
-            num_threads=num_threads,
-            autoreset_mode=autoreset_mode,
-            max_episode_steps=self.max_episode_steps,
-            **{**self._arguments(), **extra},
-        )
-        return cast(SuiteVectorEnv, environments)
+        The expert needs extra observables where layouts vary.
 
-    def _arguments(self) -> dict[str, Any]:
-        task = suite.task_arguments(self.domain_name, self.task_name)
-        arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
-        return {**arguments, **self.env_class.array_options}
+        Raises:
+          PolicyError: the policy cannot be built.
+        """
+        with contextlib.closing(self.make_environment()) as environment:
+            task = suite_env(environment).environment.task
+            missing = policies.missing_observables(self.policy, task)
+            if not missing:
+                self.check_policy(environment)
+                file = policies.file_of(self.policy, task)
+                return dataclasses.replace(self, policy_sha256=files.file_digest(file) if file else None)
+            extras = [*task.extra_observables, *missing]
+        return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras}).prepared()
 
 
 def _policy_digest(policy: str) -> str | None:
@@ -225,3 +264,9 @@ def reset_to_seed(
 def policy_generator(seed: int) -> np.random.Generator:
     """Returns the generator that the policy of an episode draws from."""
     return np.random.default_rng((seed, _POLICY_STREAM))
+
+
+def clipped_action(policy: policies.Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:
+    """Returns a policy's action within the bounds of its space, so that the recorded action is the applied one."""
+    assert isinstance(space, gymnasium.spaces.Box)
+    return np.asarray(policy(timestep)).clip(space.low, space.high)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
 from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, flatten
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec, policy_generator
+from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
@@ -75,8 +75,7 @@ class PolicyController:
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
-        # Clipped here, so that the recorded action is the applied one.
-        action = np.asarray(self._policies[i](timestep)).clip(self._space.low, self._space.high)
+        action = clipped_action(self._policies[i], timestep, self._space)
         if np.abs(action).max() > np.finfo(self._space.dtype).max:
             raise PolicyError(f"the policy's action does not fit into {self._space.dtype}: {action}")
         return action
@@ -90,7 +89,7 @@ class NetworkController:
         self._network = network
 
     def start(self, i: int, seed: int) -> None:
-        del i, seed
+        """Unused: a network has no state of an episode."""
 
     def act(self, step: BatchStep) -> NDArray:
         return self._network(step.observations)
@@ -299,7 +298,7 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
 
 
 def play_many(
-    spec: RecordingSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
+    spec: EpisodeSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
 ) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
     """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
 
@@ -324,7 +323,7 @@ def even_count(num_episodes: int, num_envs: int) -> int:
 class SingleRunner:
     """Plays its episodes one after the other."""
 
-    def __init__(self, spec: RecordingSpec) -> None:
+    def __init__(self, spec: EpisodeSpec) -> None:
         self._rollout = SingleRollout(spec)
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()
 
@@ -337,7 +336,7 @@ class SingleRunner:
 class VectorRunner:
     """Plays many of its episodes at once."""
 
-    def __init__(self, spec: RecordingSpec, num_envs: int, num_threads: int) -> None:
+    def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()
         self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
@@ -25,7 +25,7 @@ from kitchen_suite.training.seed_run import Training
 
 def make_spec(
     settings: TrainSettings, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
-) -> RecordingSpec:
+) -> EnvironmentSpec:
     """Returns the specification of environments of the task, with which `kitchen-play` can play the policy.
 
     Args:
@@ -33,13 +33,10 @@ def make_spec(
       task_kwargs: arguments of the environments.
       max_episode_steps: the domain's when omitted.
     """
-    spec = RecordingSpec.make(
+    spec = EnvironmentSpec.make(
         domain_name=settings.domain_name,
         task_name=settings.task_name,
         task_kwargs=task_kwargs,
-        policy="zero",
-        seed=settings.seed,
-        seeding="gymnasium",
         max_episode_steps=max_episode_steps,
     )
     default = spec.env_class.obs_types[0]
@@ -61,7 +58,7 @@ class PPOTraining(Training):
 
     title = "PPO"
 
-    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Makes the environments.
 
         Args:
@@ -116,7 +113,7 @@ class PPOTraining(Training):
             raise ValueError(f"training_kwargs cannot change {shared}, on which the policy depends: use --task_kwargs")
         return arguments
 
-    def _make_training_spec(self) -> RecordingSpec:
+    def _make_training_spec(self) -> EnvironmentSpec:
         """Returns the specification of the environments that are trained in."""
         arguments = {**self._settings.environment_kwargs, **self.training_kwargs}
         steps = arguments.pop("max_episode_steps", None)

@@ -1,15 +1,14 @@
 """The folder of a training run: its description, by which a resumed run is recognised as the same."""
 
-import contextlib
 import dataclasses
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from kitchen_suite import files
 
 RUN_FILE = "training.json"
+_RUN = files.DescribedFolder(RUN_FILE, "a training run", "seed_*", "name another folder, or use --resume")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,12 +50,7 @@ def create_run(folder: Path, description: RunDescription) -> None:
     Raises:
       OSError: the folder cannot be created or written to, or holds another run.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    files.check_writable(folder)
-    with _new_run(folder), files.atomic_create(folder / RUN_FILE) as partial:
-        if any(folder.glob("seed_*")):
-            raise FileExistsError
-        partial.write_text(json.dumps(description.as_json(), indent=2) + "\n", encoding="utf-8")
+    _RUN.create(folder, description.as_json())
 
 
 def open_run(folder: Path, description: RunDescription) -> None:
@@ -66,27 +60,10 @@ def open_run(folder: Path, description: RunDescription) -> None:
       OSError: the folder cannot be written to, or holds no run.
       ValueError: it holds a run with another description.
     """
-    path = folder / RUN_FILE
-    if not path.exists():
-        raise FileNotFoundError(f"{folder} holds no training run to resume")
-    files.check_writable(folder)
-    found = files.parse(files.load_json(path, "the description of a training run"), RunDescription, str(path))
-    present, expected = _entries(found), _entries(description)
-    for name in {**expected, **present}:
-        if present.get(name) != expected.get(name):
-            one, other = json.dumps(present.get(name)), json.dumps(expected.get(name))
-            raise ValueError(f"{folder} holds a run with {name} {one}, not {other}")
-    for subfolder in (folder, *folder.glob("seed_*")):
+    found = files.parse(_RUN.load(folder), RunDescription, str(folder / RUN_FILE))
+    _RUN.resume(folder, _entries(found), _entries(description))
+    for subfolder in folder.glob("seed_*"):
         files.remove_stale_partials(subfolder)
-
-
-@contextlib.contextmanager
-def _new_run(folder: Path) -> Iterator[None]:
-    """Names the folder and a remedy where a run exists already."""
-    try:
-        yield
-    except FileExistsError as error:
-        raise FileExistsError(f"{folder} holds a training run already: name another folder, or use --resume") from error
 
 
 def _entries(description: RunDescription) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from kitchen_suite.rendering import video
 from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
@@ -153,8 +153,12 @@ class TrainJob:
         print_line(f"video {file}")
 
 
-def make_training(settings: TrainSettings, spec: RecordingSpec) -> Training:
-    """Returns the training of the algorithm that settings name; raises what its class does."""
+def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:
+    """Returns the training of the algorithm that settings name; raises what its class does.
+
+    Raises:
+      ValueError: an unknown algorithm.
+    """
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)

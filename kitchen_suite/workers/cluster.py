@@ -38,8 +38,8 @@ class RaySettings:
     address: str | None = None
 
     @classmethod
-    def of(cls, workers: int | None, address: str | None) -> "RaySettings | None":
-        """Returns checked settings, or None without workers: this process then plays the episodes.
+    def of(cls, workers: int | None, address: str | None) -> "RaySettings":
+        """Returns settings of an installed Ray, with a server that accepts connections at the address.
 
         Raises:
           ImportError: Ray is not installed.
@@ -47,25 +47,12 @@ class RaySettings:
           ValueError: the address is malformed, or there is one without a number of workers.
         """
         if workers is None:
-            if address is not None:
-                raise ValueError("--ray_address needs --workers: the number of processes there")
-            return None
-        settings = cls(workers=workers, address=address)
-        settings.check()
-        return settings
-
-    def check(self) -> None:
-        """Checks that Ray is installed and that a server accepts connections at the address.
-
-        Raises:
-          ImportError: Ray is not installed.
-          OSError: nothing answers at the address.
-          ValueError: the address is malformed.
-        """
+            raise ValueError("--ray_address needs --workers: the number of processes there")
         if importlib.util.find_spec("ray") is None:
             raise ImportError("workers need Ray: pip install 'kitchen-suite[ray]'")
-        if self.address not in (None, "auto"):
-            _check_reachable(self.address)
+        if address not in (None, "auto"):
+            _check_reachable(address)
+        return cls(workers=workers, address=address)
 
     def run(
         self, build: RunnerFactory, episodes: Sequence[tuple[int, int]], *, capacity: int, num_threads: int

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import benchmark_job, rendering, report, speed
+from kitchen_suite.benchmarks import benchmark_job, rendering, speed
 from kitchen_suite.benchmarks.benchmark_job import BenchmarkJob, command_line, find_cases
 from kitchen_suite.benchmarks.cases import BARE, Case
 from kitchen_suite.cli.commands import benchmark
@@ -43,7 +43,7 @@ def scaling():
 
 def test_every_case_has_a_row(measured):
     domain, results = measured
-    lines = report.plain(results).splitlines()
+    lines = benchmark_job.plain(results).splitlines()
     for name in domain.cases(2):
         (row,) = [line for line in lines if line.startswith(f"{name} ")]
         ratio, minimum, maximum, per_thread, rate = map(float, row.removeprefix(name).split())
@@ -54,7 +54,7 @@ def test_every_case_has_a_row(measured):
 
 def test_every_named_ratio_has_a_row(measured):
     domain, results = measured
-    lines = report.plain(results).splitlines()
+    lines = benchmark_job.plain(results).splitlines()
     for name in domain.ratios(2):
         (row,) = [line for line in lines if line.startswith(f"{name} ")]
         numbers = [float(number) for number in row.removeprefix(name).split()]
@@ -64,7 +64,7 @@ def test_every_named_ratio_has_a_row(measured):
 
 def test_the_overhead_has_a_row_for_each_layer(measured):
     _, results = measured
-    lines = report.plain(results).splitlines()
+    lines = benchmark_job.plain(results).splitlines()
     for name in ("the task's hooks", "suite.load", "Gymnasium adapter"):
         (row,) = [line for line in lines if line.removeprefix(name).strip().replace(".", "").isdigit()]
         assert float(row.removeprefix(name)) > 0
@@ -119,8 +119,8 @@ def test_pages_and_terminals_get_the_same_numbers(capsys, monkeypatch):
     monkeypatch.setattr(BenchmarkJob, "measure", lambda job: results)
     assert benchmark.main([]) == 0
     printed = capsys.readouterr().out
-    assert printed == report.plain(results) + "\n"
-    for text in (printed, report.markdown(results)):
+    assert printed == benchmark_job.plain(results) + "\n"
+    for text in (printed, benchmark_job.markdown(results)):
         assert "vectorised, 2" in text
         assert "1234" in text
         assert "0.50" in text
@@ -205,7 +205,7 @@ def test_rendering_has_a_row_for_every_renderer_size_and_content(domain, baselin
     first, second = (each["renderers"]["fast"]["contents"] for each in results["results"])
     assert {*first} == {*rendering.CONTENTS}
     assert second == {}
-    lines = report.plain(results).splitlines()
+    lines = benchmark_job.plain(results).splitlines()
     for name in (*baseline, *RENDERERS):
         for size in (16, 24):
             assert len([line for line in lines if line.startswith(f"{name}, {size} x {size} ")]) == 2

@@ -7,8 +7,7 @@ from sweeps import brief_named
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features
-from kitchen_suite.rollouts.spec import RecordingSpec
-from kitchen_suite.settings import EpisodeSettings
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 
 STATES = {"obs_type": "environment_state_agent_pos"}
 PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_quality": "fast"}
@@ -16,8 +15,10 @@ PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_qual
 OPTIONS = {"lerobot_new_rollout": True}
 
 
-def spec_of(task_kwargs=STATES, **settings):
-    return RecordingSpec.of(EpisodeSettings(task_kwargs=task_kwargs, **settings), seeding="gymnasium")
+def spec_of(task_kwargs=STATES, *, domain_name="kitchen", task_name=None, max_episode_steps=None):
+    return EnvironmentSpec.make(
+        domain_name=domain_name, task_name=task_name, task_kwargs=task_kwargs, max_episode_steps=max_episode_steps
+    )
 
 
 @pytest.fixture(scope="module")

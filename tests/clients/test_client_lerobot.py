@@ -238,7 +238,7 @@ def test_an_interrupt_leaves_no_dataset_and_the_same_command_makes_it(run, monke
         patch.setattr(LeRobotDataset, "save_episode", interrupt)
         assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 130
     assert os.listdir("data/me") == []
-    monkeypatch.setattr("kitchen_suite.rollouts.spec.RecordingSpec.make_vector_env", None)  # Nothing is played again.
+    monkeypatch.setattr("kitchen_suite.rollouts.spec.EpisodeSpec.make_vector_env", None)  # Nothing is played again.
     assert run(record, *RECORD, *DATASET, "--task_name=kettle")[0] == 0
     assert load().num_episodes == 3
 

@@ -66,22 +66,14 @@ def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
 @pytest.mark.thorough
 def test_the_scores_are_those_of_single_episodes(run, tmp_path):
     from kitchen_suite.rollouts.single_rollout import SingleRollout
-    from kitchen_suite.rollouts.spec import RecordingSpec
+    from kitchen_suite.rollouts.spec import EnvironmentSpec
 
     kwargs = {"variations": "start", "tasks_to_complete": ["microwave", "kettle", "light switch"]}
     flags = ["--task_name=all", "--policy=expert", "--seed=5", "--max_episode_steps=100"]
     assert run(*flags, f"--task_kwargs={json.dumps(kwargs)}", "--json=a.json", "--num_episodes=3")[0] == 0
     result = read(tmp_path / "a.json")
-    spec = RecordingSpec.make(
-        domain_name="kitchen",
-        task_name="all",
-        task_kwargs=kwargs,
-        policy="expert",
-        seed=5,
-        seeding="gymnasium",
-        max_episode_steps=100,
-    )
-    rollout = SingleRollout(spec)
+    spec = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=kwargs, max_episode_steps=100)
+    rollout = SingleRollout(spec.episodes(policy="expert", seed=5, seeding="gymnasium"))
     infos = [rollout.play(index, 5 + index).last_info for index in range(3)]
     assert result["mean_tasks"] == pytest.approx(np.mean([(info["completion_steps"] > 0).sum() for info in infos]))
     assert result["control_steps"] == pytest.approx(np.mean([info["episode_step"] for info in infos]))
@@ -207,7 +199,7 @@ def test_another_evaluations_folder_is_refused(run, tmp_path):
         (*tiny, "--resume", "--seed=3"): "runs holds an evaluation with seed 400000000, not 3: name another folder",
         (*tiny, "--resume", "--policy=zero"): 'with policy "random", not "zero"',
         (*tiny, "--resume", "--num_episodes=2"): "with num_episodes 1, not 2",
-        (*tiny, "--resume", "--output=nothing"): "nothing holds no evaluation to resume",
+        (*tiny, "--resume", "--output=nothing"): "nothing does not hold an evaluation to resume",
     }.items():
         status, out, err = run(*arguments)
         assert (status, out) == (2, "")

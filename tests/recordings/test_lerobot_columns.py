@@ -12,7 +12,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.lerobot_columns import DIGEST, LeRobotObservations, dataset_features, digest
 from kitchen_suite.recordings.lerobot_dataset import home
 from kitchen_suite.rollouts.single_rollout import SingleRollout
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import EpisodeSettings
 
 
@@ -22,7 +22,7 @@ def played():
     settings = EpisodeSettings(
         task_name="random_2", task_kwargs={"obs_type": "environment_state_agent_pos"}, max_episode_steps=3
     )
-    rollout = SingleRollout(RecordingSpec.of(settings, seeding="gymnasium"))
+    rollout = SingleRollout(EpisodeSpec.of(settings, seeding="gymnasium"))
     episode = rollout.play(0, 7)
     yield LeRobotObservations(suite_env(rollout.environment)), episode
     rollout.environment.close()
@@ -112,7 +112,7 @@ def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, capsys
     assert home(tmp_path) == tmp_path
     assert replay.main(["me/nothing"]) == 2
     error = capsys.readouterr().err
-    assert f"there is no folder me/nothing, no LeRobot dataset of that name in {tmp_path}/own" in error
+    assert "there is no folder me/nothing, and no Minari or LeRobot dataset of that name" in error
 
 
 def test_a_dataset_of_another_program_has_no_seeds(tmp_path, capsys):

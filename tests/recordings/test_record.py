@@ -19,14 +19,14 @@ from episode_files import assert_same_arrays, left_behind
 from episode_files import load_episode as load
 from sweeps import brief
 
-from kitchen_suite import policies
+from kitchen_suite import files, policies
 from kitchen_suite.cli.commands import record, rollout
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.rollouts import report
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.vector_env import base as vector_base
 
@@ -333,17 +333,14 @@ def test_a_recording_made_with_another_mujoco_is_not_continued(run, tmp_path):
 
 
 def test_two_recordings_started_together_do_not_share_a_folder(run, tmp_path, monkeypatch):
-    exists = Path.exists
+    check_writable = files.check_writable
 
-    def not_yet(path):
-        # Another recording begins right after this one has looked for it.
-        if path.name == "recording.json":
-            monkeypatch.setattr(Path, "exists", exists)
-            assert run("--output=runs", "--num_episodes=1", "--seed=5", *SHORT)[0] == 0
-            return False
-        return exists(path)
+    def check_late(folder):
+        # Another recording begins right before this one writes its specification.
+        monkeypatch.setattr(files, "check_writable", check_writable)
+        assert run("--output=runs", "--num_episodes=1", "--seed=5", *SHORT)[0] == 0
 
-    monkeypatch.setattr(Path, "exists", not_yet)
+    monkeypatch.setattr(files, "check_writable", check_late)
     status, _, err = run("--output=runs", "--num_episodes=2", *SHORT)
     assert (status, err) == (
         2,
@@ -386,13 +383,13 @@ def test_a_policy_file_replaced_in_the_middle_of_a_run_changes_no_episode(run, t
 
 def test_a_policy_file_replaced_before_the_first_episode_is_refused(run, tmp_path, monkeypatch):
     shutil.copy(shipped_as("top_drawer"), tmp_path / "p.npz")
-    make_vector_env = RecordingSpec.make_vector_env
+    make_vector_env = EpisodeSpec.make_vector_env
 
     def replace(self, *arguments):
         shutil.copy(shipped_as("top_drawer_grasp"), tmp_path / "p.npz")
         return make_vector_env(self, *arguments)
 
-    monkeypatch.setattr(RecordingSpec, "make_vector_env", replace)
+    monkeypatch.setattr(EpisodeSpec, "make_vector_env", replace)
     command = ["--domain_name=open_cabinet", "--policy=trained(file='p.npz')", "--num_episodes=1", *SHORT]
     status, _, err = run(*command, "--output=runs")
     assert (status, err.count("\n")) == (2, 1)
@@ -444,7 +441,7 @@ def test_a_folder_of_rollouts_is_refused(run):
     os.remove("runs/recording.json")
     status, _, err = run("--output=runs", *SHORT)
     assert (status, err.count("\n")) == (2, 1)
-    assert "holds episodes already" in err
+    assert "holds a recording already" in err
     assert load_all("runs")[names(0)[0]][0] == before[names(0)[0]][0]
 
 

@@ -112,7 +112,7 @@ def minari_versions(about):
 
 def test_a_dataset_can_be_made_of_a_recording_that_is_there(run, monkeypatch):
     assert run()[0] == 0
-    monkeypatch.setattr("kitchen_suite.rollouts.spec.RecordingSpec.make_vector_env", None)  # Nothing is played again.
+    monkeypatch.setattr("kitchen_suite.rollouts.spec.EpisodeSpec.make_vector_env", None)  # Nothing is played again.
     # Minari's ids need no namespace.
     assert run("--dataset=random-v1")[0] == 0
     assert minari.load_dataset("random-v1").total_episodes == 3

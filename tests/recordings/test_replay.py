@@ -17,7 +17,7 @@ from reference import original_environment, random_actions
 from sweeps import brief, brief_named
 
 from kitchen_suite.cli.commands import record, replay, rollout
-from kitchen_suite.recordings.replay_job import choose
+from kitchen_suite.recordings.replay import choose
 from kitchen_suite.rollouts.episode import flatten, unflatten
 from kitchen_suite.versions import installed_versions
 
@@ -402,7 +402,7 @@ BAD = {
     "nowhere": "there is no folder nowhere",
     "no/where-vx": "there is no folder no/where-vx",
     "no//where-v0": "'no//where-v0' is no name of a dataset",
-    "nowhere-v0": "there is neither a folder nowhere-v0",
+    "nowhere-v0": "there is no folder nowhere-v0",
     "empty": "empty holds neither recording.json nor a Minari or LeRobot dataset",
     "runs/episode_000000.npz": "dataset: name its folder, runs",
     "runs more": "unexpected argument 'more'",

@@ -19,7 +19,7 @@ from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import gl
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.versions import installed_versions
 
 COMMAND = [sys.executable, "-m", "kitchen_suite", "rollout"]
@@ -216,7 +216,7 @@ def assert_replays_in_suite_load(spec, seed, arrays):
     names += ("step_task_completions_mask", "episode_task_completions_mask")
     assert {name for name in arrays if name.startswith("info/")} == {f"info/{name}" for name in names}
     assert arrays["info/episode_step"].tolist() == [*range(6)]
-    single = RecordingSpec(**spec).make_environment().unwrapped
+    single = EpisodeSpec(**spec).make_environment().unwrapped
     for row, timestep in enumerate(timesteps):
         recorded = nested(arrays, "observation", row)
         goals = {

@@ -6,7 +6,7 @@ from episode_files import assert_same_arrays, load_episode
 
 from kitchen_suite import policies, suite
 from kitchen_suite.cli.commands import rollout
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 
 DOMAIN = "--domain_name=open_cabinet"
@@ -64,7 +64,7 @@ def test_an_episode_file_holds_what_suite_load_returns_when_replayed(tmp_path, p
     assert arrays["truncation"].tolist() == [False] * (steps - 1) + [not terminates]
     assert metadata["total_reward"] == arrays["reward"].sum()
     assert metadata["results"] == environment.task.episode_metrics
-    single = RecordingSpec.from_json(metadata["recording"]).make_environment().unwrapped
+    single = EpisodeSpec.from_json(metadata["recording"]).make_environment().unwrapped
     rows = [single.observations.split(row) for row in arrays["observation"]]
     for row, timestep in zip(rows, timesteps, strict=True):
         assert_same_arrays(row, timestep.observation)

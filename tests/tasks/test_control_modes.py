@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 from control_cases import CASES, walk
+from scripts import tracking
 from sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import tracking
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA
 from kitchen_suite.tasks import rotations as poses

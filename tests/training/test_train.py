@@ -317,12 +317,20 @@ RESUMED_AS = {
 def test_a_run_with_another_description_is_not_resumed(run):
     run("--num_steps=64")
     for argument, difference in RESUMED_AS.items():
-        assert run("--resume", argument) == (2, "", f"kitchen-train: run holds a run with {difference}\n")
+        assert run("--resume", argument) == (
+            2,
+            "",
+            f"kitchen-train: run holds a training run with {difference}: name another folder\n",
+        )
 
 
 @clients
 def test_without_a_run_nothing_is_resumed(run):
-    assert run("--resume") == (2, "", "kitchen-train: run holds no training run to resume\n")
+    assert run("--resume") == (
+        2,
+        "",
+        "kitchen-train: run does not hold a training run to resume: there is no training.json\n",
+    )
     assert not os.path.exists("run")
 
 

@@ -9,7 +9,7 @@ from training_reference import METADATA, SMALL, environments, learner
 
 from kitchen_suite.cli.commands import play, record, train
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 
 pytestmark = pytest.mark.clients
 
@@ -24,15 +24,7 @@ def act(timestep):
 
 def spec_of(domain_name, task_name, **task_kwargs):
     """Returns the specification of the environments that a run trains in."""
-    return RecordingSpec.make(
-        domain_name=domain_name,
-        task_name=task_name,
-        task_kwargs=task_kwargs,
-        policy="zero",
-        seed=0,
-        seeding="gymnasium",
-        max_episode_steps=None,
-    )
+    return EnvironmentSpec.make(domain_name=domain_name, task_name=task_name, task_kwargs=task_kwargs)
 
 
 @pytest.fixture(scope="module")

@@ -101,7 +101,7 @@ def test_bad_arguments_of_training_are_refused_in_one_line(job_of, value):
 def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
     job_of(*KETTLE)
     error = job_of(*KETTLE, "--resume", '--training_kwargs={"reward": "dense"}', status=2)
-    assert 'runs holds a run with training_kwargs {"max_episode_steps": 100, "reward": "dense_gain"' in error
+    assert 'runs holds a training run with training_kwargs {"max_episode_steps": 100, "reward": "dense_gain"' in error
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner, VectorRunner
 from kitchen_suite.tasks.open_cabinet import reward
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -18,15 +18,10 @@ EPISODES = [(index, 3 + index) for index in range(6)]
 
 
 def make_spec(domain_name, task_name, seeding="gymnasium", max_episode_steps=None):
-    return RecordingSpec.make(
-        domain_name=domain_name,
-        task_name=task_name,
-        task_kwargs={},
-        policy="random",
-        seed=3,
-        seeding=seeding,
-        max_episode_steps=max_episode_steps,
+    spec = EnvironmentSpec.make(
+        domain_name=domain_name, task_name=task_name, task_kwargs={}, max_episode_steps=max_episode_steps
     )
+    return spec.episodes(policy="random", seed=3, seeding=seeding)
 
 
 @pytest.fixture(scope="module")

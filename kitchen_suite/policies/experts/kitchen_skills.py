@@ -9,6 +9,7 @@ import mink
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
@@ -20,7 +21,6 @@ from kitchen_suite.policies.experts.skills import (
     Skill,
     Vector,
 )
-from kitchen_suite.tasks.kitchen.goals import DEFAULT_TASKS
 
 # Directions in the world; the robot faces y.
 RIGHT: Vector = (1.0, 0.0, 0.0)

@@ -14,7 +14,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 
 # Arguments of all domains on which the meaning of observed numbers depends.
 OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
@@ -44,7 +44,7 @@ class Demonstrations(NamedTuple):
 
 
 def load_demonstrations(
-    folders: Sequence[Path], spec: RecordingSpec, tasks: Sequence[str], counts: Sequence[int]
+    folders: Sequence[Path], spec: EnvironmentSpec, tasks: Sequence[str], counts: Sequence[int]
 ) -> Demonstrations:
     """Reads the successful episodes of recordings; see `load_recording`.
 
@@ -75,7 +75,9 @@ def load_demonstrations(
     )
 
 
-def load_recording(folder: Path, spec: RecordingSpec, tasks: Sequence[str], count: int | None = None) -> Demonstrations:
+def load_recording(
+    folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None = None
+) -> Demonstrations:
     """Reads the successful episodes that `kitchen-record` has written to a folder.
 
     Args:
@@ -118,7 +120,7 @@ def _recorded_elements(inputs: NDArray[np.float32], size: int) -> tuple[int, ...
     return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
 
 
-def load_to_clone(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone.
 
     Args:
@@ -151,7 +153,7 @@ def load_to_clone(folder: Path, spec: RecordingSpec) -> tuple[NDArray[np.float32
     return observations.astype(np.float32), actions.astype(np.float32)
 
 
-def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]) -> RecordingFolder:
+def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
     """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
 
     Args:
@@ -182,14 +184,14 @@ def open_recording(folder: Path, wanted: RecordingSpec, options: Collection[str]
     return recording
 
 
-def _argument(spec: RecordingSpec, name: str) -> Any:
+def _argument(spec: EnvironmentSpec, name: str) -> Any:
     """Returns an argument of the environments of a specification, as JSON represents it."""
     default = {name: spec.env_class.default_of(suite.find_domain(spec.domain_name), name)}
     arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
     return json.loads(json.dumps(arguments[name]))
 
 
-def _in_mode(spec: RecordingSpec, name: str, value: Any) -> Any:
+def _in_mode(spec: EnvironmentSpec, name: str, value: Any) -> Any:
     """Returns the value of an argument; where it is None, that of the environments' control mode, if it has it."""
     if value is not None:
         return value

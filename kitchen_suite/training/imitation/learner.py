@@ -13,7 +13,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.rollouts.spec import RecordingSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import checked_changes
@@ -139,7 +139,7 @@ def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
 class ImitationTraining(Training):
     """The demonstrations and hyperparameters of a run by imitation."""
 
-    def __init__(self, settings: TrainSettings, spec: RecordingSpec) -> None:
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Reads the demonstrations.
 
         Args:

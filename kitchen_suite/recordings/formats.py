@@ -1,0 +1,156 @@
+"""Formats of datasets that recordings are made into; a further one is a module with plan and source, and an entry."""
+
+import abc
+import dataclasses
+import pkgutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium
+
+from kitchen_suite import checks, files
+from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import EpisodeSpec
+
+
+class DatasetPlan(abc.ABC):
+    """A dataset that will hold the first episodes of a recording.
+
+    Attributes:
+      dataset_id: its name.
+      spec: of the recording.
+      count: number of episodes.
+    """
+
+    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
+        """Checks that the dataset can be made, or has been made already.
+
+        Args:
+          dataset_id: its name.
+          spec: of the recording.
+          count: number of episodes.
+          root: folder of the datasets; that of the format's library when omitted.
+
+        Raises:
+          ImportError: the library is not installed.
+          ValueError: the name is malformed or taken by another dataset, or the recording cannot be a dataset.
+        """
+        self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
+
+    @property
+    @abc.abstractmethod
+    def path(self) -> Path:
+        """Folder of the dataset."""
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether the dataset has still to be made."""
+        return not self.path.exists()
+
+    @abc.abstractmethod
+    def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        """Makes the dataset as a whole or, after an error, not at all.
+
+        Args:
+          environment: of the recording.
+          folder: of the recording.
+          indices: numbers of the episodes.
+        """
+
+    def _check_same(self, spec: object, count: object) -> None:
+        """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
+        if found := files.first_difference(spec, self.spec.as_json()):
+            raise ValueError(
+                f"dataset {self.dataset_id!r} exists and holds another recording, with {found}: name another one"
+            )
+        if count != self.count:
+            raise ValueError(
+                f"dataset {self.dataset_id!r} exists and is of the first {count} episodes of this recording, "
+                f"not of {self.count}: name another one"
+            )
+
+
+class Source(abc.ABC):
+    """Episodes, and the environment that they were recorded in."""
+
+    @property
+    @abc.abstractmethod
+    def spec(self) -> EpisodeSpec | None:
+        """The specification of the episodes; None where another program recorded them."""
+
+    @property
+    @abc.abstractmethod
+    def indices(self) -> Sequence[int]:
+        """Numbers of the episodes, in order."""
+
+    @abc.abstractmethod
+    def make_environment(self, **rendering: Any) -> gymnasium.Env:
+        """Makes the environment, with arguments of its rendering such as `visuals`."""
+
+    @abc.abstractmethod
+    def load(self, index: int) -> EpisodeArrays:
+        """Reads an episode."""
+
+    def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
+        """Returns a replayed episode with the arrays that the source holds of an episode."""
+        return replayed
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of datasets.
+
+    Attributes:
+      name: value of `--format`.
+      title: name of the program that defines it.
+      example: name of a dataset.
+      plan: entry point of its `DatasetPlan`.
+      source: entry point of a function that opens the dataset of a name or in a folder, given that and the folder of
+        all datasets (None: the program's own) as paths; it returns None where there is no such dataset.
+      obs_types: observation types of the suite that it holds, the first where none is named; empty for all.
+    """
+
+    name: str
+    title: str
+    example: str
+    plan: str
+    source: str
+    obs_types: tuple[str, ...] = ()
+
+    def task_kwargs(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Returns arguments of a task with an observation type of the format; a ValueError if they have another one."""
+        if not self.obs_types:
+            return given
+        obs_type = given.get("obs_type", self.obs_types[0])
+        return {**given, "obs_type": checks.choice(obs_type, self.obs_types, f"{self.title}'s obs_type")}
+
+    def make_plan(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None) -> DatasetPlan:
+        """Plans a dataset; arguments and errors as of `DatasetPlan`."""
+        return pkgutil.resolve_name(self.plan)(dataset_id, spec, count, root)
+
+    def find(self, name: str, root: Path | None) -> Source | None:
+        """Opens a dataset, None if there is none; arguments as of `sources.find`."""
+        return pkgutil.resolve_name(self.source)(name, root)
+
+
+MINARI = Format(
+    name="minari",
+    title="Minari",
+    example="me/kitchen-v0",
+    plan="kitchen_suite.recordings.minari_dataset:MinariPlan",
+    source="kitchen_suite.recordings.minari_dataset:find",
+)
+LEROBOT = Format(
+    name="lerobot",
+    title="LeRobot",
+    example="me/kitchen",
+    plan="kitchen_suite.recordings.lerobot_dataset:LeRobotPlan",
+    source="kitchen_suite.recordings.lerobot_dataset:find",
+    obs_types=("environment_state_agent_pos", "pixels_agent_pos"),
+)
+
+# By the value of `--format`; the first is the default.
+FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (MINARI, LEROBOT)})
