@@ -20,7 +20,7 @@ from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import InstructedTask
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, columns
 from kitchen_suite.tasks.observables import ObservedTask
-from kitchen_suite.tasks.variations.distributions import Varied
+from kitchen_suite.tasks.variations.distributions import ParameterVariation
 from kitchen_suite.tasks.variations.variations import Variations
 
 # Number of axes of an observed picture.
@@ -182,7 +182,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, Observe
     """
 
     domain_name: str | None = None
-    varied: ClassVar[Sequence[Varied]] = ()
+    varied: ClassVar[Sequence[ParameterVariation]] = ()
     variations: Variations
     truncates = False
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
@@ -330,7 +330,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, Observe
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
-        self.variations.randomizer.bind(physics)
+        self.variations.bind(physics)
         self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
         if self._extras is not None:
             self._extras.bind(physics)

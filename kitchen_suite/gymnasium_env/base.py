@@ -144,8 +144,7 @@ class VariationSettings:
 def space_of(variations: Variations) -> spaces.Dict:
     """Returns the space of the parameters that vary in a task, by name."""
     boxes: dict[str, spaces.Space] = {
-        name: spaces.Box(varied.low, varied.high, varied.default.shape, np.float64)
-        for name, varied in variations.wanted.items()
+        name: spaces.Box(low, high, low.shape, np.float64) for name, (low, high) in variations.ranges.items()
     }
     return spaces.Dict(boxes)
 
