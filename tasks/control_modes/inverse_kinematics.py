@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks import rotations
+
 # Damping: near singular configurations, joint steps stay below half of the error divided by it.
 _DAMPING = 0.05
 
@@ -20,7 +22,7 @@ def jacobian(
       anchors: `(..., k, 3)`, a point on each joint's axis [m].
       axes: `(..., k, 3)`, unit vectors along the joints' axes.
     """
-    linear = np.cross(axes, position[..., np.newaxis, :] - anchors)
+    linear = rotations.cross(axes, position[..., np.newaxis, :] - anchors)
     return np.ascontiguousarray(np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2))
 
 

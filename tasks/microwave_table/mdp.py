@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP, ActionMode, Simulation, total
 from kitchen_suite.tasks.sensors import FeatureSensors
 
@@ -62,9 +63,7 @@ class OpenReward:
           observation: `(..., 23)`, after the control step.
           goal: angle of the open door [rad].
         """
-        # In C order, a row has the same sum alone and among many.
-        squares = np.square(observation[..., PARTS["handle_offset"]], order="C")
-        distance = np.sqrt(np.add.reduce(squares, axis=-1))
+        distance = np.sqrt(rotations.squared_length(observation[..., PARTS["handle_offset"]]))
         share = np.clip(observation[..., PARTS["door_position"].start] / goal, 0.0, 1.0)
         return {"approach": 1.0 - np.tanh(distance / _APPROACH_DISTANCE), "opening": 5.0 * share}
 
