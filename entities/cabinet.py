@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from dm_control import composer, mjcf
+from dm_control import mjcf
 
 from kitchen_suite import checks
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import Parameter, displacement, joint_parameters, pose_parameters
 from kitchen_suite.entities.props import Prop
 
@@ -165,8 +165,8 @@ class Cabinet(Prop):
         if not visuals:
             assets.remove_visuals(self._mjcf_root)
 
-    def _build_observables(self) -> "CabinetObservables":
-        return CabinetObservables(self)
+    def _build_observables(self) -> JointObservables:
+        return JointObservables(self)
 
     @property
     def mjcf_model(self) -> mjcf.RootElement:
@@ -323,17 +323,3 @@ class Cabinet(Prop):
         # The quaternion is exact for these right angles, and its w is far from zero, where its sign would flip.
         frame = {"xyaxes": (0, 0, 1, 0, 1, 0)} if upright else {"quat": (0.5, 0.5, -0.5, -0.5)}
         body.add("site", name=f"{stem}_handle", pos=pos, size=(0.008,), group=3, **frame)
-
-
-class CabinetObservables(composer.Observables):
-    """Positions and velocities of drawers and doors; disabled by default."""
-
-    @composer.observable
-    def joint_positions(self) -> JointPositions:
-        """Openings: `(4,)` float64, drawers top and bottom [m], doors left and right [rad]; qpos; no noise."""
-        return JointPositions(lambda: self._entity.joints)
-
-    @composer.observable
-    def joint_velocities(self) -> JointVelocities:
-        """Rates of opening: `(4,)` float64, drawers [m/s], doors [rad/s]; qvel; no noise."""
-        return JointVelocities(lambda: self._entity.joints)

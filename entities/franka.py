@@ -12,7 +12,7 @@ from dm_control.composer.observation import observable
 
 from kitchen_suite.entities import assets
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, Finger, FrankaSpec, Inertia, JointActuator
-from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import (
     DAMPING_SCALE,
     GAIN_SCALE,
@@ -188,18 +188,8 @@ class Franka(assets.NamedEntity):
         )
 
 
-class FrankaObservables(composer.Observables):
+class FrankaObservables(JointObservables):
     """Joint positions and velocities, and the end effector's position; disabled by default."""
-
-    @composer.observable
-    def joint_positions(self) -> JointPositions:
-        """Positions of the joints: `(9,)` float64, 7 hinges [rad] and 2 fingers [m]; qpos; noise by task."""
-        return JointPositions(lambda: self._entity.joints)
-
-    @composer.observable
-    def joint_velocities(self) -> JointVelocities:
-        """Velocities of the joints: `(9,)` float64, 7 hinges [rad/s] and 2 fingers [m/s]; qvel; noise by task."""
-        return JointVelocities(lambda: self._entity.joints)
 
     @composer.observable
     def end_effector_position(self) -> observable.MJCFFeature:

@@ -1,9 +1,9 @@
-"""Positions and velocities of joints: their addresses in a compiled model, and observables that read them."""
+"""Joints: their addresses in a compiled model, and observables of their positions and velocities."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from dm_control import mjcf
+from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
@@ -79,6 +79,20 @@ class JointVelocities(_JointState):
     """Velocities of some joints, joint by joint; read from qvel."""
 
     _field = "qvel"
+
+
+class JointObservables(composer.Observables):
+    """Positions and velocities of an entity's joints; disabled by default."""
+
+    @composer.observable
+    def joint_positions(self) -> JointPositions:
+        """Positions, in the order of `joints`: `(n,)` float64, hinges [rad], slides [m]; qpos; noise by task."""
+        return JointPositions(lambda: self._entity.joints)
+
+    @composer.observable
+    def joint_velocities(self) -> JointVelocities:
+        """Velocities, in the order of `joints`: `(n,)` float64, hinges [rad/s], slides [m/s]; qvel; noise by task."""
+        return JointVelocities(lambda: self._entity.joints)
 
 
 def _ranges(starts: NDArray[np.int64], widths: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ from dm_control import composer, mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import assets
-from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointObservables
 from kitchen_suite.entities.parameters import (
     FREE_DISPLACEMENT,
     MASS,
@@ -90,7 +90,7 @@ class KitchenProp(Prop):
         self._mjcf_root.model = name or self.xml_name
 
     def _build_observables(self) -> composer.Observables:
-        return KitchenPropObservables(self) if self.joint_names else super()._build_observables()
+        return JointObservables(self) if self.joint_names else super()._build_observables()
 
     @property
     def mjcf_model(self) -> mjcf.RootElement:
@@ -104,20 +104,6 @@ class KitchenProp(Prop):
     def parameters(self) -> tuple[Parameter, ...]:
         """Offset and yaw of a movable prop in a scene."""
         return pose_parameters(self) if self.movable and self.parent else ()
-
-
-class KitchenPropObservables(composer.Observables):
-    """Positions and velocities of a prop's joints; disabled by default."""
-
-    @composer.observable
-    def joint_positions(self) -> JointPositions:
-        """Positions of the prop's joints: `(n,)` float64 [rad] or [m]; qpos; no noise."""
-        return JointPositions(lambda: self._entity.joints)
-
-    @composer.observable
-    def joint_velocities(self) -> JointVelocities:
-        """Velocities of the prop's joints: `(n,)` float64 [rad/s] or [m/s]; qvel; no noise."""
-        return JointVelocities(lambda: self._entity.joints)
 
 
 class Counter(KitchenProp):

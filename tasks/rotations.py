@@ -1,4 +1,4 @@
-"""Rotations as quaternions w, x, y, z and as rotation vectors [rad], on arrays with any leading axes `(...)`."""
+"""Vectors, and rotations as quaternions w, x, y, z and as rotation vectors [rad], with any leading axes `(...)`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +8,19 @@ _SMALL = 1e-9
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
+# Indices of the two axes that follow x, y and z in cyclic order.
+_NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
+
+
+def squared_length(vectors: NDArray[np.float64], *, keepdims: bool = False) -> NDArray[np.float64]:
+    """Returns the squared lengths `(...)` of vectors `(..., k)`; `(..., 1)` with `keepdims`."""
+    # In C order, a row has the same sum alone and among many.
+    return np.add.reduce(np.square(vectors, order="C"), axis=-1, keepdims=keepdims)
+
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the lengths `(..., 1)` of vectors `(..., k)`."""
-    # In C order, a row has the same sum alone and among many.
-    return np.sqrt(np.add.reduce(np.square(vectors, order="C"), axis=-1, keepdims=True))
+    return np.sqrt(squared_length(vectors, keepdims=True))
 
 
 def within(vectors: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
@@ -29,8 +37,8 @@ def quaternion(rotation_vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the rotation vectors `(..., 3)`, of at most half a turn, of unit quaternions `(..., 4)`."""
-    # q and -q are the same rotation; the one with w >= 0 turns by at most half a turn.
+    """Returns the rotation vectors `(..., 3)`, with angles of at most pi, of unit quaternions `(..., 4)`."""
+    # q and -q are the same rotation; the one with w >= 0 has an angle of at most pi.
     nearer = quaternion * np.copysign(1.0, quaternion[..., :1])
     sine = length(nearer[..., 1:])
     angle = 2.0 * np.arctan2(sine, nearer[..., :1])
@@ -38,7 +46,7 @@ def rotation_vector(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the rotations `(..., 4)` that turn by `second`, then by `first`."""
+    """Returns the rotations `(..., 4)` by `second`, then by `first`."""
     # Element by element: the matrix products of dm_control's `quat_mul` round differently for one and for many.
     w, x, y, z = (first[..., i] for i in range(4))
     a, b, c, d = (second[..., i] for i in range(4))
@@ -57,10 +65,10 @@ def difference(target: NDArray[np.float64], present: NDArray[np.float64]) -> NDA
 
 
 def rotated(quaternion: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns vectors `(..., 3)` turned by unit quaternions `(..., 4)`."""
-    axis = quaternion[..., 1:]
-    turned = 2.0 * np.cross(axis, vectors)
-    return vectors + quaternion[..., :1] * turned + np.cross(axis, turned)
+    """Returns vectors `(..., 3)` rotated by unit quaternions `(..., 4)`."""
+    scalar, axis = quaternion[..., :1], quaternion[..., 1:]
+    normal = 2.0 * cross(axis, vectors)
+    return vectors + scalar * normal + cross(axis, normal)
 
 
 def inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,24 +76,6 @@ def inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return quaternion * _CONJUGATE
 
 
-_CONJUGATE_2 = np.array([1.0, -1.0, -1.0, -1.0])
-
-# Indices of the two axes that follow x, y and z in cyclic order.
-_NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
-
-
-def inverse_2(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the quaternions `(..., 4)` of the inverse rotations."""
-    return quaternion * _CONJUGATE_2
-
-
-def rotate(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns vectors `(..., 3)` rotated by quaternions `(..., 4)`."""
-    scalar, axis = quaternion[..., :1], quaternion[..., 1:]
-    turn = 2.0 * _cross(axis, vector)
-    return vector + scalar * turn + _cross(axis, turn)
-
-
-def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Several times as fast as numpy.cross.
+def cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the cross products `(..., 3)` of vectors: the bits of `numpy.cross`, several times as fast."""
     return one[..., _NEXT] * other[..., _AFTER_NEXT] - one[..., _AFTER_NEXT] * other[..., _NEXT]

@@ -22,7 +22,7 @@ from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import checked, draw
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures
-from kitchen_suite.tasks.variations.distributions import Varied
+from kitchen_suite.tasks.variations.distributions import ParameterVariation
 from kitchen_suite.tasks.variations.variations import Variations
 
 # Number of axes of an observed picture.
@@ -187,7 +187,7 @@ class SuiteTask(composer.Task):
 
     domain_name: str | None = None
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
-    varied: ClassVar[Sequence[Varied]] = ()
+    varied: ClassVar[Sequence[ParameterVariation]] = ()
     extra_rewards: ClassVar[Mapping[str, RewardTerm]] = MappingProxyType({})
     # A class may have a property instead.
     instructions: Any = ()
@@ -394,7 +394,7 @@ class SuiteTask(composer.Task):
         self._stepper = Stepper(mdp, self._simulation)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
-        self.variations.randomizer.bind(physics)
+        self.variations.bind(physics)
         self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
         if self.extras is not None:
             self.extras.bind(physics)

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.randomizer import VariationRequest, flat_values
-from kitchen_suite.tasks.variations.variations import Variations
+from kitchen_suite.tasks.variations.variations import VariationRequest, Variations, flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:

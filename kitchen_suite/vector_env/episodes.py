@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
-from kitchen_suite.tasks.variations.randomizer import VariationRequest
+from kitchen_suite.tasks.variations.variations import VariationRequest
 from kitchen_suite.vector_env import checks
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()

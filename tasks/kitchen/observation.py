@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.joints import JointPositions, JointVelocities
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
+from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.tasks.mdp import Simulation
@@ -139,9 +140,7 @@ class KitchenSensors:
 
     def _hand_distances(self, simulation: Simulation) -> NDArray[np.float64]:
         sites = simulation.read("site_xpos", self._sites)
-        # In C order, a row has the same sum alone and among many.
-        squares = np.square(sites[..., 1:, :] - sites[..., :1, :], order="C")
-        distances: NDArray[np.float64] = np.sqrt(np.add.reduce(squares, axis=-1))
+        distances: NDArray[np.float64] = np.sqrt(rotations.squared_length(sites[..., 1:, :] - sites[..., :1, :]))
         return distances
 
     def observed(self, simulation: Simulation) -> NDArray[np.float64]:

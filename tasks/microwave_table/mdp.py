@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 from kitchen_suite.tasks.sensors import FeatureSensors
 
@@ -71,8 +72,7 @@ class MicrowaveTableState(NamedTuple):
 
 def approach(before: MicrowaveTableState, action: NDArray, after: MicrowaveTableState) -> NDArray[np.float64]:
     """`1 - tanh(d / 0.1)`, `d` the distance of the fingertips from the handle [m]."""
-    # In C order, a row has the same sum alone and among many.
-    distance = np.sqrt(np.add.reduce(np.square(after.handle_offset, order="C"), axis=-1))
+    distance = np.sqrt(rotations.squared_length(after.handle_offset))
     return 1.0 - np.tanh(distance / _APPROACH_DISTANCE)
 
 

@@ -83,7 +83,8 @@ def effort(
     """`-k_action * |a - a_before|^2 - k_velocity * |v|^2`, `v` the 8 joint velocities; the weights grow once."""
     of_action, of_velocity = penalty_coefficients(total_steps)
     change = np.minimum(np.abs(action_change), _CHANGE_LIMIT)
-    return -(of_action * _squared(change) + of_velocity * _squared(features.joint_velocities[..., :8]))
+    speeds = rotations.squared_length(features.joint_velocities[..., :8])
+    return -(of_action * rotations.squared_length(change) + of_velocity * speeds)
 
 
 def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -102,12 +103,6 @@ def _choose(
 ) -> NDArray[np.float64]:
     """Returns `(...)`, like `np.where`, but scalars where there is no axis."""
     return scalars(np.where(condition, where_true, elsewhere))
-
-
-def _squared(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the squared lengths `(...)` of vectors `(..., n)`."""
-    # Memory order C fixes the order of summation, so that a vector has the same result alone and in a batch.
-    return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
@@ -151,10 +146,10 @@ def bar_in_gripper_frame(features: Features) -> tuple[NDArray[np.float64], NDArr
       `(..., 3)`, vector from the gripper to that nearest point, in the gripper's frame [m].
     """
     offset = features.handle_offset
-    axis = rotations.rotate(features.handle_quaternion, _BAR_AXIS)
+    axis = rotations.rotated(features.handle_quaternion, _BAR_AXIS)
     along = np.add.reduce(offset * axis, axis=-1)
     nearest = offset - along[..., np.newaxis] * axis
-    return along, rotations.rotate(rotations.inverse_2(features.tcp_quaternion), nearest)
+    return along, rotations.rotated(rotations.inverse(features.tcp_quaternion), nearest)
 
 
 # Two terms of a step ask for the same.

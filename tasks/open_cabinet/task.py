@@ -20,10 +20,9 @@ from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSenso
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
-from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
+from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
 from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.distributions import Variation
-from kitchen_suite.tasks.variations.randomizer import Randomizer
 from kitchen_suite.tasks.variations.variations import Variations
 
 # Instructions by drawer; see `tasks.instructions`.
@@ -114,9 +113,8 @@ class OpenCabinetTask(SuiteTask):
         action_mode = make_mode(control_mode, OFFSET_MODES, control)
         (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
-        wanted = Randomization.make(randomization).by_name
-        randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
-        self._randomized = randomizer.names
+        randomized = Randomization.make(randomization).draws(scene, drawer)
+        self._randomized = {name: draw.parameter.name for name, draw in randomized.items()}
         mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
@@ -137,7 +135,7 @@ class OpenCabinetTask(SuiteTask):
             handles=[scene.cabinet.handle_site(drawer)],
             parameters=sensing_parameters(mdp.noise_parts),
             home=DEFAULT_POSE,
-            randomizer=randomizer,
+            first=[*randomized.values()],
         )
         self.observed = {**self._observables.by_name, **self.extra_observables}
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
@@ -212,11 +210,12 @@ class OpenCabinetTask(SuiteTask):
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
             "features": Features(state.features).arrays(),
-            "randomization": {name: self.variations.randomizer.values[name] for name in self._randomized},
+            "randomization": {name: self.variations.randomizer.values[full] for name, full in self._randomized.items()},
         }
 
     def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-        return {**state["randomization"], **super()._values_in(state)}
+        randomized = {full: state["randomization"][name] for name, full in self._randomized.items()}
+        return {**randomized, **super()._values_in(state)}
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)

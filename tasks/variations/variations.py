@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.variations import distributions as descriptions
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, Variation, Varied
+from kitchen_suite.tasks.variations import distributions
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, ParameterVariation, Variation
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
-from kitchen_suite.tasks.variations.randomizer import Randomizer, Values, VariationRequest, group_names, make_request
+from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
 
 # No asked task starts nearer to its goal than this multiple of its threshold.
 START_DISTANCE = 1.2
@@ -24,19 +24,45 @@ START_DISTANCE = 1.2
 MAX_REFUSALS = 20
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VariationRequest:
+    """The variation that one reset is asked for.
+
+    Attributes:
+      excluded: parameters that are not drawn, but have their defaults.
+      values: values that replace those drawn or default.
+    """
+
+    excluded: frozenset[str] = frozenset()
+    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+
+    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
+        """Returns the values of a reset, given those drawn and the defaults of all parameters."""
+        chosen = {name: defaults[name] if name in self.excluded else drawn[name] for name in drawn}
+        return {**chosen, **self.values}
+
+    def draws(self, name: str) -> bool:
+        """Whether a parameter has the value drawn."""
+        return name not in self.values and name not in self.excluded
+
+
 class Variations:
     """The parameters of a task that vary from episode to episode.
 
     Attributes:
       wanted: the parameters that vary, by name, in the order in which they are drawn; empty if nothing varies.
       split: `seen` or `held_out`.
-      randomizer: draws and sets them.
+      randomizer: draws and sets them; from `bind` on.
+      ranges: least and greatest value of each, by name; from `bind` on.
     """
+
+    randomizer: Randomizer
+    ranges: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
     def __init__(
         self,
         scene: Scene,
-        table: Sequence[Varied],
+        table: Sequence[ParameterVariation],
         variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
         split: str = "seen",
         *,
@@ -44,7 +70,7 @@ class Variations:
         parameters: Sequence[Parameter] = (),
         home: NDArray[np.float64] | None = None,
         correct: Callable[[Values], Values] = lambda values: values,
-        randomizer: Randomizer | None = None,
+        first: Sequence[Draw] = (),
     ) -> None:
         """Selects the parameters that vary, and their distributions.
 
@@ -62,7 +88,7 @@ class Variations:
             omitted.
           correct: returns values that suit the task, given the physics with the present ones; the same object if they
             do.
-          randomizer: of parameters that are drawn and set before these.
+          first: parameters that are drawn and set before these, whatever varies.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -73,27 +99,56 @@ class Variations:
             raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
         self._scene, self._home, self._correct = scene, home, correct
         self._request, self._refusals, self._checked_model = VariationRequest(), 0, None
-        self.randomizer = randomizer or Randomizer({}, {})
+        self._first = tuple(first)
         offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
-        offered_rows = {varied.name: varied for varied in table if varied.name in offered}
-        distributions = _distributions(variations or (), offered_rows, offered, split)
-        self.wanted = {name: varied for name, varied in offered_rows.items() if name in distributions}
-        # Groups draw within the ranges anyway.
-        given = self.wanted if isinstance(variations, Mapping) else {}
-        ranges = {name: (varied.low, varied.high) for name, varied in given.items()}
-        chosen = Randomizer(
-            {name: offered[name] for name in self.wanted}, distributions, owner="variation", ranges=ranges
-        )
-        for name, each in distributions.items():
-            if descriptions.is_constant(each):
-                self.wanted[name].check(np.asarray(each, np.float64))
-        self.randomizer.add(chosen)
-        self._layout = [name for name, varied in self.wanted.items() if varied.group == "layout"]
-        if any(varied.group == "appearance" for varied in self.wanted.values()):
+        rows = {row.name: row for row in table if row.name in offered}
+        if isinstance(variations, Mapping):
+            self._given = _parsed(variations, rows, offered)
+            chosen = {*self._given}
+        else:
+            self._given = {}
+            chosen = _in_groups(variations or (), rows)
+        self._rows = {name: row for name, row in rows.items() if name in chosen}
+        self._parameters = {name: offered[name] for name in self._rows}
+        self.wanted = self._rows
+        self._layout = [name for name, row in self.wanted.items() if row.group == "layout"]
+        if any(row.group == "appearance" for row in self.wanted.values()):
             scene.prepare_appearance()
         if self._layout and scene.arena.mjcf_model.option.flag.sleep == "enable":
             raise ValueError("variations of the layout need sleep=False: sleeping objects would stay where they were")
         self._layout_check = LayoutCheck(scene, handles) if self._layout else None
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Reads the default values from a compiled scene, which must have those of the built one.
+
+        Raises:
+          TypeError: a constant is not made of real numbers.
+          ValueError: a constant has the wrong shape or is out of range, or a parameter varies twice.
+        """
+        defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
+        self.wanted = {name: row.about(defaults[name]) for name, row in self._rows.items()}
+        self.ranges = {name: row.range(defaults[name]) for name, row in self.wanted.items()}
+        draws = [
+            Draw(
+                parameter=self._parameters[name],
+                variation=self._given.get(name, row.distribution(self.split)),
+                label=f"variation's {name}",
+                # Groups draw within the ranges anyway.
+                bounds=self.ranges[name] if self._given else None,
+            )
+            for name, row in self.wanted.items()
+        ]
+        self.randomizer = Randomizer(physics, (*self._first, *draws))
+        constants = {name: each for name, each in self._given.items() if distributions.is_constant(each)}
+        self._check_ranges(self.randomizer.checked(constants))
+
+    def _check_ranges(self, values: Values) -> None:
+        """Raises a ValueError if a value is outside its parameter's range."""
+        for name, value in values.items():
+            low, high = self.ranges[name]
+            if (value < low).any() or (value > high).any():
+                bounds = f"{low.tolist()} and {high.tolist()}"
+                raise ValueError(f"variation's {name} must be within {bounds}, got {value.tolist()}")
 
     @property
     def values(self) -> dict[str, NDArray[np.float64]]:
@@ -130,7 +185,23 @@ class Variations:
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
         """
-        return make_request(self.wanted, self.randomizer, names, values)
+        if (names or values) and not self.wanted:
+            raise ValueError("nothing varies: build the environment with variations")
+        flat = flat_values(values or {})
+        for name in flat:
+            checks.choice(name, self.wanted, "parameter of variation_values")
+        checked = self.randomizer.checked(flat)
+        self._check_ranges(checked)
+        excluded = set() if names is None else self.wanted.keys() - self._named(names)
+        return VariationRequest(excluded=frozenset(excluded), values=checked)
+
+    def _named(self, names: str | Sequence[str]) -> set[str]:
+        """Returns the parameters that names of parameters and groups stand for."""
+        choices = {name: [name] for name in self.wanted}
+        for name, row in self.wanted.items():
+            choices.setdefault(row.group, []).append(name)
+        each = (checks.choice(name, choices, "variation") for name in _group_names(names, "variation"))
+        return {name for one in each for name in choices[one]}
 
     def follow(self, request: VariationRequest) -> None:
         """Makes the next reset follow a request."""
@@ -200,17 +271,42 @@ class Variations:
             self.randomizer.set(corrected)
 
 
-def _distributions(
-    wanted: str | Sequence[str] | Mapping[str, Variation],
-    table: Mapping[str, Varied],
-    offered: Mapping[str, Parameter],
-    split: str,
+def _parsed(
+    wanted: Mapping[str, Variation], rows: Mapping[str, ParameterVariation], offered: Mapping[str, Parameter]
 ) -> dict[str, Variation]:
-    """Returns distributions by the names of parameters."""
-    if isinstance(wanted, Mapping):
-        names = [checks.choice(name, table, "variation") for name in wanted]
-        if absent := [name for name in names if wanted[name] is None]:
-            raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
-        return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
-    groups = [checks.choice(name, GROUPS, "variation") for name in group_names(wanted, "variations")]
-    return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
+    """Returns the variations that distributions by parameter describe."""
+    names = [checks.choice(name, rows, "variation") for name in wanted]
+    if absent := [name for name in names if wanted[name] is None]:
+        raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
+    return {name: distributions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
+
+
+def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
+    """Returns the parameters of some groups."""
+    groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
+    present = [group for group in GROUPS if any(row.group == group for row in rows.values())]
+    if empty := [group for group in groups if group not in present]:
+        raise ValueError(f"variations {empty[0]!r} match no parameter of this task; those that do are {present}")
+    return {name for name, row in rows.items() if row.group in groups}
+
+
+def _group_names(value: str | Sequence[str], what: str) -> tuple[object, ...]:
+    """Returns names that are alone, in a sequence, or joined by commas; `what` is for messages.
+
+    Raises:
+      TypeError: the value is no sequence of names.
+      ValueError: a name is repeated.
+    """
+    if isinstance(value, list | tuple) and not value:
+        return ()
+    return checks.unique_names(value.split(",") if isinstance(value, str) else value, what)
+
+
+def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
+    if not isinstance(values, Mapping):
+        raise TypeError(f"variation_values must be a dict, got {values!r}")
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat

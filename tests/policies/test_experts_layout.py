@@ -8,7 +8,7 @@ from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.variations.distributions import SPLITS
-from kitchen_suite.tasks.variations.randomizer import VariationRequest
+from kitchen_suite.tasks.variations.variations import VariationRequest
 
 pytestmark = pytest.mark.thorough
 

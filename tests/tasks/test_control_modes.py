@@ -397,3 +397,10 @@ def test_rotations():
     np.testing.assert_allclose(turned_x, [matrix[0], matrix[2], 0.0])
     near = poses.within(np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [0.01, 0.0, 0.0]]), 0.5)
     np.testing.assert_allclose(near, [[0.0, 0.0, 0.0], [0.3, 0.4, 0.0], [0.01, 0.0, 0.0]])
+
+
+def test_cross_products_are_those_of_numpy_to_the_bit():
+    random = np.random.RandomState(0)
+    for shape, other in (((3,), (3,)), ((5, 3), (3,)), ((4, 7, 3), (4, 1, 3))):
+        one, two = random.normal(size=shape), random.normal(size=other)
+        np.testing.assert_array_equal(poses.cross(one, two), np.cross(one, two))

@@ -57,13 +57,11 @@ def excess(layouts):
 
 
 @pytest.mark.parametrize("domain", TASKS)
-def test_a_scene_offers_every_parameter_of_its_layout_and_is_built_with_the_default(domain):
+def test_a_scene_offers_every_parameter_of_its_layout(domain):
     layouts = Layouts(domain, TASKS[domain])
     for varied in layouts.task.variations.wanted.values():
         parameter = layouts.parameters[varied.name]
         assert varied.group == "layout"
-        assert parameter.quantity.shape == varied.default.shape
-        np.testing.assert_allclose(parameter.get(layouts.set({})), varied.default, atol=1e-12, err_msg=varied.name)
         for split in SPLITS:
             for seed in range(20):
                 value = varied.distribution(split)(random_state=np.random.RandomState(seed))
@@ -111,7 +109,7 @@ def test_the_kettle_stands_on_the_burner_that_was_set(kitchen):
         assert kitchen.parameters["kettle/burner"].get(kitchen.physics) == burner
     # On the last burner it would be at its goal; no distribution draws that one.
     assert np.linalg.norm(moved - GOALS["kettle"].value) < 0.3
-    assert kitchen.task.variations.wanted["kettle/burner"].high < 3
+    assert kitchen.task.variations.ranges["kettle/burner"][1] < 3
 
 
 @pytest.mark.parametrize("value", [4, -1, 0.5, np.nan])

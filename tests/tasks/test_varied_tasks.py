@@ -6,7 +6,10 @@ import pytest
 from dm_control.composer.variation import distributions
 
 from kitchen_suite import suite
+from kitchen_suite.domains.base import build_environment
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, around, between, one_of
 
 pytestmark = pytest.mark.thorough
@@ -50,16 +53,42 @@ def test_each_group_varies_what_it_names(domain):
         assert list(task.variations.randomizer.names) == listed
 
 
-@pytest.mark.parametrize("domain", suite.DOMAINS)
-def test_defaults_of_the_tables_are_those_of_the_built_scene(domain):
-    environment = load(domain, variations=GROUPS)
-    environment.reset()
-    task = environment.task
-    for name, varied in task.variations.wanted.items():
-        np.testing.assert_allclose(task.variations.randomizer.defaults[name], varied.default, atol=1e-12, err_msg=name)
-        assert (varied.low <= varied.default).all()
-        assert (varied.default <= varied.high).all()
-        assert (varied.low < varied.high).any()
+@pytest.mark.parametrize(
+    ("domain", "expected"),
+    [
+        (
+            "kitchen",
+            {"microwave/yaw": 0.3, "kettle/mass": 0.88, "camera/workspace_fovy": 51, "oven/knobs": [0.0] * 4},
+        ),
+        ("open_cabinet", {"cabinet/drawer_top_friction": 3.0, "franka/pad_friction": 1.5, "cabinet/offset": [0.0] * 3}),
+        ("microwave_table", {"microwave/yaw": -np.pi / 2, "franka/gain_scale": 1.0, "camera/overview_fovy": 40.0}),
+    ],
+)
+def test_default_values_are_read_from_the_model_and_within_the_ranges(domain, expected):
+    variations = load(domain, variations=GROUPS).task.variations
+    assert {name: variations.randomizer.defaults[name].tolist() for name in expected} == expected
+    for name, (low, high) in variations.ranges.items():
+        default = variations.randomizer.defaults[name]
+        assert (low <= default).all()
+        assert (default <= high).all()
+        assert (low < high).any()
+
+
+def test_a_variation_is_about_what_the_model_has():
+    scene = build_microwave_table_scene(visuals=False)
+    scene.arena.mjcf_model.find("camera", "overview").fovy = 30.0
+    task = MicrowaveTableTask(scene, variations="camera")
+    build_environment(task, time_limit=1.0, random=0, render_quality="high", environment_kwargs=None)
+    low, high = task.variations.ranges["camera/overview_fovy"]
+    assert (low, high) == (26.0, 34.0)
+
+
+def test_a_group_without_parameters_is_refused():
+    class StartTask(MicrowaveTableTask):
+        varied = tuple(each for each in MicrowaveTableTask.varied if each.group in ("start", "camera"))
+
+    with pytest.raises(ValueError, match=r"'layout' match no parameter of this task; those that do are .*'start'"):
+        StartTask(build_microwave_table_scene(visuals=False), variations=["camera", "layout"])
 
 
 @pytest.mark.parametrize("domain", suite.DOMAINS)
@@ -396,15 +425,16 @@ def test_draws_fill_their_range_and_are_independent(domain, split):
 
 def test_distributions_of_tables():
     random = np.random.RandomState(0)
-    half = around("a", "start", default=(1.0, 0.0), seen=(0.1, 0.0), held_out=(0.3, 0.0))
+    half = around("a", "start", seen=(0.1, 0.0), held_out=(0.3, 0.0)).about(np.array([1.0, 0.0]))
     seen, held_out = (np.array([each(random_state=random) for _ in range(500)]) for each in (half.seen, half.held_out))
     assert (np.abs(seen[:, 0] - 1) <= 0.1).all()
     assert ((np.abs(held_out[:, 0] - 1) >= 0.1) & (np.abs(held_out[:, 0] - 1) <= 0.3)).all()
     assert {*np.sign(held_out[:, 0] - 1)} == {-1, 1}
     assert not seen[:, 1].any()
     assert not held_out[:, 1].any()
-    door = between("a", "start", default=0.0, seen=(0.0, 0.2), held_out=[(0.2, 0.3)])
-    assert (door.low, door.high) == (0.0, 0.3)
-    places = one_of("a", "start", default=0.0, seen=(0.0, 1.0), held_out=(2.0,))
+    door = between("a", "start", seen=(0.0, 0.2), held_out=[(0.2, 0.3)])
+    assert door.range(np.array(0.1)) == (0.0, 0.3)
+    assert door.range(np.array(-0.1)) == (-0.1, 0.3)
+    places = one_of("a", "start", seen=(0.0, 1.0), held_out=(2.0,))
     assert {float(places.seen(random_state=random)) for _ in range(50)} == {0.0, 1.0}
     assert places.held_out(random_state=random) == 2.0
