@@ -38,6 +38,7 @@ class SuiteEnv(gymnasium.Env):
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
+      clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
@@ -194,6 +195,7 @@ class SuiteEnv(gymnasium.Env):
         spec = self._environment.action_spec()
         (self._action_size,) = spec.shape
         self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
+        self.clips_actions = self._action_limit < math.inf
         bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
@@ -284,8 +286,8 @@ class SuiteEnv(gymnasium.Env):
         return own.own(own.flat(present), self._task.state, present)
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
-        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
+        """Returns actions `(..., k)` clipped to the `action_limit`."""
+        return actions.clip(-self._action_limit, self._action_limit)
 
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Converts an observation of the suite's environment to the observation space."""
@@ -354,7 +356,7 @@ class SuiteEnv(gymnasium.Env):
           TypeError: the action does not hold real numbers.
           ValueError: the action has the wrong shape, or holds NaN or inf; nothing has changed then.
         """
-        if self._action_limit < math.inf:
+        if self.clips_actions:
             # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
             action = self.clip_actions(checks.vector(action, self._action_size, "action"))
         self._bind_random_state()
