@@ -73,7 +73,7 @@ def play(episode: tuple[str, str, str, str, int]) -> tuple[bool, int]:
     timestep = environment.reset()
     while not timestep.last():
         timestep = environment.step(policy(timestep))
-    refused = environment.task.variation_info.get("layout_refusals", 0)
+    refused = environment.task.variations.info.get("layout_refusals", 0)
     return bool(environment.task.episode_metrics["success"]), int(refused)
 
 
@@ -104,7 +104,7 @@ def measure_layouts() -> None:
         refused = 0
         for _ in tqdm(range(LAYOUT_DRAWS), desc=f"{domain} {split}", disable=None):
             environment.reset()
-            refused += int(environment.task.variation_info["layout_refusals"]) > 0
+            refused += int(environment.task.variations.info["layout_refusals"]) > 0
         rows.append({"domain": domain, "task": task, "split": split, "draws": LAYOUT_DRAWS, "refused": refused})
     write("variations_layouts", rows)
 
@@ -175,7 +175,7 @@ def measure_starts() -> None:
         environment.random_state.seed(FIRST_SEED)
         environment.reset()
         task = environment.task
-        task.request_variation(task.variation_request([]))
+        task.variations.follow(task.variations.request([]))
         environment.reset()
         pairs = pairs_of(environment)
         built = depths(environment, pairs)

@@ -15,7 +15,7 @@ from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
 from kitchen_suite.tasks.variations import appearance
-from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution, Varied
+from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
 
 _SURFACES = {
     "kitchen": surfaces.KITCHEN,
@@ -32,24 +32,25 @@ def parameter_table(domain: str) -> str:
     options = {"visuals": False, **_NOISY.get(domain, {})}
     task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
     units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
-    if DONE in task.wanted_variations:
+    if DONE in task.variations.wanted:
         units[DONE] = done_parameter(task.scene, dict).unit
     names = collections.defaultdict(list)
-    for varied in task.wanted_variations.values():
-        values = [_described(domain, varied, each) for each in (varied.seen, varied.held_out)]
-        row = (varied.group, units[varied.name], _number_or_vector(varied.default), *values)
-        names[row].append(f"`{varied.name}`")
+    for name, variation in task.variations.wanted.items():
+        default = task.variations.randomizer.defaults[name]
+        values = [_described(domain, name, default, each) for each in (variation.seen, variation.held_out)]
+        row = (variation.group, units[name], _number_or_vector(default), *values)
+        names[row].append(f"`{name}`")
     rows = [(", ".join(names[row]), *row) for row in names]
     return markdown(("parameter", "group", "unit", "default", "seen", "held out"), rows)
 
 
-def _described(domain: str, varied: Varied, distribution: Distribution) -> str:
+def _described(domain: str, name: str, default: NDArray[np.float64], distribution: Distribution) -> str:
     if isinstance(distribution, Bands):
-        return _bands(distribution.intervals, varied.default)
+        return _bands(distribution.intervals, default)
     assert isinstance(distribution, Choice)
-    if varied.name.endswith("color"):
+    if name.endswith("color"):
         return _colors(distribution.values)
-    labels = _labels(domain, varied.name)
+    labels = _labels(domain, name)
     numbers = (f"{value:g}" for value in distribution.values)
     return ", ".join(f"{number} {labels[int(number)]}" if labels else number for number in numbers)
 

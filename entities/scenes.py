@@ -176,7 +176,7 @@ class KitchenArena(SiteArena):
 
     xml_name = "kitchen_arena"
     default_name = "kitchen"
-    appearance = appearance.KITCHEN
+    surfaces = appearance.KITCHEN
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -231,7 +231,7 @@ class MicrowaveTableArena(SiteArena):
 
     xml_name = "microwave_table_arena"
     default_name = "room"
-    appearance = appearance.MICROWAVE_TABLE
+    surfaces = appearance.MICROWAVE_TABLE
 
 
 def build_microwave_table_scene(*, visuals: bool = True) -> Scene:
@@ -249,7 +249,7 @@ class OpenCabinetArena(SiteArena):
 
     xml_name = "cabinet_arena"
     default_name = "room"
-    appearance = appearance.OPEN_CABINET
+    surfaces = appearance.OPEN_CABINET
 
 
 class OpenCabinetScene(Scene):

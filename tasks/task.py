@@ -18,9 +18,10 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks import episode
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.instructions import InstructedTask
-from kitchen_suite.tasks.mdp import MEDIAN, ActionMode, PhysicsSimulation, columns
+from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, columns
 from kitchen_suite.tasks.observables import ObservedTask
-from kitchen_suite.tasks.variations.variations import VariedTask
+from kitchen_suite.tasks.variations.distributions import ParameterVariation
+from kitchen_suite.tasks.variations.variations import Variations
 
 # Number of axes of an observed picture.
 _PICTURE_AXES = 3
@@ -169,16 +170,20 @@ class OptionedTask:
 SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
-class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedTask, ObservedTask):
+class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, ObservedTask):
     """A task with saved states, metrics of its episodes, and optional highlighting of success.
 
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
+      varied: the parameters that groups vary, in the order in which they are drawn.
+      variations: the parameters that vary in this task; its constructor sets them.
     """
 
     domain_name: str | None = None
+    varied: ClassVar[Sequence[ParameterVariation]] = ()
+    variations: Variations
     truncates = False
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]] = MappingProxyType({})
     _random: np.random.RandomState
@@ -200,6 +205,11 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     @visualize_reward.setter
     def visualize_reward(self, value: bool) -> None:
         self._visualize_reward = checks.boolean(value, "visualize_reward")
+
+    @property
+    @abc.abstractmethod
+    def mdp(self) -> MDP:
+        """The task's settings, and the mathematics of an episode under them."""
 
     @property
     @abc.abstractmethod
@@ -266,7 +276,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     def get_state(self) -> dict[str, Any]:
         """Returns the task's state beside the physics: nested dicts of strings and fresh arrays."""
         memory = {name: part._asdict() for name, part in self._memory.items() if part}
-        return {**self._saved_state(), **tree.map_structure(np.array, memory), **self.variation_info}
+        return {**self._saved_state(), **tree.map_structure(np.array, memory), **self.variations.info}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
@@ -277,11 +287,15 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
             unchanged then.
         """
         state = checks.matching(state, self.get_state(), "task state")
-        values = self.randomizer.checked(self._values_in(state))
+        values = self.variations.randomizer.checked(self._values_in(state))
         self._restore_state(state)
-        self._restore_variation(state, values)
+        self.variations.restore(values, int(state.get("layout_refusals", 0)))
         memory = (part and part._replace(**state[name]) for name, part in self._memory.items())
         self._command, self._sensing = memory
+
+    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
+        """Returns the values of all parameters in a state that `get_state` returned."""
+        return dict(state.get("variation_values", {}))
 
     @property
     def _memory(self) -> dict[str, Any]:
@@ -316,7 +330,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
-        self.randomizer.bind(physics)
+        self.variations.bind(physics)
         self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
         if self._extras is not None:
             self._extras.bind(physics)
@@ -327,7 +341,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self._random = random_state
         self._reset_physics(physics, random_state)
-        self._vary(physics, random_state)
+        self.variations.draw(physics, random_state)
         self._start(physics, self.mdp.draw_noise(random_state))
 
     def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
@@ -387,7 +401,7 @@ class SuiteTask(InstructedTask, LearnedTask, OptionedTask, MeasuredTask, VariedT
         mdp, before = self.mdp, self._state
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
-        self._sensing = episode.start(self.randomizer.values, mdp.noise_parts, mdp.noise_draws, positions)
+        self._sensing = episode.start(self.variations.randomizer.values, mdp.noise_parts, mdp.noise_draws, positions)
         start = self._initial_state(episode.scaled(self._sensing, draws))
         carried = {} if before is None else {name: getattr(before, name) for name in mdp.carried}
         self._set_state(start._replace(**carried), physics)

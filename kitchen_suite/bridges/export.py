@@ -192,7 +192,7 @@ class ExportJob:
         """Returns the contents of the JSON file that describe scene and episode."""
         recorded = {name: value for name, value in self._spec.as_json().items() if name not in ("policy", "seeding")}
         task, model = self._environment.task, self._environment.physics.model.ptr
-        values = {name: value.tolist() for name, value in task.variation_values.items()}
+        values = {name: value.tolist() for name, value in task.variations.values.items()}
         return {
             **recorded,
             "instruction": task.instruction,

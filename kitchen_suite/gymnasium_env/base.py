@@ -145,7 +145,7 @@ class SuiteEnv(gymnasium.Env):
         )
         self._task = self._environment.task
         self._set_action_space(limit)
-        self.varies = bool(self._task.wanted_variations)
+        self.varies = bool(self._task.variations.wanted)
         self._renderer.check_camera(self._environment)
         rate = 1 / self._environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
@@ -259,20 +259,18 @@ class SuiteEnv(gymnasium.Env):
     @property
     def variation_space(self) -> spaces.Dict:
         """Ranges of the parameters that vary, by name; empty if nothing varies."""
-        wanted = self._task.wanted_variations.items()
-        return spaces.Dict(
-            {name: spaces.Box(each.low, each.high, each.default.shape, np.float64) for name, each in wanted}
-        )
+        ranges = self._task.variations.ranges.items()
+        return spaces.Dict({name: spaces.Box(low, high, low.shape, np.float64) for name, (low, high) in ranges})
 
     @property
     def variation_values(self) -> dict[str, Any]:
         """Values of these parameters in the present episode, in fresh arrays."""
-        return self._task.variation_values
+        return self._task.variations.values
 
     @property
     def variation_split(self) -> str:
         """`seen` or `held_out`."""
-        return self._task.variation_split
+        return self._task.variations.split
 
     @property
     def observations(self) -> Observations:
@@ -301,7 +299,7 @@ class SuiteEnv(gymnasium.Env):
 
     def _info(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation."""
-        return {**self._get_info(), **(self._task.variation_info if self.varies else {})}
+        return {**self._get_info(), **(self._task.variations.info if self.varies else {})}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode.
@@ -326,9 +324,8 @@ class SuiteEnv(gymnasium.Env):
         state = chosen.get(STATE)
         if state is None:
             own = self._task.reset_request(chosen)
-            self._task.request_variation(
-                self._task.variation_request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES))
-            )
+            variations = self._task.variations
+            variations.follow(variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES)))
             self._task.request_reset(own)
         elif len(chosen) > 1:
             others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.reset_options))

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.randomizer import VariationRequest, flat_values
-from kitchen_suite.tasks.variations.variations import VariedTask
+from kitchen_suite.tasks.variations.variations import VariationRequest, Variations, flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
@@ -121,11 +120,11 @@ def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDAr
 
 
 def variation_requests(
-    options: Mapping[str, Any] | None, task: VariedTask, mask: NDArray[np.bool_]
+    options: Mapping[str, Any] | None, variations: Variations, mask: NDArray[np.bool_]
 ) -> dict[int, VariationRequest]:
     """Returns the requests of a reset's options for the environments of its mask, by index.
 
-    Values are arrays `(n, ...)`, with a row for each environment; see `VariedTask.variation_request`.
+    Values are arrays `(n, ...)`, with a row for each environment; see `Variations.request`.
 
     Raises:
       TypeError: an option is of the wrong type.
@@ -140,7 +139,7 @@ def variation_requests(
         if array.shape[:1] != mask.shape:
             raise ValueError(f"variation_values of {name!r} must have {mask.size} rows, got shape {array.shape}")
     return {
-        i: task.variation_request(names, {name: array[i] for name, array in rows.items()})
+        i: variations.request(names, {name: array[i] for name, array in rows.items()})
         for i in mask.nonzero()[0].tolist()
     }
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
 from kitchen_suite.tasks import episode
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
-from kitchen_suite.tasks.variations.randomizer import VariationRequest
+from kitchen_suite.tasks.variations.variations import VariationRequest
 from kitchen_suite.vector_env import checks
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -72,7 +72,7 @@ class BatchEpisodes:
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         leak_in_forks(self.batch)
         self._simulation = BatchSimulation(self.batch)
-        model, randomizer = environment.physics.model.ptr, self._task.randomizer
+        model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = checks.repeat(getattr(model, name), count)
@@ -80,7 +80,7 @@ class BatchEpisodes:
         self.state: Any = checks.repeat(self._task.state, count)
         self.command: Any = checks.repeat(self._task.command, count)
         self._sensing: Any = checks.repeat(self._task.sensing, count)
-        self._variation: Any = checks.repeat(self._task.variation_info, count)
+        self._variation: Any = checks.repeat(self._task.variations.info, count)
         self._shown_variation: dict[str, Any] | None = None
         self._requests: dict[int, VariationRequest] = {}
         self._own_requests: dict[int, Any] = {}
@@ -120,7 +120,7 @@ class BatchEpisodes:
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
             if i in self._requests:
-                self._task.request_variation(self._requests.pop(i))
+                self._task.variations.follow(self._requests.pop(i))
             if i in self._own_requests:
                 self._task.request_reset(self._own_requests.pop(i))
             environment.start_episode()
@@ -128,7 +128,7 @@ class BatchEpisodes:
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
             task = self._task
-            checks.put(arrays, i, (task.state, task.command, task.sensing, task.variation_info))
+            checks.put(arrays, i, (task.state, task.command, task.sensing, task.variations.info))
             if self._extras:
                 self._extra_values[i] = self._extras.values
         for name, values in carried.items():

@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 
 # Damping: near singular configurations, joint steps stay below half of the error divided by it.
 _DAMPING = 0.05
-_REGULARISATION = _DAMPING**2 * np.eye(6)
 
 # Solutions of the problem: one more than joints that may reach a limit in one step; see `joint_step`.
 _SOLUTIONS = 4
@@ -38,19 +37,20 @@ def joint_step(
     Joints that the step would move beyond a limit are put to the limit, and the step is solved again for the others.
 
     Args:
-      jacobian: `(..., 6, k)`, `J`.
-      error: `(..., 6)`, the hand's position error [m] and rotation vector [rad].
+      jacobian: `(..., m, k)`, `J`.
+      error: `(..., m)`, the hand's position error [m], and perhaps its rotation vector [rad].
       posture: `(..., k)`, the step towards the preferred posture.
       low: `(..., k)`, least step of each joint, at most 0.
       high: `(..., k)`, greatest step of each joint, at least 0.
     """
     free, step = np.ones(posture.shape, bool), posture
+    regularisation = _DAMPING**2 * np.eye(error.shape[-1])
     for _ in range(_SOLUTIONS):
         start = np.where(free, posture, step)
         moving = jacobian * free[..., np.newaxis, :]
         transposed = np.ascontiguousarray(np.swapaxes(moving, -1, -2))
         rest = error[..., np.newaxis] - jacobian @ start[..., np.newaxis]
-        solved = transposed @ np.linalg.solve(moving @ transposed + _REGULARISATION, rest)
+        solved = transposed @ np.linalg.solve(moving @ transposed + regularisation, rest)
         step = np.minimum(np.maximum(start + solved[..., 0], low), high)
         beyond = free & ((step == low) | (step == high))
         # Where no joint is at a limit, another solution would be the same: rows do not depend on one another.

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import SiteArena
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.episode import scaled
+from kitchen_suite.tasks.episode import scaled, sensing_parameters
 from kitchen_suite.tasks.goals import Goal, Progress
 from kitchen_suite.tasks.instructions import joined
 from kitchen_suite.tasks.kitchen import observation as noise
@@ -48,8 +47,9 @@ from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter, may_b
 from kitchen_suite.tasks.sensors import SceneIndices
 from kitchen_suite.tasks.success import Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, SuiteTask
+from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
-from kitchen_suite.tasks.variations.variations import START_DISTANCE
+from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
 
 
 class RequestingTask(SuiteTask):
@@ -319,6 +319,8 @@ class KitchenTask(KitchenProgress):
         tasks_in_turn: bool = False,
         max_task_steps: int | None = None,
         control_mode: str = "joint_velocity",
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
         **options: Any,
     ) -> None:
         """Sets the task up in a kitchen.
@@ -344,6 +346,8 @@ class KitchenTask(KitchenProgress):
           max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
             first time; counted from the reset, and again from each completion. No such limit when omitted.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
+          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
             `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
             and `joint_position` have `feedback`, positions from which the action starts: the positions last
@@ -381,6 +385,17 @@ class KitchenTask(KitchenProgress):
         )
         super().__init__(scene, **observables)
         self._scene = scene
+        handles = (goal.handle_in(scene) for goal in goal_set.goals)
+        self.variations = Variations(
+            scene,
+            self.varied,
+            variations,
+            variation_split,
+            handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
+            parameters=(*sensing_parameters(self._mdp.noise_parts), done_parameter(scene, self._may_be_done)),
+            home=INITIAL_QPOS[: len(scene.robot.joints)],
+            correct=self._corrected,
+        )
         self._prepare_requests()
         requested = self._observed_requests if self._mdp.task_draw else None
         self._observables = KitchenObservables(scene, self._mdp.goals, self.extra_observables, requested)
@@ -489,18 +504,6 @@ class KitchenTask(KitchenProgress):
         """Returns the starts of the tasks that the episode that starts asks for."""
         return [start for task, start in self._starts.items() if task in self.tasks_in(self._start_order)]
 
-    @property
-    def _home(self) -> NDArray[np.float64]:
-        return INITIAL_QPOS[: len(self.robot.joints)]
-
-    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        handles = (goal.handle_in(scene) for goal in self._mdp.goals.goals)
-        return [handle for handle in handles if handle.name not in OUT_OF_REACH]
-
-    def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
-        done = done_parameter(scene, self._may_be_done)
-        return (*super()._own_parameters(scene), done)
-
     def _corrected(self, values: Values) -> Values:
         """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self._mdp.goals, self._mdp.sensors.read(self._simulation).achieved
@@ -510,8 +513,8 @@ class KitchenTask(KitchenProgress):
         props |= {start.prop for start in self._asked_starts() if not start.allows(qpos)}
         if not props:
             return values
-        moved = [name for name in self._randomizer.displacements if name.partition("/")[0] in props]
-        return {**values, **{name: self._randomizer.defaults[name] for name in moved}}
+        moved = [name for name in self.variations.randomizer.displacements if name.partition("/")[0] in props]
+        return {**values, **{name: self.variations.randomizer.defaults[name] for name in moved}}
 
     def _saved_state(self) -> dict[str, Any]:
         goals = self._mdp.goals

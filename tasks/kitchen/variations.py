@@ -11,8 +11,8 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
-from kitchen_suite.tasks.variations import appearance as looks
-from kitchen_suite.tasks.variations.distributions import Bands, Varied, around, between, one_of
+from kitchen_suite.tasks.variations import appearance
+from kitchen_suite.tasks.variations.distributions import Bands, ParameterVariation, around, between, one_of
 
 # Whether each of the default tasks is done at the start; without effect on those that move the same joints as
 # asked ones, and on those that would be in their way.
@@ -64,32 +64,30 @@ _UNDONE, _ALL_DONE = np.zeros(7), np.ones(7)
 
 # Burners follow their knobs, and the lamp its switch. The kettle's displacement is along x and y, and about z.
 START = (
-    around("franka/joint_offset", "start", default=np.zeros(7), seen=0.1, held_out=0.15),
-    between("oven/knobs", "start", default=np.zeros(4), seen=(-0.3, 0.0), held_out=[(-0.5, -0.3)]),
-    between("hood/switch", "start", default=0.0, seen=(-0.2, 0.0), held_out=[(-0.3, -0.2)]),
-    between("slide_cabinet/door", "start", default=0.0, seen=(0.0, 0.2), held_out=[(0.2, 0.3)]),
+    around("franka/joint_offset", "start", seen=0.1, held_out=0.15),
+    between("oven/knobs", "start", seen=(-0.3, 0.0), held_out=[(-0.5, -0.3)]),
+    between("hood/switch", "start", seen=(-0.2, 0.0), held_out=[(-0.3, -0.2)]),
+    between("slide_cabinet/door", "start", seen=(0.0, 0.2), held_out=[(0.2, 0.3)]),
     # The goal of `hinge cabinet` has the left door closed, which the expert does not do.
     between(
         "hinge_cabinet/doors",
         "start",
-        default=(0.0, 0.0),
         seen=((-0.15, 0.0), (0.0, 0.5)),
         held_out=[((-0.2, 0.5), (-0.15, 0.8))],
     ),
-    between("microwave/door", "start", default=0.0, seen=(-0.25, 0.0), held_out=[(-0.38, -0.25)]),
-    around("kettle/pose", "start", default=np.zeros(3), seen=(0.02, 0.02, 0.15), held_out=(0.03, 0.03, 0.3)),
+    between("microwave/door", "start", seen=(-0.25, 0.0), held_out=[(-0.38, -0.25)]),
+    around("kettle/pose", "start", seen=(0.02, 0.02, 0.15), held_out=(0.03, 0.03, 0.3)),
     # Each with a probability of 1/4; held out, of 1/2.
-    Varied(
+    ParameterVariation(
         name=DONE,
         group="start",
-        default=np.zeros(7),
         seen=Bands([(_UNDONE, _UNDONE)] * 3 + [(_ALL_DONE, _ALL_DONE)]),
         held_out=Bands([(_UNDONE, _UNDONE), (_ALL_DONE, _ALL_DONE)]),
     ),
 )
 
 
-def _cabinet(name: str) -> Varied:
+def _cabinet(name: str) -> ParameterVariation:
     """Offset of a cabinet, which hangs on the wall above the hood: forward, and up, or down where the hood is lowered.
 
     It cannot move back into the wall.
@@ -97,7 +95,6 @@ def _cabinet(name: str) -> Varied:
     return between(
         name,
         "layout",
-        default=(0.0, 0.0, 0.0),
         seen=((-0.025, -0.03, -0.015), (0.025, 0.0, 0.035)),
         held_out=[((-0.03, -0.04, 0.035), (-0.025, -0.03, 0.05)), ((0.025, -0.04, 0.035), (0.03, -0.03, 0.05))],
     )
@@ -109,65 +106,61 @@ LAYOUT = (
     between(
         "pedestal/offset",
         "layout",
-        default=(0.0, 0.0, 0.0),
         seen=((-0.03, -0.025, 0.0), (0.03, 0.0, 0.0)),
         held_out=[((-0.04, -0.035, 0.0), (-0.03, -0.025, 0.0)), ((0.03, -0.035, 0.0), (0.04, -0.025, 0.0))],
     ),
-    around("microwave/offset", "layout", default=(0.0, 0.0, 0.0), seen=(0.04, 0.04, 0.0), held_out=(0.05, 0.05, 0.0)),
-    around("microwave/yaw", "layout", default=0.3, seen=0.1, held_out=0.14),
+    around("microwave/offset", "layout", seen=(0.04, 0.04, 0.0), held_out=(0.05, 0.05, 0.0)),
+    around("microwave/yaw", "layout", seen=0.1, held_out=0.14),
     _cabinet("slide_cabinet/offset"),
     _cabinet("hinge_cabinet/offset"),
     between(
         "hood/offset",
         "layout",
-        default=(0.0, 0.0, 0.0),
         seen=((0.0, 0.0, -0.04), (0.0, 0.0, 0.0)),
         held_out=[((0.0, 0.0, -0.055), (0.0, 0.0, -0.04))],
     ),
-    one_of("kettle/burner", "layout", default=0.0, seen=(0.0, 1.0), held_out=(2.0,)),
+    one_of("kettle/burner", "layout", seen=(0.0, 1.0), held_out=(2.0,)),
 )
 
 DYNAMICS = (
-    around("kitchen/friction_scale", "dynamics", default=1.0, seen=0.15, held_out=0.3),
-    around("franka/gain_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
-    around("franka/damping_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
-    around("oven/damping_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5),
+    around("kitchen/friction_scale", "dynamics", seen=0.15, held_out=0.3),
+    around("franka/gain_scale", "dynamics", seen=0.1, held_out=0.2),
+    around("franka/damping_scale", "dynamics", seen=0.1, held_out=0.2),
+    around("oven/damping_scale", "dynamics", seen=0.3, held_out=0.5),
     *(
-        around(f"{prop}/{quantity}_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5)
+        around(f"{prop}/{quantity}_scale", "dynamics", seen=0.3, held_out=0.5)
         for prop in ("hood", "slide_cabinet", "hinge_cabinet", "microwave")
         for quantity in ("damping", "friction")
     ),
-    between("kettle/mass", "dynamics", default=0.88, seen=(0.6, 1.2), held_out=[(0.4, 0.6), (1.2, 1.5)]),
+    between("kettle/mass", "dynamics", seen=(0.6, 1.2), held_out=[(0.4, 0.6), (1.2, 1.5)]),
 )
 
 SENSING = (
-    between("sensing/robot_noise", "sensing", default=1.0, seen=(0.5, 2.0), held_out=[(2.0, 3.0)]),
-    between("sensing/object_noise", "sensing", default=1.0, seen=(0.5, 2.0), held_out=[(2.0, 3.0)]),
-    one_of("sensing/action_delay", "sensing", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),
+    between("sensing/robot_noise", "sensing", seen=(0.5, 2.0), held_out=[(2.0, 3.0)]),
+    between("sensing/object_noise", "sensing", seen=(0.5, 2.0), held_out=[(2.0, 3.0)]),
+    one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),
 )
 
 APPEARANCE = (
-    *looks.ROOM,
-    looks.color("walls/", looks.PAINT, default=(0.82, 0.8, 0.76)),
-    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
-    looks.color("walls/base_board_", looks.TINT, default=(0.9, 0.9, 0.9)),
-    looks.color("counter/", looks.TINT, default=(1, 1, 1)),
-    looks.texture("counter/", seen=(0, 1, 2), held_out=(3, 4)),
-    looks.color("cabinets/", looks.LACQUER, default=(0.46, 0.5, 0.6)),
-    looks.texture("cabinets/", seen=(0, 1, 2), held_out=(3, 4)),
-    looks.color("handles/", looks.METAL, default=(1, 1, 1)),
-    looks.color("oven/metal_", looks.METAL, default=(1, 1, 1)),
-    looks.color("oven/enamel_", looks.HOB, default=(0.15, 0.15, 0.15)),
-    looks.brightness("oven/hob_light_", seen=(0.5, 1.0), held_out=((0.0, 0.5), (1.0, 1.3))),
-    *looks.MICROWAVE,
-    looks.color("kettle/", looks.KETTLE, default=(0.9, 0.9, 0.9)),
-    looks.color("kettle/grip_", looks.TINT, default=(1, 1, 1)),
-    looks.texture("kettle/grip_", seen=(0, 1), held_out=(2, 3)),
-    looks.color("pedestal/", looks.GREY, default=(0.5, 0.5, 0.5)),
+    *appearance.ROOM,
+    appearance.color("walls/", appearance.PAINT),
+    appearance.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
+    appearance.color("walls/base_board_", appearance.TINT),
+    appearance.color("counter/", appearance.TINT),
+    appearance.texture("counter/", seen=(0, 1, 2), held_out=(3, 4)),
+    appearance.color("cabinets/", appearance.LACQUER),
+    appearance.texture("cabinets/", seen=(0, 1, 2), held_out=(3, 4)),
+    appearance.color("handles/", appearance.METAL),
+    appearance.color("oven/metal_", appearance.METAL),
+    appearance.color("oven/enamel_", appearance.HOB),
+    appearance.brightness("oven/hob_light_", seen=(0.5, 1.0), held_out=((0.0, 0.5), (1.0, 1.3))),
+    *appearance.MICROWAVE,
+    appearance.color("kettle/", appearance.KETTLE),
+    appearance.color("kettle/grip_", appearance.TINT),
+    appearance.texture("kettle/grip_", seen=(0, 1), held_out=(2, 3)),
+    appearance.color("pedestal/", appearance.GREY),
 )
 
-CAMERA = looks.cameras(
-    {"overview": 45, "workspace": 51, "left": 45, "right": 45, "franka/wrist": 75, "franka/hand": 80}
-)
+CAMERA = appearance.cameras("overview", "workspace", "left", "right", "franka/wrist", "franka/hand")
 
-VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)

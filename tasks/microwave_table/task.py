@@ -2,7 +2,6 @@
 
 import collections
 import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +16,7 @@ from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import Goal, GoalSet
 from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
 from kitchen_suite.tasks.mdp import ActionMode
@@ -31,45 +31,45 @@ from kitchen_suite.tasks.microwave_table.mdp import (
 )
 from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import GoalHighlighting, Metrics, SuiteTask
-from kitchen_suite.tasks.variations import appearance as looks
-from kitchen_suite.tasks.variations.distributions import Varied, around, between, one_of
+from kitchen_suite.tasks.variations import appearance
+from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
-from kitchen_suite.tasks.variations.variations import START_DISTANCE
+from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
 
 START = (
-    around("franka/joint_offset", "start", default=np.zeros(7), seen=0.05, held_out=0.1),
-    between("microwave/door", "start", default=0.0, seen=(-0.2, 0.0), held_out=[(-0.35, -0.2)]),
+    around("franka/joint_offset", "start", seen=0.05, held_out=0.1),
+    between("microwave/door", "start", seen=(-0.2, 0.0), held_out=[(-0.35, -0.2)]),
 )
 
 # Pose of the microwave on the table [m, rad].
 LAYOUT = (
-    around("microwave/offset", "layout", default=(0.0, 0.0, 0.0), seen=(0.03, 0.05, 0.0), held_out=(0.05, 0.08, 0.0)),
-    around("microwave/yaw", "layout", default=-math.pi / 2, seen=0.1, held_out=0.15),
+    around("microwave/offset", "layout", seen=(0.03, 0.05, 0.0), held_out=(0.05, 0.08, 0.0)),
+    around("microwave/yaw", "layout", seen=0.1, held_out=0.15),
 )
 
 DYNAMICS = (
-    around("franka/gain_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
-    around("franka/damping_scale", "dynamics", default=1.0, seen=0.1, held_out=0.2),
-    around("microwave/damping_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5),
-    around("microwave/friction_scale", "dynamics", default=1.0, seen=0.3, held_out=0.5),
+    around("franka/gain_scale", "dynamics", seen=0.1, held_out=0.2),
+    around("franka/damping_scale", "dynamics", seen=0.1, held_out=0.2),
+    around("microwave/damping_scale", "dynamics", seen=0.3, held_out=0.5),
+    around("microwave/friction_scale", "dynamics", seen=0.3, held_out=0.5),
 )
 
-SENSING = (one_of("sensing/action_delay", "sensing", default=0.0, seen=(0.0, 1.0), held_out=(1.0,)),)
+SENSING = (one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(1.0,)),)
 
 APPEARANCE = (
-    *looks.ROOM,
-    looks.color("walls/", looks.PAINT, default=(0.88, 0.86, 0.82)),
-    looks.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
-    looks.color("table/", looks.TINT, default=(1, 1, 1)),
-    looks.texture("table/", seen=(0, 1), held_out=(2, 3)),
-    looks.color("table/leg_", looks.LACQUER, default=(0.36, 0.47, 0.53)),
-    looks.color("pedestal/", looks.GREY, default=(0.55, 0.56, 0.58)),
-    *looks.MICROWAVE,
+    *appearance.ROOM,
+    appearance.color("walls/", appearance.PAINT),
+    appearance.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
+    appearance.color("table/", appearance.TINT),
+    appearance.texture("table/", seen=(0, 1), held_out=(2, 3)),
+    appearance.color("table/leg_", appearance.LACQUER),
+    appearance.color("pedestal/", appearance.GREY),
+    *appearance.MICROWAVE,
 )
 
-CAMERA = looks.cameras({"overview": 40, "left": 44, "right": 44, "franka/wrist": 75, "franka/hand": 80})
+CAMERA = appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand")
 
-VARIED: tuple[Varied, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
 
 
 GOAL = Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE)
@@ -99,7 +99,14 @@ class MicrowaveTableTask(SuiteTask):
     varied = VARIED
 
     def __init__(
-        self, scene: Scene, *, threshold: float = 0.3, control_mode: str = "joint_offset", **options: Any
+        self,
+        scene: Scene,
+        *,
+        threshold: float = 0.3,
+        control_mode: str = "joint_offset",
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
+        **options: Any,
     ) -> None:
         """Sets the task up in a scene.
 
@@ -107,6 +114,8 @@ class MicrowaveTableTask(SuiteTask):
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
           control_mode: meaning of the action, one of `CONTROL_MODES`.
+          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode, as of `OpenCabinetTask`;
             `gripper` is `deterministic` by default.
 
@@ -130,6 +139,16 @@ class MicrowaveTableTask(SuiteTask):
         for part in self._observables.values():
             part.enabled = True
         super().__init__(scene, **observables)
+        self.variations = Variations(
+            scene,
+            self.varied,
+            variations,
+            variation_split,
+            handles=[goal.handle_in(scene) for goal in self._goals.goals],
+            parameters=sensing_parameters(self._mdp.noise_parts),
+            home=INITIAL_POSE,
+            correct=self._corrected,
+        )
         self._observables |= self.extra_observables
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -185,13 +204,6 @@ class MicrowaveTableTask(SuiteTask):
         key = "info/is_success"
         return (("door",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    @property
-    def _home(self) -> NDArray[np.float64]:
-        return INITIAL_POSE
-
-    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        return [goal.handle_in(scene) for goal in self._goals.goals]
-
     def _bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self._scene, self._goals, physics)
         self._highlighting = GoalHighlighting(physics, self._scene, self._goals)
@@ -202,7 +214,7 @@ class MicrowaveTableTask(SuiteTask):
         is_near = self._goals.distances(door) < START_DISTANCE * self._mdp.threshold
         if "microwave/door" not in values or not is_near.any():
             return values
-        return {**values, "microwave/door": self._randomizer.defaults["microwave/door"]}
+        return {**values, "microwave/door": self.variations.randomizer.defaults["microwave/door"]}
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         data = physics.data

@@ -14,18 +14,19 @@ from kitchen_suite import checks
 from kitchen_suite.entities import CabinetConfig, OpenCabinetArena, OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.entities.franka import Franka
-from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
+from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.mdp import columns
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP, OpenCabinetState
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import GraspReward, RewardTerms, reward_terms
-from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization, scene_parameters
+from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
 from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, SuiteTask
-from kitchen_suite.tasks.variations.randomizer import Randomizer
+from kitchen_suite.tasks.variations.distributions import Variation
+from kitchen_suite.tasks.variations.variations import Variations
 
 # Instructions by drawer; see `tasks.instructions`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -84,6 +85,8 @@ class OpenCabinetTask(SuiteTask):
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
         control_mode: str = "joint_offset",
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
         **options: Any,
     ) -> None:
         """Sets the task up in a scene.
@@ -97,6 +100,8 @@ class OpenCabinetTask(SuiteTask):
           randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
             omitted.
           control_mode: meaning of the action, one of `control_modes.modes.OFFSET_MODES`.
+          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_offset` has `gripper`,
             by default `sampled`, which closes with the probability of the gripper logit, the action's last element;
             `deterministic` closes where that probability is above one half, and draws nothing. The others have
@@ -111,9 +116,8 @@ class OpenCabinetTask(SuiteTask):
         action_mode = make_mode(control_mode, OFFSET_MODES, control)
         (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
-        wanted = Randomization.make(randomization).by_name
-        self._randomizer = Randomizer(scene_parameters(scene, drawer), wanted)
-        self._randomized = self._randomizer.names
+        randomized = Randomization.make(randomization).draws(scene, drawer)
+        self._randomized = {name: draw.parameter.name for name, draw in randomized.items()}
         self._mdp = OpenCabinetMDP(
             sensors=OpenCabinetSensors(scene, drawer),
             action_mode=action_mode,
@@ -123,6 +127,16 @@ class OpenCabinetTask(SuiteTask):
         )
         self._reward_name = reward
         super().__init__(scene, **observables)
+        self.variations = Variations(
+            scene,
+            self.varied,
+            variations,
+            variation_split,
+            handles=[scene.cabinet.handle_site(drawer)],
+            parameters=sensing_parameters(self._mdp.noise_parts),
+            home=DEFAULT_POSE,
+            first=[*randomized.values()],
+        )
         self._scene = scene
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 
@@ -217,14 +231,6 @@ class OpenCabinetTask(SuiteTask):
         key = "info/is_success"
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
-    @property
-    def _home(self) -> NDArray[np.float64]:
-        return DEFAULT_POSE
-
-    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        assert isinstance(scene, OpenCabinetScene)
-        return [scene.cabinet.handle_site(self._drawer)]
-
     def _bind(self, physics: mjcf.Physics) -> None:
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
@@ -250,11 +256,12 @@ class OpenCabinetTask(SuiteTask):
             "terms": self.reward_terms,
             "noise": state.noise.copy(),
             "features": Features(state.features).arrays(),
-            "randomization": {name: self._randomizer.values[name] for name in self._randomized},
+            "randomization": {name: self.variations.randomizer.values[full] for name, full in self._randomized.items()},
         }
 
     def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-        return {**state["randomization"], **super()._values_in(state)}
+        randomized = {full: state["randomization"][name] for name, full in self._randomized.items()}
+        return {**randomized, **super()._values_in(state)}
 
     def _restore_state(self, state: Mapping[str, Any]) -> None:
         total_steps = checks.integer(state["total_steps"].item(), "total_steps", minimum=0)

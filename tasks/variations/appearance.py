@@ -4,14 +4,14 @@ Seen colours are pale or muted, those held out stronger or darker. Held-out text
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from kitchen_suite.entities import franka
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.viewpoints import camera_prefix
-from kitchen_suite.tasks.variations.distributions import Varied, around, between, one_of
+from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
 APPEARANCE, CAMERA = "appearance", "camera"
 
@@ -108,63 +108,58 @@ GREY = Palette(
 )
 
 
-def color(surface: str, palette: Palette, *, default: Vector) -> Varied:
+def color(surface: str, palette: Palette) -> ParameterVariation:
     """Returns the variation of a surface's colour.
 
     Args:
       surface: beginning of the parameter's name, such as `walls/`.
       palette: colours to choose from.
-      default: as built.
     """
     seen, held_out = (
         [np.multiply(rgb, shade) for rgb in colors for shade in _SHADES] for colors in (palette.seen, palette.held_out)
     )
-    return one_of(f"{surface}color", APPEARANCE, default=default, seen=seen, held_out=held_out)
+    return one_of(f"{surface}color", APPEARANCE, seen=seen, held_out=held_out)
 
 
-def texture(surface: str, *, seen: Sequence[int], held_out: Sequence[int]) -> Varied:
+def texture(surface: str, *, seen: Sequence[int], held_out: Sequence[int]) -> ParameterVariation:
     """Returns the variation of a surface's texture, by numbers; 0 is that of the built scene."""
-    return one_of(f"{surface}texture", APPEARANCE, default=0, seen=seen, held_out=held_out)
+    return one_of(f"{surface}texture", APPEARANCE, seen=seen, held_out=held_out)
 
 
 def brightness(
     light: str, *, seen: tuple[float, float] = (0.8, 1.2), held_out: Sequence[tuple[float, float]] = _DIM_OR_GLARING
-) -> Varied:
+) -> ParameterVariation:
     """Returns the variation of the brightness of lights; `light` is the beginning of the parameter's name."""
-    return between(f"{light}brightness", APPEARANCE, default=1.0, seen=seen, held_out=held_out)
+    return between(f"{light}brightness", APPEARANCE, seen=seen, held_out=held_out)
 
 
-# Of the floor, the robot and the lights of all domains.
+# Variations of the floor, the robot and the lights, in all domains.
 ROOM = (
-    color("floor/", TINT, default=(1, 1, 1)),
+    color("floor/", TINT),
     texture("floor/", seen=(0, 1, 2), held_out=(3, 4)),
-    color("franka/", ROBOT, default=franka.COLOR),
+    color("franka/", ROBOT),
     brightness("light/"),
     around("light/warmth", APPEARANCE, seen=0.07, held_out=0.14),
-    between("light/ambient", APPEARANCE, default=0.0, seen=(0.0, 0.06), held_out=((0.06, 0.12),)),
+    between("light/ambient", APPEARANCE, seen=(0.0, 0.06), held_out=((0.06, 0.12),)),
     around("light/rotation", APPEARANCE, seen=(0.08, 0.08, 0.3), held_out=(0.16, 0.16, 0.6)),
 )
 
-# In all domains with a microwave.
+# Variations in all domains with a microwave.
 MICROWAVE = (
-    color("microwave/", APPLIANCE, default=(0.2, 0.2, 0.2)),
-    color("microwave/handle_", METAL, default=(1, 1, 1)),
+    color("microwave/", APPLIANCE),
+    color("microwave/handle_", METAL),
 )
 
 
-def cameras(views: Mapping[str, float]) -> tuple[Varied, ...]:
-    """Returns the variations of cameras; those on the robot's hand are displaced less than those of the room.
-
-    Args:
-      views: vertical field of view as built, by full name of the camera [degrees].
-    """
-    return tuple(varied for name, fovy in views.items() for varied in _camera(name, fovy))
+def cameras(*names: str) -> tuple[ParameterVariation, ...]:
+    """Returns the variations of cameras, given their full names; those on the robot's hand are displaced less."""
+    return tuple(variation for name in names for variation in _camera(name))
 
 
-def _camera(name: str, fovy: float) -> tuple[Varied, ...]:
+def _camera(name: str) -> tuple[ParameterVariation, ...]:
     prefix, offset = camera_prefix(name), 0.005 if "/" in name else 0.05
     return (
-        around(f"{prefix}offset", CAMERA, default=np.zeros(3), seen=offset, held_out=2 * offset),
-        around(f"{prefix}rotation", CAMERA, default=np.zeros(3), seen=0.03, held_out=0.06),
-        around(f"{prefix}fovy", CAMERA, default=fovy, seen=2.0, held_out=4.0),
+        around(f"{prefix}offset", CAMERA, seen=offset, held_out=2 * offset),
+        around(f"{prefix}rotation", CAMERA, seen=0.03, held_out=0.06),
+        around(f"{prefix}fovy", CAMERA, seen=2.0, held_out=4.0),
     )

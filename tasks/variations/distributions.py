@@ -4,9 +4,9 @@ A variation is a composer variation, a constant, or a list of these for the elem
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from dm_control.composer import variation
@@ -46,6 +46,10 @@ class Choice(variation.Variation):
         """Greatest value, elementwise."""
         return np.asarray(self._values.max(axis=0))
 
+    def about(self, default: NDArray[np.float64]) -> Self:
+        """Returns the same values, which are absolute."""
+        return self
+
     def __repr__(self) -> str:
         return f"Choice({self._values.tolist()})"
 
@@ -53,7 +57,7 @@ class Choice(variation.Variation):
 class Bands(variation.Variation):
     """Draws each element uniformly from one of several intervals, which have the same probability."""
 
-    def __init__(self, bands: Sequence[tuple[ArrayLike, ArrayLike]]) -> None:
+    def __init__(self, bands: ArrayLike) -> None:
         """Takes intervals `(low, high)`; bounds are numbers, or arrays `(n,)` with one for each element."""
         self._bands = np.asarray(bands, np.float64)
         count, _, *self._shape = self._bands.shape
@@ -87,8 +91,22 @@ class Bands(variation.Variation):
         """Greatest value, elementwise."""
         return np.asarray(self._bands[:, 1].max(axis=0))
 
+    def about(self, default: NDArray[np.float64]) -> "Bands":
+        """Returns the same intervals in the shape of a parameter's default value."""
+        count, _, *shape = self._bands.shape
+        bands = self._bands if shape else self._bands.reshape(count, 2, *np.ones_like(default.shape))
+        return Bands(np.broadcast_to(bands, (count, 2, *default.shape)))
+
     def __repr__(self) -> str:
         return f"Bands({self._bands.tolist()})"
+
+
+class Offsets(Bands):
+    """Intervals about a parameter's default value, which is read from the model."""
+
+    def about(self, default: NDArray[np.float64]) -> Bands:
+        """Returns the intervals about a default value, in its shape."""
+        return Bands(default + super().about(default).intervals)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,20 +169,8 @@ def is_constant(value: Variation) -> bool:
     return not any(callable(part) for part in parts)
 
 
-def checked(
-    values: Mapping[str, Any], quantities: Mapping[str, Quantity], owner: str
-) -> dict[str, NDArray[np.float64]]:
-    """Returns values of parameters by name, as arrays; `owner` is for messages.
-
-    Raises:
-      TypeError: one of them is not made of real numbers.
-      ValueError: one of them has the wrong shape, is not finite, or is negative where it must not be.
-    """
-    return {name: quantities[name].checked(value, f"{owner}'s {name}") for name, value in values.items()}
-
-
 def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
-    """Checks the extremes of a bounded distribution; returns whether all of its draws then fit a quantity.
+    """Checks a constant, or the extremes of a bounded distribution; returns whether all draws then fit a quantity.
 
     Args:
       each: a variation.
@@ -175,8 +181,12 @@ def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
       False for variations whose draws have to be checked one by one.
 
     Raises:
-      ValueError: an extreme has the wrong shape, or is negative where it must not be.
+      TypeError: a constant does not hold real numbers.
+      ValueError: a constant or an extreme has the wrong shape, is not finite, or is negative where it must not be.
     """
+    if is_constant(each):
+        quantity.checked(each, name)
+        return False
     if isinstance(each, Choice):
         extremes = [*each.values]
     elif isinstance(each, Bands) and quantity.choices is None:
@@ -186,12 +196,6 @@ def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
     for extreme in extremes:
         quantity.checked(extreme, name)
     return True
-
-
-def check_constants(wanted: Mapping[str, Variation], quantities: Mapping[str, Quantity], owner: str) -> None:
-    """Checks those variations that are constants; None is no variation. Raises as `checked`."""
-    constants = {name: value for name, value in wanted.items() if value is not None and is_constant(value)}
-    checked(constants, quantities, owner)
 
 
 def _distribution(
@@ -258,77 +262,59 @@ Distribution = Bands | Choice
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Varied:
+class ParameterVariation:
     """The variation of a parameter by a group.
 
     Attributes:
       name: of the parameter, such as `kettle/mass`.
       group: one of `GROUPS`.
-      default: value without variation, in the parameter's shape and unit.
       seen: distribution for training.
       held_out: distribution for evaluation, of values that `seen` does not draw if the parameter has more than two.
     """
 
     name: str
     group: str
-    default: NDArray[np.float64]
     seen: Distribution
     held_out: Distribution
-
-    @property
-    def low(self) -> NDArray[np.float64]:
-        """Least value of each element, over both distributions and the default."""
-        return np.minimum.reduce([self.default, self.seen.low, self.held_out.low])
-
-    @property
-    def high(self) -> NDArray[np.float64]:
-        """Greatest value of each element, over both distributions and the default."""
-        return np.maximum.reduce([self.default, self.seen.high, self.held_out.high])
-
-    def check(self, value: NDArray[np.float64]) -> None:
-        """Raises a ValueError if a value is outside the range."""
-        if (value < self.low).any() or (value > self.high).any():
-            bounds = f"{self.low.tolist()} and {self.high.tolist()}"
-            raise ValueError(f"variation's {self.name} must be within {bounds}, got {value.tolist()}")
 
     def distribution(self, split: str) -> Distribution:
         """Returns the distribution of a split, one of `SPLITS`."""
         return {"seen": self.seen, "held_out": self.held_out}[split]
 
+    def about(self, default: NDArray[np.float64]) -> Self:
+        """Returns the variation of a parameter with a default value, with distributions in its shape."""
+        return dataclasses.replace(self, seen=self.seen.about(default), held_out=self.held_out.about(default))
 
-def around(name: str, group: str, *, default: ArrayLike = 0.0, seen: ArrayLike, held_out: ArrayLike) -> Varied:
-    """Returns the variation by up to `seen` to both sides of a default; held out, by `seen` to `held_out`.
+    def range(self, default: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns the least and the greatest value of each element, over both distributions and a default value."""
+        both = self.about(default)
+        low = np.minimum.reduce([default, both.seen.low, both.held_out.low])
+        return low, np.maximum.reduce([default, both.seen.high, both.held_out.high])
+
+
+def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> ParameterVariation:
+    """Returns the variation by up to `seen` to both sides of the default; held out, by `seen` to `held_out`.
 
     Half widths are numbers, or one for each element; an element of half widths 0 does not vary.
     """
-    middle, inner, outer = (np.asarray(part, float) for part in np.broadcast_arrays(default, seen, held_out))
-    return Varied(
+    inner, outer = (np.asarray(part, float) for part in np.broadcast_arrays(seen, held_out))
+    return ParameterVariation(
         name=name,
         group=group,
-        default=middle,
-        seen=Bands([(middle - inner, middle + inner)]),
-        held_out=Bands([(middle - outer, middle - inner), (middle + inner, middle + outer)]),
+        seen=Offsets([(-inner, inner)]),
+        held_out=Offsets([(-outer, -inner), (inner, outer)]),
     )
 
 
-def between(name: str, group: str, *, default: ArrayLike, seen: Any, held_out: Sequence[Any]) -> Varied:
+def between(name: str, group: str, *, seen: Any, held_out: Any) -> ParameterVariation:
     """Returns the variation within an interval `(low, high)`; held out, within others, which have the same probability.
 
     Bounds are numbers, or arrays with one for each element.
     """
-    value = np.asarray(default, float)
-
-    def bands(*intervals: Any) -> Bands:
-        return Bands(
-            [(np.broadcast_to(low, value.shape), np.broadcast_to(high, value.shape)) for low, high in intervals]
-        )
-
-    return Varied(name=name, group=group, default=value, seen=bands(seen), held_out=bands(*held_out))
+    return ParameterVariation(name=name, group=group, seen=Bands([seen]), held_out=Bands(held_out))
 
 
-def one_of(name: str, group: str, *, default: ArrayLike, seen: ArrayLike, held_out: ArrayLike) -> Varied:
+def one_of(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> ParameterVariation:
     """Returns the variation among several values, each with the same probability."""
     seen_values, held_out_values = (Choice(np.asarray(values, float)) for values in (seen, held_out))
-    return Varied(
-        name=name, group=group, default=np.asarray(default, float), seen=seen_values, held_out=held_out_values
-    )
+    return ParameterVariation(name=name, group=group, seen=seen_values, held_out=held_out_values)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import ARM_SIZE
 from kitchen_suite.tasks.mdp import columns
 
@@ -97,14 +98,12 @@ def _owners(scene: Scene, physics: mjcf.Physics) -> NDArray[np.int64]:
 # Distance from a handle at which it counts as reached [m].
 REACH_TOLERANCE = 0.005
 
-# Damping of the least squares: bounds joint steps near singular configurations.
-_DAMPING = 0.05
 # Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
 _FIRST_STEPS, _STEPS = 200, 15
 
 
 class Reach:
-    """Inverse kinematics of the end effector's position, by damped least squares with joint limits."""
+    """Inverse kinematics of the end effector's position."""
 
     def __init__(
         self, physics: mjcf.Physics, robot: Franka, handles: Sequence[mjcf.Element], data: mujoco.MjData
@@ -122,11 +121,10 @@ class Reach:
         """
         self._model = physics.model.ptr
         joints = physics.bind(robot.joints[:ARM_SIZE])
-        self._qpos, self._dofs = columns(joints.qposadr), columns(joints.dofadr)
+        self._qpos, self._joints = columns(joints.qposadr), joints.element_id
         self._low, self._high = np.transpose(joints.range)
         self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))
         start = np.clip(data.qpos[self._qpos], self._low, self._high)
-        self._jacobian = np.zeros((3, self._model.nv))
         self._solutions = []
         for handle, element in zip(self._handles, handles, strict=True):
             if (solution := self._solve(data, handle, start, _FIRST_STEPS)) is None:
@@ -156,20 +154,10 @@ class Reach:
         self, data: mujoco.MjData, joints: NDArray[np.float64], error: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Returns joint positions nearer to the handle; joints that would leave their range stay at its end."""
-        mujoco.mj_comPos(self._model, data)
-        mujoco.mj_jacSite(self._model, data, self._jacobian, None, self._hand)
-        jacobian, free, moved = self._jacobian[:, self._dofs], np.ones(joints.size, bool), joints
-        for _ in range(joints.size):
-            moving = jacobian * free
-            rest = error - jacobian @ (moved - joints)
-            step = moving.T @ np.linalg.solve(moving @ moving.T + _DAMPING**2 * np.eye(3), rest)
-            wanted = moved + step
-            moved = np.clip(wanted, self._low, self._high)
-            if (beyond := wanted != moved).any():
-                free &= ~beyond
-            else:
-                break
-        return moved
+        position, anchors, axes = data.site_xpos[self._hand], data.xanchor[self._joints], data.xaxis[self._joints]
+        linear = inverse_kinematics.jacobian(position, anchors, axes)[:3]
+        low, high = self._low - joints, self._high - joints
+        return joints + inverse_kinematics.joint_step(linear, error, np.zeros(joints.size), low, high)
 
 
 class LayoutCheck:

@@ -1,25 +1,21 @@
-"""Tasks whose scenes vary: at every reset, wanted parameters are drawn and set."""
+"""Variations of a task from episode to episode: the parameters that vary, drawn and set at every reset."""
 
-import abc
 import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from dm_control import composer, mjcf
+from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.episode import sensing_parameters
-from kitchen_suite.tasks.mdp import MDP
-from kitchen_suite.tasks.variations import distributions as descriptions
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, Variation, Varied
+from kitchen_suite.tasks.variations import distributions
+from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, ParameterVariation, Variation
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
-from kitchen_suite.tasks.variations.randomizer import Randomizer, Values, VariationRequest, group_names, make_request
+from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
 
 # No asked task starts nearer to its goal than this multiple of its threshold.
 START_DISTANCE = 1.2
@@ -28,143 +24,154 @@ START_DISTANCE = 1.2
 MAX_REFUSALS = 20
 
 
-class VariedTask(composer.Task):
-    """A task with variations.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VariationRequest:
+    """The variation that one reset is asked for.
 
     Attributes:
-      varied: the parameters that groups vary, in the order in which they are drawn.
+      excluded: parameters that are not drawn, but have their defaults.
+      values: values that replace those drawn or default.
     """
 
-    varied: ClassVar[Sequence[Varied]] = ()
-    _randomizer = Randomizer({}, {})
-    _wanted: Mapping[str, Varied] = MappingProxyType({})
-    _split = "seen"
-    _request = VariationRequest()
-    _refusals = 0
-    _layout_check: LayoutCheck | None = None
-    _checked_model: Any = None
+    excluded: frozenset[str] = frozenset()
+    values: Mapping[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
+
+    def applied(self, drawn: Values, defaults: Mapping[str, NDArray[np.float64]]) -> Values:
+        """Returns the values of a reset, given those drawn and the defaults of all parameters."""
+        chosen = {name: defaults[name] if name in self.excluded else drawn[name] for name in drawn}
+        return {**chosen, **self.values}
+
+    def draws(self, name: str) -> bool:
+        """Whether a parameter has the value drawn."""
+        return name not in self.values and name not in self.excluded
+
+
+class Variations:
+    """The parameters of a task that vary from episode to episode.
+
+    Attributes:
+      wanted: the parameters that vary, by name, in the order in which they are drawn; empty if nothing varies.
+      split: `seen` or `held_out`.
+      randomizer: draws and sets them; from `bind` on.
+      ranges: least and greatest value of each, by name; from `bind` on.
+    """
+
+    randomizer: Randomizer
+    ranges: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
     def __init__(
         self,
         scene: Scene,
-        *,
+        table: Sequence[ParameterVariation],
         variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
-        variation_split: str = "seen",
-        **observables: Any,
+        split: str = "seen",
+        *,
+        handles: Sequence[mjcf.Element],
+        parameters: Sequence[Parameter] = (),
+        home: NDArray[np.float64] | None = None,
+        correct: Callable[[Values], Values] = lambda values: values,
+        first: Sequence[Draw] = (),
     ) -> None:
-        """Chooses what varies; a task in which nothing may vary need not call this.
+        """Selects the parameters that vary, and their distributions.
 
         Args:
           scene: of the task; not yet compiled.
-          variations: names of groups of `tasks.varied.GROUPS`, alone, in a sequence or joined by commas; or
-            distributions by parameter, which JSON may describe (see `variations.parse`). Nothing varies when omitted.
-          variation_split: `seen`, or `held_out`: which distributions of the groups are drawn from.
-          **observables: further arguments of tasks; see `ObservedTask`.
+          table: the parameters that groups vary, in the order in which they are drawn; those that the scene does not
+            have are left out.
+          variations: names of groups of `distributions.GROUPS`, alone, in a sequence or joined by commas; or
+            distributions by parameter, which JSON may describe (see `distributions.parse`). Nothing varies when
+            omitted.
+          split: `seen`, or `held_out`: which distributions of the groups are drawn from.
+          handles: sites that the hand must reach in every layout.
+          parameters: those that belong to the task, not to an entity of the scene.
+          home: positions `(9,)` of the robot's joints in the default layout [rad, m]; those at the first reset when
+            omitted.
+          correct: returns values that suit the task, given the physics with the present ones; the same object if they
+            do.
+          first: parameters that are drawn and set before these, whatever varies.
 
         Raises:
           TypeError: an argument of the wrong type.
           ValueError: an unknown or repeated name, an unknown distribution, or a number out of range.
         """
-        super().__init__(scene, **observables)
-        self._split = checks.choice(variation_split, SPLITS, "variation_split")
+        self.split = checks.choice(split, SPLITS, "variation_split")
         if not isinstance(variations, str | Sequence | Mapping | None):
             raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
-        if variations:
-            self._choose(scene, variations)
-
-    def _choose(self, scene: Scene, variations: str | Sequence[str] | Mapping[str, Variation]) -> None:
-        """Selects the parameters that vary, and their distributions."""
-        offered = {parameter.name: parameter for parameter in (*scene.parameters, *self._own_parameters(scene))}
-        table = {varied.name: varied for varied in self.varied if varied.name in offered}
-        distributions = _distributions(variations, table, offered, self._split)
-        self._wanted = {name: varied for name, varied in table.items() if name in distributions}
-        parameters = {name: offered[name] for name in self._wanted}
-        # Groups draw within the ranges anyway.
-        given = self._wanted if isinstance(variations, Mapping) else {}
-        ranges = {name: (varied.low, varied.high) for name, varied in given.items()}
-        chosen = Randomizer(parameters, distributions, owner="variation", ranges=ranges)
-        for name, each in distributions.items():
-            if descriptions.is_constant(each):
-                self._wanted[name].check(np.asarray(each, np.float64))
-        # The task may have set a randomizer of its own.
-        if "_randomizer" not in vars(self):
-            self._randomizer = Randomizer({}, {})
-        self._randomizer.add(chosen)
-        groups = {varied.group for varied in self._wanted.values()}
-        if "appearance" in groups:
+        self._scene, self._home, self._correct = scene, home, correct
+        self._request, self._refusals, self._checked_model = VariationRequest(), 0, None
+        self._first = tuple(first)
+        offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
+        rows = {row.name: row for row in table if row.name in offered}
+        if isinstance(variations, Mapping):
+            self._given = _parsed(variations, rows, offered)
+            chosen = {*self._given}
+        else:
+            self._given = {}
+            chosen = _in_groups(variations or (), rows)
+        self._rows = {name: row for name, row in rows.items() if name in chosen}
+        self._parameters = {name: offered[name] for name in self._rows}
+        self.wanted = self._rows
+        self._layout = [name for name, row in self.wanted.items() if row.group == "layout"]
+        if any(row.group == "appearance" for row in self.wanted.values()):
             scene.prepare_appearance()
-        if "layout" in groups:
-            if scene.arena.mjcf_model.option.flag.sleep == "enable":
-                raise ValueError(
-                    "variations of the layout need sleep=False: sleeping objects would stay where they were"
-                )
-            self._layout_check = LayoutCheck(scene, self._handles(scene))
+        if self._layout and scene.arena.mjcf_model.option.flag.sleep == "enable":
+            raise ValueError("variations of the layout need sleep=False: sleeping objects would stay where they were")
+        self._layout_check = LayoutCheck(scene, handles) if self._layout else None
 
-    def _own_parameters(self, scene: Scene) -> tuple[Parameter, ...]:
-        """Returns parameters that belong to the task in a scene, not to an entity."""
-        del scene
-        return sensing_parameters(self.mdp.noise_parts)
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Reads the default values from a compiled scene, which must have those of the built one.
 
-    def _handles(self, scene: Scene) -> Sequence[mjcf.Element]:
-        """Returns the sites that the hand must reach."""
-        return [handle for prop in scene.props.values() for handle in prop.handles]
+        Raises:
+          TypeError: a constant is not made of real numbers.
+          ValueError: a constant has the wrong shape or is out of range, or a parameter varies twice.
+        """
+        defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
+        self.wanted = {name: row.about(defaults[name]) for name, row in self._rows.items()}
+        self.ranges = {name: row.range(defaults[name]) for name, row in self.wanted.items()}
+        draws = [
+            Draw(
+                parameter=self._parameters[name],
+                variation=self._given.get(name, row.distribution(self.split)),
+                label=f"variation's {name}",
+                # Groups draw within the ranges anyway.
+                bounds=self.ranges[name] if self._given else None,
+            )
+            for name, row in self.wanted.items()
+        ]
+        self.randomizer = Randomizer(physics, (*self._first, *draws))
+        constants = {name: each for name, each in self._given.items() if distributions.is_constant(each)}
+        self._check_ranges(self.randomizer.checked(constants))
 
-    @property
-    def _home(self) -> NDArray[np.float64] | None:
-        """Positions `(9,)` of the robot's joints in the default layout [rad, m]; None for those at the first reset."""
-        return None
-
-    @property
-    @abc.abstractmethod
-    def mdp(self) -> MDP:
-        """The task's settings, and the mathematics of an episode under them."""
-
-    @property
-    def randomizer(self) -> Randomizer:
-        """Draws parameters of the scene at resets."""
-        return self._randomizer
-
-    @property
-    def varies(self) -> bool:
-        """Whether anything varies by `variations`."""
-        return bool(self._wanted)
-
-    @property
-    def wanted_variations(self) -> Mapping[str, Varied]:
-        """The parameters that vary by `variations`, by name."""
-        return self._wanted
+    def _check_ranges(self, values: Values) -> None:
+        """Raises a ValueError if a value is outside its parameter's range."""
+        for name, value in values.items():
+            low, high = self.ranges[name]
+            if (value < low).any() or (value > high).any():
+                bounds = f"{low.tolist()} and {high.tolist()}"
+                raise ValueError(f"variation's {name} must be within {bounds}, got {value.tolist()}")
 
     @property
-    def variation_split(self) -> str:
-        """`seen` or `held_out`."""
-        return self._split
+    def values(self) -> dict[str, NDArray[np.float64]]:
+        """Present values of the parameters that vary, in fresh arrays."""
+        return {name: np.array(self.randomizer.values[name]) for name in self.wanted}
 
     @property
-    def variation_values(self) -> dict[str, NDArray[np.float64]]:
-        """Present values of the parameters that vary by `variations`, in fresh arrays."""
-        return {name: np.array(self._randomizer.values[name]) for name in self._wanted}
-
-    @property
-    def variation_info(self) -> dict[str, Any]:
+    def info(self) -> dict[str, Any]:
         """Infos on the variation of the episode: `variation_values`, and `layout_refusals` where layouts vary.
 
         Empty if nothing varies. With `MAX_REFUSALS` refusals the layout is the default one.
         """
-        if not self._wanted:
+        if not self.wanted:
             return {}
         refusals = {"layout_refusals": np.array(self._refusals)} if self._layout_check else {}
-        return {"variation_values": self.variation_values, **refusals}
+        return {"variation_values": self.values, **refusals}
 
-    def _values_in(self, state: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-        """Returns the values of all parameters in a state that `get_state` returned."""
-        return dict(state.get("variation_values", {}))
+    def restore(self, values: Values, refusals: int) -> None:
+        """Sets checked values of all parameters of the randomizer, and the number of refused layouts."""
+        self.randomizer.set(values)
+        self._refusals = refusals
 
-    def _restore_variation(self, state: Mapping[str, Any], values: Values) -> None:
-        """Sets the checked values of all parameters in a state that `get_state` returned."""
-        self._randomizer.set(values)
-        self._refusals = int(state.get("layout_refusals", 0))
-
-    def variation_request(
+    def request(
         self, names: str | Sequence[str] | None = None, values: Mapping[str, Any] | None = None
     ) -> VariationRequest:
         """Returns the checked request for a reset.
@@ -178,19 +185,35 @@ class VariedTask(composer.Task):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
         """
-        return make_request(self._wanted, self._randomizer, names, values)
+        if (names or values) and not self.wanted:
+            raise ValueError("nothing varies: build the environment with variations")
+        flat = flat_values(values or {})
+        for name in flat:
+            checks.choice(name, self.wanted, "parameter of variation_values")
+        checked = self.randomizer.checked(flat)
+        self._check_ranges(checked)
+        excluded = set() if names is None else self.wanted.keys() - self._named(names)
+        return VariationRequest(excluded=frozenset(excluded), values=checked)
 
-    def request_variation(self, request: VariationRequest) -> None:
+    def _named(self, names: str | Sequence[str]) -> set[str]:
+        """Returns the parameters that names of parameters and groups stand for."""
+        choices = {name: [name] for name in self.wanted}
+        for name, row in self.wanted.items():
+            choices.setdefault(row.group, []).append(name)
+        each = (checks.choice(name, choices, "variation") for name in _group_names(names, "variation"))
+        return {name for one in each for name in choices[one]}
+
+    def follow(self, request: VariationRequest) -> None:
         """Makes the next reset follow a request."""
         self._request = request
 
-    def _vary(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+    def draw(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         """Draws and sets the parameters of an episode, at its start state; resets the physics if that fails."""
-        if not self._randomizer.names:
+        if not self.randomizer.names:
             return
         with contextlib.ExitStack() as undo:
             undo.callback(physics.reset)
-            drawn = self._randomizer.draw(random_state)
+            drawn = self.randomizer.draw(random_state)
             undo.pop_all()
         request, self._request = self._request, VariationRequest()
         start, self._refusals = np.array(physics.data.qpos), 0
@@ -199,7 +222,7 @@ class VariedTask(composer.Task):
             self._bind_layout_check(physics, self._layout_check)
             self._set_accepted(physics, self._layout_check, start, drawn, request, seed)
         else:
-            self._set_variation(physics, start, request.applied(drawn, self._randomizer.defaults))
+            self._set(physics, start, request.applied(drawn, self.randomizer.defaults))
 
     def _set_accepted(
         self,
@@ -211,63 +234,79 @@ class VariedTask(composer.Task):
         seed: int,
     ) -> None:
         """Sets the values of an episode, after drawing its layout again, from a seed, while it is refused."""
-        trial, defaults = request, self._randomizer.defaults
+        trial, defaults = request, self.randomizer.defaults
         if not any(request.draws(name) for name in self._layout):
             # All values are given back: the infos count as many refusals as when they were drawn.
             trial = dataclasses.replace(request, values={})
         redrawn = [name for name in self._layout if trial.draws(name)]
-        self._set_variation(physics, start, trial.applied(drawn, defaults))
+        self._set(physics, start, trial.applied(drawn, defaults))
         # Starting a generator takes as long as checking a layout.
         generator: np.random.RandomState | None = None
         while redrawn and self._refusals < MAX_REFUSALS and not check.accepts(physics):
             self._refusals += 1
             generator = generator or np.random.RandomState(seed)
-            others = defaults if self._refusals == MAX_REFUSALS else self._randomizer.draw(generator)
+            others = defaults if self._refusals == MAX_REFUSALS else self.randomizer.draw(generator)
             drawn = {**drawn, **{name: others[name] for name in redrawn}}
-            self._set_variation(physics, start, trial.applied(drawn, defaults))
+            self._set(physics, start, trial.applied(drawn, defaults))
         if trial is not request:
-            self._set_variation(physics, start, request.applied(drawn, defaults))
-
-    @property
-    def _layout(self) -> list[str]:
-        """Names of the parameters of the layout that vary."""
-        return [name for name, varied in self._wanted.items() if varied.group == "layout"]
+            self._set(physics, start, request.applied(drawn, defaults))
 
     def _bind_layout_check(self, physics: mjcf.Physics, check: LayoutCheck) -> None:
         """Binds the layout check to the default layout, once for each compiled scene."""
         if self._checked_model is physics.model.ptr:
             return
         self._checked_model = physics.model.ptr
-        self._randomizer.set(self._randomizer.defaults)
+        self.randomizer.set(self.randomizer.defaults)
         if self._home is not None:
-            physics.bind(self.robot.joints).qpos = self._home
+            physics.bind(self._scene.robot.joints).qpos = self._home
         check.bind(physics)
 
-    def _set_variation(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
+    def _set(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
         """Sets values at a start state, corrected by the task."""
         physics.data.qpos[:] = start
-        self._randomizer.set(values)
-        corrected = self._corrected(values)
+        self.randomizer.set(values)
+        corrected = self._correct(values)
         if corrected is not values:
             physics.data.qpos[:] = start
-            self._randomizer.set(corrected)
-
-    def _corrected(self, values: Values) -> Values:
-        """Returns values that suit the task, given the physics with the present ones; the same object if they do."""
-        return values
+            self.randomizer.set(corrected)
 
 
-def _distributions(
-    wanted: str | Sequence[str] | Mapping[str, Variation],
-    table: Mapping[str, Varied],
-    offered: Mapping[str, Parameter],
-    split: str,
+def _parsed(
+    wanted: Mapping[str, Variation], rows: Mapping[str, ParameterVariation], offered: Mapping[str, Parameter]
 ) -> dict[str, Variation]:
-    """Returns distributions by the names of parameters."""
-    if isinstance(wanted, Mapping):
-        names = [checks.choice(name, table, "variation") for name in wanted]
-        if absent := [name for name in names if wanted[name] is None]:
-            raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
-        return {name: descriptions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
-    groups = [checks.choice(name, GROUPS, "variation") for name in group_names(wanted, "variations")]
-    return {name: varied.distribution(split) for name, varied in table.items() if varied.group in groups}
+    """Returns the variations that distributions by parameter describe."""
+    names = [checks.choice(name, rows, "variation") for name in wanted]
+    if absent := [name for name in names if wanted[name] is None]:
+        raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
+    return {name: distributions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
+
+
+def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:
+    """Returns the parameters of some groups."""
+    groups = [checks.choice(name, GROUPS, "variation") for name in _group_names(names, "variations")]
+    present = [group for group in GROUPS if any(row.group == group for row in rows.values())]
+    if empty := [group for group in groups if group not in present]:
+        raise ValueError(f"variations {empty[0]!r} match no parameter of this task; those that do are {present}")
+    return {name for name, row in rows.items() if row.group in groups}
+
+
+def _group_names(value: str | Sequence[str], what: str) -> tuple[object, ...]:
+    """Returns names that are alone, in a sequence, or joined by commas; `what` is for messages.
+
+    Raises:
+      TypeError: the value is no sequence of names.
+      ValueError: a name is repeated.
+    """
+    if isinstance(value, list | tuple) and not value:
+        return ()
+    return checks.unique_names(value.split(",") if isinstance(value, str) else value, what)
+
+
+def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
+    if not isinstance(values, Mapping):
+        raise TypeError(f"variation_values must be a dict, got {values!r}")
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat

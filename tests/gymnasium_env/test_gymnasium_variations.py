@@ -189,12 +189,12 @@ def test_given_values_are_those_of_one_episode(envs):
 
 def test_an_option_names_what_varies_in_one_episode(envs):
     env = envs["kitchen"]
-    defaults = env.environment.task.randomizer.defaults
+    defaults = env.environment.task.variations.randomizer.defaults
     drawn = env.reset(seed=6)[1]["variation_values"]
     for names, groups in (([], set()), ("dynamics", {"dynamics"}), (["dynamics", "layout"], {"dynamics", "layout"})):
         _, info = env.reset(seed=6, options={"variation": names})
         for name, value in info["variation_values"].items():
-            varies = env.environment.task.wanted_variations[name].group in groups
+            varies = env.environment.task.variations.wanted[name].group in groups
             np.testing.assert_array_equal(value, (drawn if varies else defaults)[name], name)
     _, info = env.reset(seed=6, options={"variation": "kettle/mass,kettle/pose"})
     differing = {name for name, value in info["variation_values"].items() if not np.array_equal(value, defaults[name])}

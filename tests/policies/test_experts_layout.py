@@ -7,7 +7,7 @@ from kitchen_suite import experts, suite
 from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.tasks.variations.distributions import SPLITS
-from kitchen_suite.tasks.variations.randomizer import VariationRequest
+from kitchen_suite.tasks.variations.variations import VariationRequest
 
 pytestmark = pytest.mark.thorough
 
@@ -62,14 +62,14 @@ def test_the_drawers_expert_opens_them_in_many_layouts(drawer, split):
 
 def test_in_the_default_layout_the_poses_are_those_that_skills_are_made_for():
     environment = complete("seen", seed=0)
-    environment.task.request_variation(environment.task.variation_request([]))
+    environment.task.variations.follow(environment.task.variations.request([]))
     observed = environment.reset().observation
     layout = ObservedLayout(KITCHEN_POSES)
     extras = np.concatenate([observed[name] for name in environment.task.extra_observables])
     assert layout.size == extras.size
     for task in SKILLS:
         np.testing.assert_allclose(layout.frame(task, extras).as_matrix(), np.eye(4), atol=1e-9)
-    environment.task.request_variation(environment.task.variation_request([]))
+    environment.task.variations.follow(environment.task.variations.request([]))
     assert play(environment)["success"]
 
 
@@ -107,8 +107,8 @@ def test_a_task_out_of_reach_is_postponed():
     environment = load("all", random=0, tasks_to_complete=tasks, extra_observables=KITCHEN_POSES)
     # Farther away than any layout that is drawn.
     far = {"microwave/offset": np.array([-0.4, 0.3, 0.0])}
-    excluded = frozenset(environment.task.wanted_variations)
-    environment.task.request_variation(VariationRequest(excluded=excluded, values=far))
+    excluded = frozenset(environment.task.variations.wanted)
+    environment.task.variations.follow(VariationRequest(excluded=excluded, values=far))
     assert play(environment)["tasks_completed"].keys() == {"light switch"}
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import importlib
 
 import numpy as np
 import pytest
@@ -32,8 +31,9 @@ def environment(domain, **options):
     return dataclasses.replace(suite.DOMAINS[domain], scene=scene).load(random=0, render_quality="fast", **options)
 
 
-def tables(domain):
-    return importlib.import_module(f"kitchen_suite.tasks.{domain}.variations")
+def table(environment):
+    """Returns what the groups of appearance and cameras vary."""
+    return [row for row in environment.task.varied if row.group in ("appearance", "camera")]
 
 
 def parameters(environment):
@@ -44,32 +44,27 @@ def parameters(environment):
 
 @pytest.mark.parametrize("domain", SCENES)
 def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
-    env, table = environment(domain, visuals=False), tables(domain)
+    env = environment(domain, visuals=False)
     env.reset()
-    offered = parameters(env)
-    varied = (*table.APPEARANCE, *table.CAMERA)
+    offered, varied = parameters(env), table(env)
     names = [each.name for each in varied]
     assert len(set(names)) == len(names)
     # Observers' cameras are those of the reference.
     assert set(offered) - set(names) == {name for name in offered if "_cap_" in name}
     for each in varied:
-        np.testing.assert_allclose(offered[each.name].get(env.physics), each.default, rtol=1e-7, atol=0)
+        bound = each.about(offered[each.name].get(env.physics))
         for split in SPLITS:
-            drawn = each.distribution(split)(random_state=np.random.RandomState(0))
+            drawn = bound.distribution(split)(random_state=np.random.RandomState(0))
             offered[each.name].quantity.checked(drawn, each.name)
 
 
 @pytest.mark.parametrize("domain", SCENES)
-def test_groups_are_named(domain):
-    table = tables(domain)
-    assert {each.group for each in table.APPEARANCE} == {"appearance"}
-    assert {each.group for each in table.CAMERA} == {"camera"}
-
-
-@pytest.mark.parametrize("domain", SCENES)
 def test_held_out_values_are_not_seen(domain):
-    table, random_state = tables(domain), np.random.RandomState(0)
-    for each in (*table.APPEARANCE, *table.CAMERA):
+    env, random_state = environment(domain, visuals=False), np.random.RandomState(0)
+    env.reset()
+    offered = parameters(env)
+    for row in table(env):
+        each = row.about(offered[row.name].get(env.physics))
         seen, held_out = (
             [tuple(np.atleast_1d(each.distribution(split)(random_state=random_state))) for _ in range(300)]
             for split in SPLITS
@@ -77,18 +72,21 @@ def test_held_out_values_are_not_seen(domain):
         assert not set(seen) & set(held_out), each.name
         if each.name.endswith("texture"):
             # Every texture that the surface offers is drawn.
-            assert sorted({number for (number,) in seen + held_out}) == list(range(1 + int(each.high))), each.name
+            assert sorted({number for (number,) in seen + held_out}) == list(range(1 + int(each.held_out.high))), (
+                each.name
+            )
 
 
 @pytest.mark.parametrize("domain", SCENES)
 def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
     plain = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
-    varied, table = environment(domain), tables(domain)
+    varied = environment(domain)
     plain.reset()
     varied.reset()
     offered, random_state = parameters(varied), np.random.RandomState(1)
-    for each in (*table.APPEARANCE, *table.CAMERA):
-        offered[each.name].set(varied.physics, np.asarray(each.held_out(random_state=random_state)))
+    for each in table(varied):
+        default = offered[each.name].get(varied.physics)
+        offered[each.name].set(varied.physics, each.about(default).held_out(random_state=random_state))
     for _ in range(STEPS):
         action = random_state.uniform(-1, 1, plain.action_spec().shape)
         plain.step(action)
@@ -100,13 +98,14 @@ def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
 @pytest.mark.rendering
 @pytest.mark.parametrize("domain", SCENES)
 def test_held_out_views_show_something_else_in_full_light(domain):
-    env, table = environment(domain), tables(domain)
+    env = environment(domain)
     env.reset()
     offered, random_state = parameters(env), np.random.RandomState(2)
     cameras = [name for name in camera_names(env.physics) if not name.endswith("_cap")]
     before = [env.physics.render(64, 64, camera_id=name).astype(float) for name in cameras]
-    for each in (*table.APPEARANCE, *table.CAMERA):
-        offered[each.name].set(env.physics, np.asarray(each.held_out(random_state=random_state)))
+    for each in table(env):
+        default = offered[each.name].get(env.physics)
+        offered[each.name].set(env.physics, each.about(default).held_out(random_state=random_state))
     env.physics.forward()
     for name, old in zip(cameras, before, strict=True):
         new = env.physics.render(64, 64, camera_id=name)

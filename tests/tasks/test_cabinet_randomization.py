@@ -168,10 +168,10 @@ def test_json_is_the_same_randomization_in_the_vectorised_environment(randomizat
 
 
 def test_only_fields_of_wanted_parameters_are_changed():
-    assert load().task.randomizer.model_fields == ()
+    assert load().task.variations.randomizer.model_fields == ()
     wanted = {"pad_friction": 1.0, "cabinet_yaw": {"uniform": [0, 0.1]}}
-    assert load(randomization=wanted).task.randomizer.model_fields == ("body_quat", "geom_friction")
-    assert load(randomization={"pad_friction": None}).task.randomizer.model_fields == ()
+    assert load(randomization=wanted).task.variations.randomizer.model_fields == ("body_quat", "geom_friction")
+    assert load(randomization={"pad_friction": None}).task.variations.randomizer.model_fields == ()
 
 
 def test_a_mapping_takes_composer_variations_too():

@@ -11,7 +11,7 @@ from kitchen_suite import suite
 from kitchen_suite.entities import parameters
 from kitchen_suite.entities.parameters import Parameter, Quantity
 from kitchen_suite.tasks.variations import distributions as variations
-from kitchen_suite.tasks.variations.randomizer import Randomizer
+from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer
 
 NUMBER, POSITIVE = (parameters.YAW, parameters.JOINT_DAMPING)
 VECTOR = parameters.POSITION_OFFSET
@@ -33,11 +33,22 @@ COLOUR = Quantity(
 )
 
 
-def draw(value, quantity=NUMBER, seed=0, times=200):
-    parsed = variations.parse(json.loads(value), quantity, "it")
-    parameter = Parameter(name="it", unit="", quantity=quantity, elements=())
-    randomizer, random_state = Randomizer({"it": parameter}, {"it": parsed}), np.random.RandomState(seed)
-    return np.array([randomizer.draw(random_state)["it"] for _ in range(times)])
+def randomizer_of(env, offered, wanted):
+    """Returns the randomizer of some of the parameters offered."""
+    draws = [Draw(parameter=offered[name], variation=each, label=name) for name, each in wanted.items()]
+    return Randomizer(env.physics, draws)
+
+
+@pytest.fixture(scope="module")
+def env_and_offered():
+    return load_kitchen()
+
+
+def draw(scene, value, parameter="microwave/yaw", seed=0, times=200):
+    env, offered = scene
+    parsed = variations.parse(json.loads(value), offered[parameter].quantity, "it")
+    randomizer, random_state = randomizer_of(env, offered, {parameter: parsed}), np.random.RandomState(seed)
+    return np.array([randomizer.draw(random_state)[parameter] for _ in range(times)])
 
 
 @pytest.mark.parametrize(
@@ -54,22 +65,23 @@ def draw(value, quantity=NUMBER, seed=0, times=200):
         ("0.5", lambda random: 0.5),
     ],
 )
-def test_json_draws_the_numbers_of_numpy(value, expected):
+def test_json_draws_the_numbers_of_numpy(env_and_offered, value, expected):
     random = np.random.RandomState(3)
-    np.testing.assert_array_equal(draw(value, seed=3, times=20), [expected(random) for _ in range(20)])
+    np.testing.assert_array_equal(draw(env_and_offered, value, seed=3, times=20), [expected(random) for _ in range(20)])
 
 
-def test_vectors_are_drawn_whole_or_by_element():
+def test_vectors_are_drawn_whole_or_by_element(env_and_offered):
     low, high = (-0.03, -0.05, 0.0), (0.03, 0.05, 0.0)
-    drawn = draw('{"uniform": [[-0.03, -0.05, 0], [0.03, 0.05, 0]]}', VECTOR)
+    scene, vector = env_and_offered, "microwave/offset"
+    drawn = draw(scene, '{"uniform": [[-0.03, -0.05, 0], [0.03, 0.05, 0]]}', vector)
     random = np.random.RandomState(0)
     np.testing.assert_array_equal(drawn, [random.uniform(low, high) for _ in range(200)])
-    assert (np.ptp(draw('{"uniform": [-1, 1]}', VECTOR), axis=0) > 1.5).all()
-    mixed = draw('[{"uniform": [1, 2]}, 0, {"choice": [3, 4]}]', VECTOR)
+    assert (np.ptp(draw(scene, '{"uniform": [-1, 1]}', vector), axis=0) > 1.5).all()
+    mixed = draw(scene, '[{"uniform": [1, 2]}, 0, {"choice": [3, 4]}]', vector)
     assert set(mixed[:, 2]) == {3, 4}
     assert np.ptp(mixed[:, 0]) > 0.5
     assert not mixed[:, 1].any()
-    rows = {tuple(row) for row in draw('{"choice": [[0, 0, 0], [0.1, 0.2, 0]]}', VECTOR)}
+    rows = {tuple(row) for row in draw(scene, '{"choice": [[0, 0, 0], [0.1, 0.2, 0]]}', vector)}
     assert rows == {(0, 0, 0), (0.1, 0.2, 0)}
 
 
@@ -128,8 +140,7 @@ def test_parameters_of_another_scene_are_drawn_and_set():
     env, offered = load_kitchen()
     microwave = env.task.scene.props["microwave"]
     damping = distributions.Uniform(5.0, 6.0)
-    randomizer = Randomizer(offered, {"microwave/yaw": 0.2, "microwave/door_damping": damping})
-    randomizer.bind(env.physics)
+    randomizer = randomizer_of(env, offered, {"microwave/door_damping": damping, "microwave/yaw": 0.2})
     # The arena's XML rotates the microwave.
     np.testing.assert_allclose(randomizer.values["microwave/yaw"], 0.3)
     drawn = randomizer.draw(np.random.RandomState(4))
@@ -146,8 +157,7 @@ def test_an_offset_starts_from_the_built_position_and_moves_the_joints():
     env, offered = load_kitchen()
     (door,) = env.task.scene.props["microwave"].joints
     built = env.physics.bind(door).xanchor.copy()
-    randomizer = Randomizer(offered, {"microwave/offset": (0.1, 0.0, 0.02)})
-    randomizer.bind(env.physics)
+    randomizer = randomizer_of(env, offered, {"microwave/offset": (0.1, 0.0, 0.02)})
     for _ in range(2):
         randomizer.set(randomizer.draw(np.random.RandomState(0)))
         np.testing.assert_allclose(env.physics.bind(door).xanchor - built, [0.1, 0, 0.02], atol=1e-12)
@@ -155,8 +165,7 @@ def test_an_offset_starts_from_the_built_position_and_moves_the_joints():
 
 def test_what_mujoco_derives_follows_and_the_state_stays():
     env, offered = load_kitchen()
-    randomizer = Randomizer(offered, {"microwave/door_mass": 40.0})
-    randomizer.bind(env.physics)
+    randomizer = randomizer_of(env, offered, {"microwave/door_mass": 40.0})
     model, state = env.physics.model.ptr, env.physics.get_state().copy()
     names = [name for name in dir(model) if isinstance(getattr(model, name), np.ndarray)]
     before = {name: getattr(model, name).copy() for name in names}
@@ -174,17 +183,15 @@ def test_what_mujoco_derives_follows_and_the_state_stays():
 
 def test_visual_fields_are_apart():
     env, offered = load_kitchen()
-    randomizer = Randomizer(offered, {"microwave/colour": (0.1, 0.2, 0.3)})
-    randomizer.bind(env.physics)
+    randomizer = randomizer_of(env, offered, {"microwave/colour": (0.1, 0.2, 0.3)})
     randomizer.set(randomizer.draw(np.random.RandomState(0)))
     np.testing.assert_allclose(offered["microwave/colour"].get(env.physics), (0.1, 0.2, 0.3), rtol=1e-6)
     assert (randomizer.model_fields, randomizer.visual_fields) == ((), ("geom_rgba",))
 
 
 def test_nothing_wanted_draws_and_sets_nothing():
-    env, offered = load_kitchen()
-    randomizer, random_state = Randomizer(offered, {"microwave/yaw": None}), np.random.RandomState(0)
-    randomizer.bind(env.physics)
+    env, _ = load_kitchen()
+    randomizer, random_state = Randomizer(env.physics, []), np.random.RandomState(0)
     positions = env.physics.data.xpos.copy()
     env.physics.data.qpos[0] += 0.1
     randomizer.set(randomizer.draw(random_state))
@@ -193,9 +200,10 @@ def test_nothing_wanted_draws_and_sets_nothing():
     assert (randomizer.values, randomizer.model_fields) == ({}, ())
 
 
-def test_unknown_parameters_and_bad_constants_are_refused():
-    _, offered = load_kitchen()
-    with pytest.raises(ValueError, match=r"parameter 'microwave/door_dampin' .*did you mean 'microwave/door_damping'"):
-        Randomizer(offered, {"microwave/door_dampin": 1.0})
-    with pytest.raises(ValueError, match="scene's microwave/door_damping must be finite and non-negative"):
-        Randomizer(offered, {"microwave/door_damping": -1.0}, owner="scene")
+def test_repeated_parameters_and_bad_constants_are_refused(env_and_offered):
+    env, offered = env_and_offered
+    with pytest.raises(ValueError, match="microwave/door_damping must be finite and non-negative"):
+        randomizer_of(env, offered, {"microwave/door_damping": -1.0})
+    draws = [Draw(parameter=offered["microwave/yaw"], variation=0.1, label=label) for label in ("one", "another")]
+    with pytest.raises(ValueError, match="microwave/yaw varies twice: by one and another"):
+        Randomizer(env.physics, draws)

@@ -6,7 +6,10 @@ import pytest
 from dm_control.composer.variation import distributions
 
 from kitchen_suite import suite
+from kitchen_suite.domains.base import build_environment
+from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, around, between, one_of
 
 pytestmark = pytest.mark.thorough
@@ -34,8 +37,8 @@ def test_nothing_varies_by_default(domain):
     for key, value in first.observation.items():
         np.testing.assert_array_equal(value, second.observation[key])
     for environment in (plain, empty):
-        assert not environment.task.varies
-        assert environment.task.variation_values == environment.task.variation_info == {}
+        assert not environment.task.variations.wanted
+        assert environment.task.variations.values == environment.task.variations.info == {}
         assert "variation_values" not in environment.task.get_state()
     streams = [environment.random_state.get_state(legacy=False) for environment in (plain, empty)]
     np.testing.assert_equal(*streams)
@@ -45,21 +48,47 @@ def test_nothing_varies_by_default(domain):
 def test_each_group_varies_what_it_names(domain):
     for group in GROUPS:
         task = load(domain, variations=group).task
-        assert {varied.group for varied in task.wanted_variations.values()} == {group}
-        listed = [varied.name for varied in task.varied if varied.name in task.wanted_variations]
-        assert list(task.randomizer.names) == listed
+        assert {varied.group for varied in task.variations.wanted.values()} == {group}
+        listed = [varied.name for varied in task.varied if varied.name in task.variations.wanted]
+        assert list(task.variations.randomizer.names) == listed
 
 
-@pytest.mark.parametrize("domain", suite.DOMAINS)
-def test_defaults_of_the_tables_are_those_of_the_built_scene(domain):
-    environment = load(domain, variations=GROUPS)
-    environment.reset()
-    task = environment.task
-    for name, varied in task.wanted_variations.items():
-        np.testing.assert_allclose(task.randomizer.defaults[name], varied.default, atol=1e-12, err_msg=name)
-        assert (varied.low <= varied.default).all()
-        assert (varied.default <= varied.high).all()
-        assert (varied.low < varied.high).any()
+@pytest.mark.parametrize(
+    ("domain", "expected"),
+    [
+        (
+            "kitchen",
+            {"microwave/yaw": 0.3, "kettle/mass": 0.88, "camera/workspace_fovy": 51, "oven/knobs": [0.0] * 4},
+        ),
+        ("open_cabinet", {"cabinet/drawer_top_friction": 3.0, "franka/pad_friction": 1.5, "cabinet/offset": [0.0] * 3}),
+        ("microwave_table", {"microwave/yaw": -np.pi / 2, "franka/gain_scale": 1.0, "camera/overview_fovy": 40.0}),
+    ],
+)
+def test_default_values_are_read_from_the_model_and_within_the_ranges(domain, expected):
+    variations = load(domain, variations=GROUPS).task.variations
+    assert {name: variations.randomizer.defaults[name].tolist() for name in expected} == expected
+    for name, (low, high) in variations.ranges.items():
+        default = variations.randomizer.defaults[name]
+        assert (low <= default).all()
+        assert (default <= high).all()
+        assert (low < high).any()
+
+
+def test_a_variation_is_about_what_the_model_has():
+    scene = build_microwave_table_scene(visuals=False)
+    scene.arena.mjcf_model.find("camera", "overview").fovy = 30.0
+    task = MicrowaveTableTask(scene, variations="camera")
+    build_environment(task, time_limit=1.0, random=0, render_quality="high", environment_kwargs=None)
+    low, high = task.variations.ranges["camera/overview_fovy"]
+    assert (low, high) == (26.0, 34.0)
+
+
+def test_a_group_without_parameters_is_refused():
+    class StartTask(MicrowaveTableTask):
+        varied = tuple(each for each in MicrowaveTableTask.varied if each.group in ("start", "camera"))
+
+    with pytest.raises(ValueError, match=r"'layout' match no parameter of this task; those that do are .*'start'"):
+        StartTask(build_microwave_table_scene(visuals=False), variations=["camera", "layout"])
 
 
 @pytest.mark.parametrize("domain", suite.DOMAINS)
@@ -67,10 +96,10 @@ def test_the_same_seed_draws_the_same_and_another_one_does_not(domain):
     first, same, other = (load(domain, random=seed, variations=GROUPS) for seed in (3, 3, 4))
     for environment in (first, same, other):
         environment.reset()
-    values = [environment.task.variation_values for environment in (first, same, other)]
+    values = [environment.task.variations.values for environment in (first, same, other)]
     np.testing.assert_equal(values[0], values[1])
     # Others have few values, or those of the default where a task is asked.
-    continuous = [name for name, varied in first.task.wanted_variations.items() if isinstance(varied.seen, Bands)]
+    continuous = [name for name, varied in first.task.variations.wanted.items() if isinstance(varied.seen, Bands)]
     different = [name for name in continuous if not np.array_equal(values[0][name], values[2][name])]
     assert set(continuous) - set(different) <= {"tasks/done", "slide_cabinet/door"}
     np.testing.assert_equal(model_arrays(first), model_arrays(same))
@@ -81,8 +110,8 @@ def test_values_come_after_the_start_pose_and_before_the_noise():
     environment.reset()
     random = np.random.RandomState(0)
     random.uniform(-0.125, 0.125, 9)
-    for name, varied in environment.task.wanted_variations.items():
-        np.testing.assert_array_equal(environment.task.variation_values[name], varied.seen(random_state=random))
+    for name, varied in environment.task.variations.wanted.items():
+        np.testing.assert_array_equal(environment.task.variations.values[name], varied.seen(random_state=random))
     noise = random.uniform(-1, 1, environment.task.mdp.noise_draws) * environment.task.mdp.noise_scale
     np.testing.assert_array_equal(environment.task.state.noise, noise)
 
@@ -92,8 +121,8 @@ def test_layouts_are_drawn_again_from_a_stream_of_their_own():
     random, refusals = np.random.RandomState(0), 0
     for _ in range(6):
         environment.reset()
-        refusals += int(environment.task.variation_info["layout_refusals"])
-        for varied in environment.task.wanted_variations.values():
+        refusals += int(environment.task.variations.info["layout_refusals"])
+        for varied in environment.task.variations.wanted.values():
             varied.held_out(random_state=random)
         # One further number seeds the redraws, however many there are; the noise follows.
         random.randint(2**31)
@@ -105,31 +134,31 @@ def test_layouts_are_drawn_again_from_a_stream_of_their_own():
 def test_values_given_back_leave_the_stream_as_it_was():
     environment = load(variations=GROUPS)
     first = environment.reset()
-    values, stream = environment.task.variation_values, environment.random_state.get_state(legacy=False)
+    values, stream = environment.task.variations.values, environment.random_state.get_state(legacy=False)
     again = load(variations=GROUPS)
-    again.task.request_variation(again.task.variation_request(values=values))
+    again.task.variations.follow(again.task.variations.request(values=values))
     second = again.reset()
-    np.testing.assert_equal(again.task.variation_values, values)
+    np.testing.assert_equal(again.task.variations.values, values)
     np.testing.assert_equal(again.random_state.get_state(legacy=False), stream)
     np.testing.assert_equal(dict(second.observation), dict(first.observation))
     np.testing.assert_equal(model_arrays(again), model_arrays(environment))
     # A request is for one reset.
     again.reset()
     environment.reset()
-    np.testing.assert_equal(again.task.variation_values, environment.task.variation_values)
-    assert again.task.variation_values["kettle/mass"] != values["kettle/mass"]
+    np.testing.assert_equal(again.task.variations.values, environment.task.variations.values)
+    assert again.task.variations.values["kettle/mass"] != values["kettle/mass"]
 
 
 def test_a_request_may_name_what_varies():
     environment = load(task="microwave", variations=GROUPS)
     plain = load(task="microwave", variations=GROUPS)
-    environment.task.request_variation(environment.task.variation_request(["kettle/mass", "sensing"]))
+    environment.task.variations.follow(environment.task.variations.request(["kettle/mass", "sensing"]))
     environment.reset()
     plain.reset()
-    drawn, named = plain.task.variation_values, environment.task.variation_values
+    drawn, named = plain.task.variations.values, environment.task.variations.values
     varied = {"kettle/mass", "sensing/robot_noise", "sensing/object_noise", "sensing/action_delay"}
     for name, value in named.items():
-        expected = drawn[name] if name in varied else environment.task.randomizer.defaults[name]
+        expected = drawn[name] if name in varied else environment.task.variations.randomizer.defaults[name]
         np.testing.assert_array_equal(value, expected)
     assert qpos(environment, environment.task.robot.joints)[0] == 0.148388023
 
@@ -139,8 +168,8 @@ def test_default_values_are_the_default_scene(group):
     environment, plain = load(variations=[group]), load()
     environment.reset()
     assert environment.physics.data.qpos.any()
-    defaults = environment.task.randomizer.defaults
-    environment.task.request_variation(environment.task.variation_request(values=defaults))
+    defaults = environment.task.variations.randomizer.defaults
+    environment.task.variations.follow(environment.task.variations.request(values=defaults))
     environment.reset()
     plain.reset()
     np.testing.assert_equal(model_arrays(environment), model_arrays(plain))
@@ -188,11 +217,11 @@ def test_asked_tasks_are_not_done_and_not_nearly_done_at_the_start():
             task = environment.task
             assert (task.task_distances >= 1.2 * task.threshold).all()
     # The door of the slide cabinet would be within 1.2 times the threshold: its displacement is the default.
-    assert not environment.task.variation_values["slide_cabinet/door"]
-    assert environment.task.variation_values["microwave/door"]
+    assert not environment.task.variations.values["slide_cabinet/door"]
+    assert environment.task.variations.values["microwave/door"]
     environment = load(task="kettle", variations=["start"])
     environment.reset()
-    assert environment.task.variation_values["slide_cabinet/door"]
+    assert environment.task.variations.values["slide_cabinet/door"]
 
 
 def test_the_door_on_the_table_does_not_start_nearly_open():
@@ -200,7 +229,7 @@ def test_the_door_on_the_table_does_not_start_nearly_open():
     for _ in range(5):
         environment.reset()
         # The door's goal is -0.75 rad; held-out values would be within 1.2 thresholds of it.
-        assert not environment.task.variation_values["microwave/door"]
+        assert not environment.task.variations.values["microwave/door"]
         assert not environment.task.episode_metrics["success"]
 
 
@@ -283,9 +312,9 @@ def test_states_hold_the_variation():
     action = np.full(9, 0.3)
     environment.step(action)
     state = environment.get_state()
-    assert state["task"]["variation_values"].keys() == environment.task.variation_values.keys()
+    assert state["task"]["variation_values"].keys() == environment.task.variations.values.keys()
     other.set_state(state)
-    np.testing.assert_equal(other.task.variation_values, environment.task.variation_values)
+    np.testing.assert_equal(other.task.variations.values, environment.task.variations.values)
     np.testing.assert_equal(model_arrays(other), model_arrays(environment))
     for _ in range(3):
         first, second = environment.step(action), other.step(action)
@@ -301,7 +330,7 @@ def test_composer_variations_and_json_are_distributions():
     masses = []
     for _ in range(20):
         environment.reset()
-        values = environment.task.variation_values
+        values = environment.task.variations.values
         assert list(values) == ["microwave/door", "kettle/mass"]
         assert -0.1 <= values["microwave/door"] <= 0.0
         masses.append(float(values["kettle/mass"]))
@@ -313,7 +342,7 @@ def test_draws_beyond_the_range_are_moved_to_its_end():
     masses = []
     for _ in range(10):
         environment.reset()
-        masses.append(float(environment.task.variation_values["kettle/mass"]))
+        masses.append(float(environment.task.variations.values["kettle/mass"]))
     assert {min(masses), max(masses)} == {0.4, 1.5}
 
 
@@ -350,7 +379,7 @@ def test_bad_variations_are_refused(options, error, message):
 def test_bad_requests_are_refused(names, values, error, message):
     task = load(variations="dynamics").task
     with pytest.raises(error, match=message):
-        task.variation_request(names, values)
+        task.variations.request(names, values)
 
 
 def test_a_parameter_varies_once():
@@ -365,7 +394,7 @@ def test_the_cabinets_randomization_is_as_before_beside_variations():
         environment.reset()
     states = [environment.get_state()["task"]["randomization"] for environment in (plain, varied)]
     np.testing.assert_equal(*states)
-    assert "cabinet_yaw" not in varied.task.variation_values
+    assert "cabinet_yaw" not in varied.task.variations.values
 
 
 @pytest.mark.parametrize("split", ["seen", "held_out"])
@@ -374,9 +403,9 @@ def test_draws_fill_their_range_and_are_independent(domain, split):
     task = load(domain, variations=GROUPS, variation_split=split).task
     random = np.random.RandomState(0)
     count = 2000
-    drawn = [task.randomizer.draw(random) for _ in range(count)]
+    drawn = [task.variations.randomizer.draw(random) for _ in range(count)]
     columns = {}
-    for name, varied in task.wanted_variations.items():
+    for name, varied in task.variations.wanted.items():
         values = np.array([each[name] for each in drawn])
         distribution = varied.distribution(split)
         width = distribution.high - distribution.low
@@ -396,15 +425,16 @@ def test_draws_fill_their_range_and_are_independent(domain, split):
 
 def test_distributions_of_tables():
     random = np.random.RandomState(0)
-    half = around("a", "start", default=(1.0, 0.0), seen=(0.1, 0.0), held_out=(0.3, 0.0))
+    half = around("a", "start", seen=(0.1, 0.0), held_out=(0.3, 0.0)).about(np.array([1.0, 0.0]))
     seen, held_out = (np.array([each(random_state=random) for _ in range(500)]) for each in (half.seen, half.held_out))
     assert (np.abs(seen[:, 0] - 1) <= 0.1).all()
     assert ((np.abs(held_out[:, 0] - 1) >= 0.1) & (np.abs(held_out[:, 0] - 1) <= 0.3)).all()
     assert {*np.sign(held_out[:, 0] - 1)} == {-1, 1}
     assert not seen[:, 1].any()
     assert not held_out[:, 1].any()
-    door = between("a", "start", default=0.0, seen=(0.0, 0.2), held_out=[(0.2, 0.3)])
-    assert (door.low, door.high) == (0.0, 0.3)
-    places = one_of("a", "start", default=0.0, seen=(0.0, 1.0), held_out=(2.0,))
+    door = between("a", "start", seen=(0.0, 0.2), held_out=[(0.2, 0.3)])
+    assert door.range(np.array(0.1)) == (0.0, 0.3)
+    assert door.range(np.array(-0.1)) == (-0.1, 0.3)
+    places = one_of("a", "start", seen=(0.0, 1.0), held_out=(2.0,))
     assert {float(places.seen(random_state=random)) for _ in range(50)} == {0.0, 1.0}
     assert places.held_out(random_state=random) == 2.0
