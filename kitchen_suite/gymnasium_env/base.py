@@ -38,6 +38,7 @@ class SuiteEnv(gymnasium.Env):
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:
+      clips_actions: whether actions have to be clipped to the `action_limit`.
       varies: whether parameters vary from episode to episode.
       default_domain: name of the domain where none is given; empty for a class of any domain.
       obs_types: names of the observation types; the first is the default.
@@ -194,6 +195,7 @@ class SuiteEnv(gymnasium.Env):
         spec = self._environment.action_spec()
         (self._action_size,) = spec.shape
         self._action_limit = math.inf if isinstance(spec, specs.BoundedArray) else limit
+        self.clips_actions = self._action_limit < math.inf
         bounds = (spec.minimum, spec.maximum) if isinstance(spec, specs.BoundedArray) else (-limit, limit)
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
@@ -257,10 +259,8 @@ class SuiteEnv(gymnasium.Env):
     @property
     def variation_space(self) -> spaces.Dict:
         """Ranges of the parameters that vary, by name; empty if nothing varies."""
-        wanted = self._task.variations.wanted.items()
-        return spaces.Dict(
-            {name: spaces.Box(each.low, each.high, each.default.shape, np.float64) for name, each in wanted}
-        )
+        ranges = self._task.variations.ranges.items()
+        return spaces.Dict({name: spaces.Box(low, high, low.shape, np.float64) for name, (low, high) in ranges})
 
     @property
     def variation_values(self) -> dict[str, Any]:
@@ -284,8 +284,8 @@ class SuiteEnv(gymnasium.Env):
         return own.own(own.flat(present), self._task.state, present)
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns actions `(..., k)` clipped to the `action_limit`, if there is one."""
-        return actions if self._action_limit == math.inf else actions.clip(-self._action_limit, self._action_limit)
+        """Returns actions `(..., k)` clipped to the `action_limit`."""
+        return actions.clip(-self._action_limit, self._action_limit)
 
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
         """Converts an observation of the suite's environment to the observation space."""
@@ -324,9 +324,8 @@ class SuiteEnv(gymnasium.Env):
         state = chosen.get(STATE)
         if state is None:
             own = self._task.requests.checked(chosen)
-            self._task.variations.follow(
-                self._task.variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES))
-            )
+            variations = self._task.variations
+            variations.follow(variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES)))
             self._task.requests.follow(own)
         elif len(chosen) > 1:
             others = " and ".join((VARIATION, VARIATION_VALUES, *self._task.requests.options))
@@ -354,7 +353,7 @@ class SuiteEnv(gymnasium.Env):
           TypeError: the action does not hold real numbers.
           ValueError: the action has the wrong shape, or holds NaN or inf; nothing has changed then.
         """
-        if self._action_limit < math.inf:
+        if self.clips_actions:
             # NaN and inf must not be clipped away: check first. Without a limit only the task checks.
             action = self.clip_actions(checks.vector(action, self._action_size, "action"))
         self._bind_random_state()

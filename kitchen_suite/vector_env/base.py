@@ -86,6 +86,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._template_env = self.env_class(max_episode_steps=limit, **settings)
         # The first reset compiles the model, which stays the same from then on.
         self._template_env.reset()
+        self._task = self._template_env.composer_task
+        self._mdp, self._observations = self._task.mdp, self._template_env.observations
         self._copy_spaces()
         self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
         self._pictures = BatchPictures(self._template_env.environment, self._episodes)
@@ -105,7 +107,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     def __repr__(self) -> str:
         env_id = f"{self.spec.id}, " if self.spec else ""
-        return f"{type(self).__name__}({env_id}{self.composer_task!r}, num_envs={self.num_envs})"
+        return f"{type(self).__name__}({env_id}{self._task!r}, num_envs={self.num_envs})"
 
     @property
     def template_env(self) -> SuiteEnv:
@@ -115,7 +117,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     @property
     def composer_task(self) -> Any:
         """The task of that environment."""
-        return self._template_env.composer_task
+        return self._task
 
     @property
     def instruction(self) -> tuple[str, ...]:
@@ -160,11 +162,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     def _get_obs(self) -> Any:
         """Returns the observations of all environments, in fresh arrays."""
-        return self._template_env.observations(*self._parts())
+        return self._observations(*self._parts())
 
     def suite_observations(self) -> dict[str, NDArray]:
         """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
-        return self._template_env.observations.own(*self._parts())
+        return self._observations.own(*self._parts())
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
@@ -203,7 +205,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """
         self._check_process()
-        task = self.composer_task
+        task = self._task
         seeds = vector_checks.seeds(seed, self.num_envs)
         mask = vector_checks.reset_mask(options, self.num_envs, task.requests.options)
         if self._needs_reset and not mask.all():
@@ -281,7 +283,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self, actions: NDArray[np.float64], waiting: NDArray[np.bool_]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Makes a control step, or starts an episode, except in environments `(n,)` that wait for a reset."""
-        applied = self._template_env.clip_actions(actions)
+        applied = self._template_env.clip_actions(actions) if self._template_env.clips_actions else actions
         self._episodes.check_actions(applied)
         with self._all_or_nothing():
             restarting = self._restarting()

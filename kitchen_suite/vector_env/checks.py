@@ -22,7 +22,7 @@ def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
       TypeError: the actions do not hold real numbers.
       ValueError: the actions have another shape than `space`, or hold NaN or inf.
     """
-    array = checks.array_of(value, "actions")
+    array = value if isinstance(value, np.ndarray) else checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"actions must hold numbers, got {value!r}")
     if array.shape != space.shape:

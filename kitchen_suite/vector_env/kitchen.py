@@ -60,24 +60,26 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return self._episodes.state.mdp.requested_order
 
     def _each(self, name: str) -> tuple[Any, ...]:
-        task = self.composer_task
-        if name not in _WORDS or task.mdp.task_draw is None:
+        if name not in _WORDS or self._mdp.task_draw is None:
             return super()._each(name)
         instructions = [
-            task.requests.instructions_in(order) for order in task.mdp.shown_order(self._episodes.state.mdp)
+            self._task.requests.instructions_in(order) for order in self._mdp.shown_order(self._episodes.state.mdp)
         ]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        task, progress = self.composer_task, self._episodes.state.mdp.progress
-        goals = task.mdp.goals
+        progress, goals = self._episodes.state.mdp.progress, self._mdp.goals
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
             EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
-            **({VARIATION_SPLIT: (task.variations.split,) * self.num_envs} if self._template_env.varies else {}),
-            **({REQUESTED: [task.requests.tasks_in(row) for row in self._orders]} if task.mdp.task_draw else {}),
+            **(
+                {VARIATION_SPLIT: (self._template_env.variation_split,) * self.num_envs}
+                if self._template_env.varies
+                else {}
+            ),
+            **({REQUESTED: [self._task.requests.tasks_in(row) for row in self._orders]} if self._mdp.task_draw else {}),
         }
         return {key: np.fromiter(names, object, self.num_envs) for key, names in lists.items()}

@@ -5,24 +5,18 @@ import inspect
 
 import pytest
 
-from kitchen_suite.environment import composer as observation_updater
 from kitchen_suite.environment import environment
-from kitchen_suite.environment import environment as physics
 from kitchen_suite.environment.composer import PRIVATE_NAMES, check_private_names, names_of
 
 
 def test_the_table_lists_the_private_names_that_the_environment_uses():
     of_composer = set().union(*map(names_of, PRIVATE_NAMES))
-    nodes = [node for module in (environment, observation_updater, physics) for node in ast.walk(parsed(module))]
+    nodes = [*ast.walk(ast.parse(inspect.getsource(environment)))]
     accessed = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     overridden = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
     private = {name for name in accessed | overridden if name.startswith("_") and not name.startswith("__")}
     listed = {name for names in PRIVATE_NAMES.values() for name in names if name.startswith("_")}
     assert private & of_composer == listed
-
-
-def parsed(module):
-    return ast.parse(inspect.getsource(module))
 
 
 @pytest.mark.parametrize("path", PRIVATE_NAMES)
