@@ -127,7 +127,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
             if name:
                 tasks = environments.template_env.environment.task
                 tasks.task_weights = {other: float(other == name) for other in DEFAULT_TASKS}
-            metrics = evaluate(network_controller(policy), environments, range(UNSEEN, UNSEEN + EPISODES))
+            metrics = evaluate(network_controller(policy, environments), environments, range(UNSEEN, UNSEEN + EPISODES))
             counts.append(int(metrics["episode/success"].sum()))
     return counts
 

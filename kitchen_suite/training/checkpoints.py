@@ -114,8 +114,11 @@ def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None
     Raises:
       ValueError: they differ. Damaged state dicts may raise any other exception.
     """
-    if _form(states) != {name: _form(_template(module, states[name])) for name, module in modules.items()}:
-        raise ValueError("it is of other networks or another optimiser")
+    if states.keys() != modules.keys():
+        raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")
+    for name, module in modules.items():
+        if _form(states[name]) != _form(_template(module, states[name])):
+            raise ValueError(f"the state of {name!r} is that of another network or optimiser")
 
 
 def _template(module: Any, state: Mapping[str, Any]) -> dict[str, Any]:
