@@ -190,7 +190,8 @@ OTHER_ARGUMENTS = {
 def test_demonstrations_whose_numbers_mean_something_else_are_refused(tmp_path, recorded, trained, same):
     from kitchen_suite.training.imitation.demonstrations import load_to_clone
 
-    RecordingFolder.create(tmp_path, spec_of("kitchen", "all", **recorded))
+    episodes = spec_of("kitchen", "all", **recorded).episodes(policy="zero", seed=0, seeding="gymnasium")
+    RecordingFolder.create(tmp_path, episodes)
     # A recording without episodes, which is refused only after its arguments have been compared.
     remedy = "record again without obs_type" if "obs_type" in recorded else "pass the same --task_kwargs"
     message = "holds no episodes yet" if same else f"was recorded with .*, but this run has .*: {remedy}"
