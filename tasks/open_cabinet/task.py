@@ -237,11 +237,10 @@ class OpenCabinetTask(SuiteTask):
         self._handle = self._scene.cabinet.handle_geoms(self._drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         self._joint_qpos = columns(physics.bind(self._scene.robot.joints).qposadr)
-        self._joint_range = np.transpose([actuator.range for actuator in self._scene.robot.joint_actuators])
 
     def _reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
-        pose = np.clip(DEFAULT_POSE + offsets, *self._joint_range)
+        pose = np.clip(DEFAULT_POSE + offsets, *self.robot.specification.joint_limits)
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._joint_qpos] = pose
         physics.data.qvel[:] = 0.0
