@@ -15,7 +15,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
-from kitchen_suite.entities import franka
+from kitchen_suite.entities import cabinet, franka
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
 
@@ -309,9 +309,11 @@ _ROOM = (
 
 OPEN_CABINET = (
     *_ROOM,
-    Surface(prefix="cabinet/front_", color=(0.36, 0.47, 0.53), materials=("cabinet/front",), textures=_FRONT_TEXTURES),
-    Surface(prefix="cabinet/carcass_", color=(0.80, 0.79, 0.76), materials=("cabinet/carcass",)),
-    Surface(prefix="cabinet/tray_", color=(0.72, 0.58, 0.42), materials=("cabinet/tray",)),
+    Surface(
+        prefix="cabinet/front_", color=cabinet.COLORS["front"], materials=("cabinet/front",), textures=_FRONT_TEXTURES
+    ),
+    Surface(prefix="cabinet/carcass_", color=cabinet.COLORS["carcass"], materials=("cabinet/carcass",)),
+    Surface(prefix="cabinet/tray_", color=cabinet.COLORS["tray"], materials=("cabinet/tray",)),
     Surface(
         prefix="cabinet/worktop_",
         color=(1, 1, 1),
@@ -322,7 +324,7 @@ OPEN_CABINET = (
             _picture("concrete", "metal1", **_SATIN),
         ),
     ),
-    Surface(prefix="cabinet/handle_", color=(0.80, 0.80, 0.82), materials=("cabinet/metal",)),
+    Surface(prefix="cabinet/handle_", color=cabinet.COLORS["metal"], materials=("cabinet/metal",)),
     _FRANKA,
 )
 

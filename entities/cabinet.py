@@ -3,7 +3,8 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from dm_control import mjcf
@@ -136,6 +137,16 @@ def _check_field(name: str, value: Any, default: float | tuple[float, ...]) -> N
 DRAWERS = ("top", "bottom")
 DOORS = ("left", "right")
 
+# Colours of the materials: red, green and blue from 0 to 1.
+COLORS: Mapping[str, Vector] = MappingProxyType(
+    {
+        "carcass": (0.80, 0.79, 0.76),
+        "front": (0.36, 0.47, 0.53),
+        "tray": (0.72, 0.58, 0.42),
+        "metal": (0.80, 0.80, 0.82),
+    }
+)
+
 # `solimpfriction` of slides and hinges. With MuJoCo's default of 0.9 a drawer creeps by 1 mm in a second under 2 N,
 # which is less than its dry friction.
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
@@ -220,10 +231,10 @@ class Cabinet(Prop):
         asset = self._mjcf_root.asset
         asset.add("texture", name="wood", type="cube", file="kitchen_assets/textures/wood1.png")
         asset.add("material", name="worktop", texture="wood", specular=0.2, shininess=0.3)
-        asset.add("material", name="carcass", rgba=(0.80, 0.79, 0.76, 1), specular=0.1, shininess=0.1)
-        asset.add("material", name="front", rgba=(0.36, 0.47, 0.53, 1), specular=0.3, shininess=0.4)
-        asset.add("material", name="tray", rgba=(0.72, 0.58, 0.42, 1), specular=0.1, shininess=0.1)
-        asset.add("material", name="metal", rgba=(0.80, 0.80, 0.82, 1), specular=0.9, shininess=0.9, reflectance=0.1)
+        asset.add("material", name="carcass", rgba=(*COLORS["carcass"], 1), specular=0.1, shininess=0.1)
+        asset.add("material", name="front", rgba=(*COLORS["front"], 1), specular=0.3, shininess=0.4)
+        asset.add("material", name="tray", rgba=(*COLORS["tray"], 1), specular=0.1, shininess=0.1)
+        asset.add("material", name="metal", rgba=(*COLORS["metal"], 1), specular=0.9, shininess=0.9, reflectance=0.1)
 
     def _add_carcass(self) -> None:
         (depth, width, height), panel, worktop = self._config.size, self._config.panel, self._config.worktop

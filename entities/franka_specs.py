@@ -1,9 +1,12 @@
-"""Specification of a Franka Panda: the parameters in which its models differ; `Franka` builds any of them."""
+"""Specifications of the Franka Panda: those of FrankaKitchen-v1 and of the published model; `Franka` builds either."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
 
@@ -127,6 +130,11 @@ class FrankaSpec:
     def joint_actuators(self) -> tuple[JointActuator, ...]:
         """The nine joints with their actuators: the arm's from the base outwards, then the two fingers'."""
         return (*(link.actuator for link in self.links), *(finger.actuator for finger in self.fingers))
+
+    @property
+    def joint_limits(self) -> NDArray[np.float64]:
+        """Least and greatest position `(2, 9)` of each of these joints [rad, m]."""
+        return np.array([actuator.range for actuator in self.joint_actuators]).T.copy()
 
 
 # A finger collides with a box, and above it six pairs of crossed capsules that narrow towards the tip.

@@ -16,7 +16,7 @@ from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns
 GRIPPER_MODES = ("sampled", "deterministic")
 
 # Limits of the Panda's seven arm joints and of its left finger [rad, m].
-JOINT_LOW, JOINT_HIGH = np.transpose([actuator.range for actuator in PANDA.joint_actuators[:8]]).copy()
+JOINT_LOW, JOINT_HIGH = PANDA.joint_limits[:, :8]
 
 ACTION_SIZE = JOINT_LOW.size
 
@@ -122,7 +122,7 @@ class ArmServos:
     def __init__(self, physics: mjcf.Physics, robot: Franka) -> None:
         """Looks up the joints of a robot in a compiled scene."""
         actuators, joints = robot.joint_actuators[:ARM_SIZE], physics.bind(robot.joints[:ARM_SIZE])
-        self.low, self.high = np.transpose([actuator.range for actuator in actuators])
+        self.low, self.high = robot.specification.joint_limits[:, :ARM_SIZE]
         self._gain = np.array([actuator.gain for actuator in actuators])
         self.lag = np.array([actuator.damping + actuator.velocity_gain for actuator in actuators]) / self._gain
         self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:ARM_SIZE]).ctrlrange)
@@ -147,7 +147,7 @@ class Gripper:
 
     def __init__(self, robot: Franka) -> None:
         """Looks up the range of the fingers."""
-        self.closed, self.open = robot.joint_actuators[-1].range
+        self.closed, self.open = robot.specification.joint_limits[:, -1]
 
     def target(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the targets `(..., 2)` of both fingers [m] for an action `(..., 1)` in [-1, 1]."""
@@ -169,7 +169,7 @@ class JointPosition(ActionMode):
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint targets [rad] and the fingers' target [m]; values beyond the joint limits are clipped."""
-        low, high = np.transpose([actuator.range for actuator in robot.joint_actuators[: ARM_SIZE + 1]])
+        low, high = robot.specification.joint_limits[:, : ARM_SIZE + 1]
         names = [actuator.full_identifier for actuator in robot.actuators[: ARM_SIZE + 1]]
         return specs.BoundedArray(low.shape, np.float64, minimum=low, maximum=high, name="\t".join(names))
 

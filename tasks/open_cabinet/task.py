@@ -189,11 +189,10 @@ class OpenCabinetTask(SuiteTask):
         self._handle = self.scene.cabinet.handle_geoms(self.drawer)
         self._plain_rgba = np.array(physics.bind(self._handle).rgba)
         self._joint_qpos = columns(physics.bind(self.scene.robot.joints).qposadr)
-        self._joint_range = np.transpose([actuator.range for actuator in self.scene.robot.joint_actuators])
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
-        pose = np.clip(DEFAULT_POSE + offsets, *self._joint_range)
+        pose = np.clip(DEFAULT_POSE + offsets, *self.robot.specification.joint_limits)
         physics.data.qpos[:] = 0.0
         physics.data.qpos[self._joint_qpos] = pose
         physics.data.qvel[:] = 0.0
