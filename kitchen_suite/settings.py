@@ -99,7 +99,7 @@ TaskKwargs = Annotated[
 ControlMode = Annotated[
     str,
     Flag(
-        "Meaning of the action, such as joint_position or ee_delta_pose; see docs/control_modes.md.",
+        "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
         unset="the domain's",
     ),
 ]
@@ -107,7 +107,7 @@ Variations = Annotated[
     str,
     Flag(
         "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by "
-        "parameter, as a JSON object; see docs/variations.md.",
+        "parameter, as a JSON object; see docs/guide/variations.md.",
         unset="none",
     ),
 ]

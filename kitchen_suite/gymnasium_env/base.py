@@ -34,7 +34,7 @@ class SuiteEnv(gymnasium.Env):
     The suite's environment draws from the bit generator of `np_random`, which Gymnasium seeds. A copy made by
     `copy.deepcopy` or pickle continues from the state of the original.
 
-    Observation: one array, or a dict by `obs_type`; see docs/observations.md.
+    Observation: one array, or a dict by `obs_type`; see docs/guide/observations.md.
     Info: that of the task's MDP, in arrays of shape `()`, and `episode_step`, the number of control steps.
 
     Attributes:

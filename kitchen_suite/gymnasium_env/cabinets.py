@@ -13,7 +13,7 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 class FrankaOpenCabinetEnv(SuiteEnv):
     """A Franka in front of a cabinet, over `OpenCabinetTask`: it grasps the handle of a drawer and pulls.
 
-    Observation: 25 numbers in [-5, 5], float32; table in docs/open_cabinet.md.
+    Observation: 25 numbers in [-5, 5], float32; table in docs/domains/open_cabinet.md.
     Action: seven joint offsets [rad] and the log odds of closing the gripper, unbounded, float32.
     Info: arrays of shape `()`, which recorders can stack. `reward/<term>` is each of the seven terms of the reward,
       `drawer_opening` the drawer's position [m], `is_success` whether that is 0.3 m or more now, `success_at_any_time`
@@ -33,7 +33,7 @@ class FrankaOpenCabinetEnv(SuiteEnv):
 class FrankaMicrowaveTableEnv(SuiteEnv):
     """A Franka before a microwave on a table, over `MicrowaveTableTask`: it pulls the door open.
 
-    Observation: 23 numbers, float32; table in docs/microwave_table.md.
+    Observation: 23 numbers, float32; table in docs/domains/microwave_table.md.
     Action: seven joint offsets [rad] and the log odds of closing the gripper, in [-1, 1] by default, float32.
     Info: arrays of shape `()`. `reward/<term>` is each of the two terms of the reward, `door_opening` the door's angle
       as a share of its goal, `is_success` whether it is within the threshold now, `success_at_any_time` whether it has

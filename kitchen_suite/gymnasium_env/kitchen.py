@@ -73,7 +73,7 @@ class KitchenObservations(observations.Observations):
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     """FrankaKitchen-v1, keyword for keyword and key for key, over `KitchenTask`.
 
-    Observation: a dict of `observation` (59 numbers, float64; table in docs/kitchen.md), `achieved_goal` and
+    Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
       `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`. With `tasks_per_episode` also
       `requested_tasks` `(n,)` float64, 1 where a task is asked and 0 elsewhere.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.

@@ -43,7 +43,7 @@ def make_spec(
     if spec.task_kwargs.get("obs_type") not in (None, default):
         raise ValueError(
             f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "
-            f"default, {default!r}; leave obs_type out, or learn from pictures as in docs/tutorial.md"
+            f"default, {default!r}; leave obs_type out, or learn from pictures as in docs/guide/tutorial.md"
         )
     spec.make_environment().close()
     return spec

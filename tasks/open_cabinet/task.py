@@ -58,7 +58,7 @@ class OpenCabinetTask(SuiteTask):
     End: discount 0 when the gripper reaches behind the handle or a joint moves faster than 5 rad/s or m/s; discount 1
       at the time limit. Success, an opening of 0.3 m or more, does not end the episode.
     Observations: 25 numbers in six named parts, in single precision, clipped to [-5, 5].
-    Source: franka-open-cabinet of MotrixLab; docs/open_cabinet.md lists the differences and their reasons.
+    Source: franka-open-cabinet of MotrixLab; docs/domains/open_cabinet.md lists the differences and their reasons.
 
     Attributes:
       scene: robot and cabinet in their arena.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from episode_files import load_episode
 
-from kitchen_suite.cli import record, replay
+from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.suite import DOMAINS
 
 pytestmark = pytest.mark.lerobot

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kitchen_suite.environment  # noqa: F401  chooses a GL library, which a command without pictures does not
-from kitchen_suite.cli import record
+from kitchen_suite.cli.commands import record
 
 pytestmark = pytest.mark.clients
 

@@ -1,4 +1,4 @@
-"""Goals of one's own that the expert reaches, and those that it does not, as docs/experts.md says."""
+"""Goals of one's own that the expert reaches, and those that it does not, as docs/guide/experts.md says."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,80 @@
+"""Evaluates policies in the kitchen under every protocol, for the page of results.
+
+python docs/experiments/evaluation.py FOLDER                                    all that have no result yet
+python docs/experiments/evaluation.py FOLDER expert:default random:d4rl         some of them
+python docs/experiments/evaluation.py FOLDER trained:all:default               all seven tasks instead
+
+Each evaluation is one `kitchen-evaluate`, whose JSON is written to results/evaluation/POLICY_PROTOCOL.json, or
+POLICY_TASK_PROTOCOL.json. Those that have this file are skipped. FOLDER keeps the finished episodes: the same command
+continues after an interrupt. It needs the extra `experts`. `docs/scripts/tables.py` makes the tables.
+"""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+
+RESULTS = Path(__file__).parent / "results" / "evaluation"
+
+# Values of --policy.
+POLICIES = ("random", "expert", "trained")
+
+# Policy, sometimes a task instead of the protocol's, and protocol.
+Case = tuple[str, ...]
+
+CASES: tuple[Case, ...] = tuple(
+    case for policy in POLICIES for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
+)
+
+
+def result_file(case: Case) -> Path:
+    """Returns the path of the JSON of an evaluation."""
+    return RESULTS / f"{'_'.join(case)}.json"
+
+
+def command(case: Case, folder: Path) -> list[str]:
+    """Returns the command of an evaluation: a new one, or an interrupted one that is continued."""
+    policy, *task, protocol = case
+    output = folder / "_".join(case)
+    resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
+    flags = [
+        f"--policy={policy}",
+        f"--protocol={protocol}",
+        *(f"--task_name={each}" for each in task),
+        f"--output={output}",
+        f"--json={result_file(case)}",
+    ]
+    return [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, *resume]
+
+
+def cases_of(names: Sequence[str]) -> list[Case]:
+    """Returns the evaluations that arguments name; all without arguments.
+
+    Raises:
+      ValueError: an argument names none.
+    """
+    cases = {":".join(case): case for case in CASES}
+    if unknown := [name for name in names if name not in cases]:
+        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cases)}")
+    return [cases[name] for name in names or cases]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the command; returns the exit status."""
+    try:
+        folder, cases = Path(arguments[0]), cases_of(arguments[1:])
+    except (IndexError, ValueError) as error:
+        print(error if arguments else __doc__, file=sys.stderr)
+        return 2
+    RESULTS.mkdir(exist_ok=True)
+    for case in cases:
+        if not result_file(case).exists():
+            subprocess.run(command(case, folder), check=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,208 @@
+"""Trains and evaluates the baselines of the page on imitation.
+
+python docs/experiments/imitation.py FOLDER                 all that have no result yet
+python docs/experiments/imitation.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
+python docs/experiments/imitation.py FOLDER digests         records the sets, and writes their digests
+python docs/experiments/imitation.py FOLDER kitchen         trains the shipped policy of the whole kitchen
+python docs/experiments/imitation.py FOLDER shift           evaluates under `shift` what was learned from most
+                                                        goal_conditioned demonstrations
+
+A cell is a run of `kitchen-train` on the first demonstrations of a set, recorded by `kitchen-record --preset`, and an
+evaluation of its policy by `kitchen-evaluate`, whose JSON is written to results/imitation/. Cells with such a file are
+skipped. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. It needs
+the extras `experts` and `train`. `docs/scripts/tables.py` makes the tables.
+"""
+
+import json
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
+from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.versions import installed_versions
+
+RESULTS = Path(__file__).parent / "results" / "imitation"
+DIGESTS = Path(__file__).parent / "results" / "demonstrations.json"
+
+# Sets, with the episodes that are recorded, of which more than the greatest count succeed, and the task whose episodes
+# are evaluated: the tasks of the set; all seven; four of the seven, which are shown.
+SETS = {"fixed_order": (600, "complete"), "random_order": (820, "all"), "goal_conditioned": (1650, "random_4")}
+VARIATIONS = "start"
+
+ALGORITHMS = ("bc", "flow", "vqbet")
+COUNTS = (19, 100, 566)
+
+# Flags of every training: small networks, which train within ten minutes on one core, and one evaluation at the end.
+TRAINING = (
+    '--hyperparameters={"width": 256, "batch_size": 256}',
+    *("--num_steps=12000", "--eval_interval=12000", "--eval_episodes=10"),
+)
+
+EPISODES = 100
+
+# Seeds that neither recordings nor training use.
+FIRST_SEED = 400_000_000
+
+
+class Cell(NamedTuple):
+    """A training and its evaluation.
+
+    Attributes:
+      algorithm: value of `--algorithm`.
+      preset: set of demonstrations.
+      count: number of demonstrations.
+      seed: of the training.
+    """
+
+    algorithm: str
+    preset: str
+    count: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return "_".join(map(str, self))
+
+    @property
+    def result(self) -> Path:
+        """Path of its JSON."""
+        return RESULTS / f"{self.name}.json"
+
+
+CELLS = (
+    *(Cell(algorithm, preset, count, 1) for preset in SETS for count in COUNTS for algorithm in ALGORITHMS),
+    *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
+)
+
+# The policy of the whole kitchen has the default networks, and more demonstrations than a cell.
+KITCHEN = Cell("bc", "goal_conditioned", 1500, 1)
+KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episodes=50")
+
+
+def call(command: str, *flags: str) -> str:
+    """Runs a command of the suite; returns its output."""
+    arguments = [sys.executable, "-m", "kitchen_suite", command, *flags]
+    return subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def set_folder(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
+    """Returns the folder of a set; it has a file `complete` once the set has been recorded."""
+    return folder / f"{preset}_{variations or 'original'}"
+
+
+def record(output: Path, preset: str, variations: str = VARIATIONS) -> str:
+    """Records a set, or completes it; returns its digest."""
+    varied = [f"--variations={variations}"] if variations else []
+    count, _ = SETS[preset]
+    printed = call("record", f"--output={output}", f"--preset={preset}", f"--num_episodes={count}", *varied)
+    (output / "complete").touch()
+    return printed.split()[-1]
+
+
+def write_digests(folder: Path) -> None:
+    """Writes the digests of all sets, with the start varied and as it is in the original, and what they depend on."""
+    rows = []
+    for preset, (count, _) in SETS.items():
+        for variations in (VARIATIONS, ""):
+            digest = record(set_folder(folder, preset, variations), preset, variations)
+            rows.append({"preset": preset, "variations": variations, "episodes": count, "digest": digest})
+    result = {"versions": installed_versions(), "machine": platform.machine(), "sets": rows}
+    DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
+    """Trains a cell, or continues; returns the file of the policy, and the minutes."""
+    from kitchen_suite.training import checkpoints
+
+    demonstrations, output, (_, task) = set_folder(folder, cell.preset), folder / cell.name, SETS[cell.preset]
+    if not (demonstrations / "complete").exists():
+        record(demonstrations, cell.preset)
+    run = [
+        f"--output={output}",
+        *("--domain_name=kitchen", f"--task_name={task}", f"--variations={VARIATIONS}"),
+        *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--num_demonstrations={cell.count}"),
+        *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
+    ]
+    call("train", *run, *flags, *(["--resume"] if (output / "training.json").exists() else []))
+    last = checkpoints.load_last(output / f"seed_{cell.seed}")
+    assert last
+    return output / "policy.npz", last.processor_seconds / 60
+
+
+def measure(folder: Path, cell: Cell) -> None:
+    """Trains and evaluates a cell, and writes its JSON."""
+    policy, minutes = train(folder, cell)
+    _, task = SETS[cell.preset]
+    written = folder / f"{cell.name}.json"
+    episodes = (f"--variations={VARIATIONS}", f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}")
+    evaluate(folder, cell.name, policy, written, "--protocol=default", f"--task_name={task}", *episodes)
+    result: dict[str, Any] = {**cell._asdict(), "minutes": minutes, **json.loads(written.read_text(encoding="utf-8"))}
+    RESULTS.mkdir(exist_ok=True)
+    cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def evaluate(folder: Path, name: str, policy: Path, written: Path, *flags: str) -> None:
+    """Evaluates a policy, or continues, with some flags of `kitchen-evaluate`; writes its JSON."""
+    output = folder / f"{name}_episodes"
+    resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
+    own = (f"--policy=trained(file={str(policy)!r})", "--num_threads=1", f"--output={output}", f"--json={written}")
+    call("evaluate", *flags, *own, *resume)
+
+
+def evaluate_shift(folder: Path) -> None:
+    """Evaluates the policies that learned from most goal_conditioned demonstrations under the protocol `shift`."""
+    for algorithm in ALGORITHMS:
+        cell = Cell(algorithm, "goal_conditioned", COUNTS[-1], 1)
+        written = RESULTS.with_name("evaluation") / f"{algorithm}_shift.json"
+        if not written.exists():
+            policy, _ = train(folder, cell)
+            evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
+
+
+def ship(folder: Path) -> None:
+    """Trains the policy of the whole kitchen, and copies it to the package."""
+    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING)
+    shutil.copyfile(policy, SHIPPED / "kitchen.npz")
+
+
+def cells_of(names: Sequence[str]) -> list[Cell]:
+    """Returns the cells that arguments name; all without arguments.
+
+    Raises:
+      ValueError: an argument names none.
+    """
+    cells = {":".join(map(str, cell)): cell for cell in CELLS}
+    if unknown := [name for name in names if name not in cells]:
+        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cells)}")
+    return [cells[name] for name in names or cells]
+
+
+# What the command does instead of training and evaluating cells.
+OTHERS = {"digests": write_digests, "kitchen": ship, "shift": evaluate_shift}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the command; returns the exit status."""
+    try:
+        folder, names = Path(arguments[0]), arguments[1:]
+        work = OTHERS.get(" ".join(names))
+        cells = [] if work else cells_of(names)
+    except (IndexError, ValueError) as error:
+        print(error if arguments else __doc__, file=sys.stderr)
+        return 2
+    if work:
+        work(folder)
+    for cell in cells:
+        if not cell.result.exists():
+            measure(folder, cell)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,209 @@
+"""Pictures and films of the scripted experts and the trained policies.
+
+python docs/scripts/films.py strips    six frames of each task, and of sets of tasks, into docs/pictures/
+python docs/scripts/films.py further   six frames of each of the kitchen's tasks beyond the reference's
+python docs/scripts/films.py trained   six frames of each policy that comes with the package
+python docs/scripts/films.py readme    the moving picture of README: docs/pictures/film.webp
+python docs/scripts/films.py video     all tasks side by side: docs/pictures/experts.mp4 (needs the extra `video`)
+
+All need a GL library; all but `trained` need the extra `experts`.
+"""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from dm_control.mujoco.engine import MovableCamera
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from tqdm import tqdm
+
+from kitchen_suite import policies, suite
+from kitchen_suite.rendering import video
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+
+PICTURES = Path(__file__).resolve().parent.parent / "pictures"
+FRAMES = 6  # In a picture of a task.
+COLUMNS = 3  # Frames in a row of such a picture, and tiles in a row of the video.
+HEIGHT, WIDTH = 240, 320  # Of a frame [pixels].
+SMOOTHING = 2  # Frames are rendered larger by this factor, and reduced: edges of shadows are not smoothed otherwise.
+FRAMES_PER_SECOND = 12.5
+AFTER_SUCCESS = 1.0  # Time that a film goes on after success [s].
+
+# Size of the moving picture of README, its frames per second, quality of its compression, and how long the last frame
+# of an episode is shown [ms].
+FILM_HEIGHT, FILM_WIDTH = 480, 640
+FILM_FRAMES_PER_SECOND = 25
+FILM_QUALITY = 55
+HOLD = 1500
+
+SINGLE_TASKS = [
+    *(("kitchen", task.replace(" ", "_")) for task in DEFAULT_TASKS),
+    *(("open_cabinet", task) for task in suite.TASKS_BY_DOMAIN["open_cabinet"]),
+]
+FURTHER_TASKS = [("kitchen", task.replace(" ", "_")) for task in GOALS if task not in DEFAULT_TASKS]
+SETS = [("kitchen", "complete"), ("kitchen", "mixed"), ("kitchen", "all")]
+
+Frame = NDArray[np.uint8]
+
+
+class View(NamedTuple):
+    """A camera that looks at a point [m] from a distance [m], with azimuth and elevation [degrees]."""
+
+    lookat: tuple[float, float, float]
+    distance: float
+    azimuth: float
+    elevation: float
+
+
+# Views from which one sees the parts of a task; all other tasks are seen from `overview`. The first whose key is in the
+# task's name is taken.
+VIEWS = {
+    "drawer": View((0.42, 0.0, 0.42), 1.75, 128.0, -18.0),
+    "burner": View((-0.15, 0.55, 1.98), 1.75, 62.0, -28.0),
+    "light_switch": View((-0.2, 0.55, 2.1), 1.75, 62.0, -22.0),
+    "hinge_cabinet": View((-0.4, 0.6, 2.3), 2.0, 62.0, -16.0),
+    "slide_cabinet": View((0.1, 0.6, 2.3), 2.0, 62.0, -16.0),
+    "microwave": View((-0.5, 0.4, 1.85), 1.9, 72.0, -30.0),
+    "kettle": View((-0.2, 0.45, 1.8), 1.75, 50.0, -32.0),
+}
+
+
+class Film:
+    """The frames of an episode until shortly after success; each is rendered when it is accessed."""
+
+    def __init__(
+        self,
+        domain: str,
+        task: str,
+        policy_name: str = "expert",
+        *,
+        frames_per_second: float = FRAMES_PER_SECOND,
+        **task_kwargs: Any,
+    ) -> None:
+        """Plays the episode, and stores the physics state of each frame.
+
+        Args:
+          domain: of the suite.
+          task: of the domain.
+          policy_name: of the policy that acts.
+          frames_per_second: of simulated time.
+          **task_kwargs: further keywords of the environment.
+        """
+        # An episode of the kitchen would end with the step that completes the last task, before that can be seen.
+        kwargs = {"terminate_on_tasks_completed": False} if domain == "kitchen" else {}
+        self._environment = suite.load(domain, task, {"random": 0, **kwargs, **task_kwargs})
+        self.view = next((view for key, view in VIEWS.items() if key in task), None)
+        policy = policies.find(policy_name)(self._environment, np.random.default_rng(0))
+        timestep, step = self._environment.reset(), 0
+        self._states = [self._environment.physics.get_state()]
+        #: Names of the completed tasks at each frame.
+        self.completions: list[list[str]] = [[]]
+        control_timestep = self._environment.control_timestep()
+        steps_per_frame = round(1 / (frames_per_second * control_timestep))
+        left = round(AFTER_SUCCESS / control_timestep)
+        while not timestep.last() and left:
+            timestep, step = self._environment.step(policy(timestep)), step + 1
+            left -= bool(self._environment.task.episode_metrics["success"])
+            if step % steps_per_frame == 0:
+                self._states.append(self._environment.physics.get_state())
+                self.completions.append(list(getattr(self._environment.task, "episode_task_completions", ())))
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def __getitem__(self, frame: int) -> Frame:
+        """Renders a frame `(HEIGHT, WIDTH, 3)`."""
+        return self.render(frame, HEIGHT, WIDTH, self.view)
+
+    def render(self, frame: int, height: int, width: int, view: View | None = None) -> Frame:
+        """Renders a frame `(height, width, 3)`; without a view, from the camera `overview`."""
+        physics = self._environment.physics
+        with physics.reset_context():
+            physics.set_state(self._states[frame])
+        size = SMOOTHING * height, SMOOTHING * width
+        if view:
+            camera = MovableCamera(physics, *size)
+            camera.set_pose(*view)
+            picture = camera.render()
+        else:
+            picture = physics.render(*size, camera_id="overview")
+        return np.array(Image.fromarray(picture).reduce(SMOOTHING))
+
+
+def write_strips() -> None:
+    """Writes a picture of the expert for each task."""
+    for domain, task in [*SINGLE_TASKS, *SETS]:
+        write_strip(f"expert_{task}", Film(domain, task))
+
+
+def write_further_strips() -> None:
+    """Writes a picture of the expert for each of the kitchen's tasks beyond the reference's."""
+    for domain, task in FURTHER_TASKS:
+        write_strip(f"expert_{task}", Film(domain, task))
+
+
+def write_trained_strips() -> None:
+    """Writes a picture of each policy that comes with the package."""
+    for name, reward in (("top_drawer", "original"), ("top_drawer_grasp", "grasp")):
+        write_strip(f"trained_{name}", Film("open_cabinet", "top_drawer", "trained", reward=reward))
+
+
+def write_strip(name: str, film: Film) -> None:
+    """Writes frames evenly spread over a film, row by row."""
+    frames = [film[i] for i in np.linspace(0, len(film) - 1, FRAMES).round().astype(int)]
+    rows = [np.hstack(frames[start : start + COLUMNS]) for start in range(0, FRAMES, COLUMNS)]
+    Image.fromarray(np.vstack(rows)).save(PICTURES / f"{name}.jpg", quality=88, optimize=True)
+    print(f"{name}: {len(film)} frames")
+
+
+def write_readme_film() -> None:
+    """Films the expert at all seven tasks of the kitchen, at twice the speed, and at the top drawer."""
+    kitchen = Film("kitchen", "all", frames_per_second=FILM_FRAMES_PER_SECOND / 2)
+    cabinet = Film("open_cabinet", "top_drawer", frames_per_second=FILM_FRAMES_PER_SECOND)
+    pictures = [Image.fromarray(frame) for film in (kitchen, cabinet) for frame in captioned(film)]
+    durations = [1000 // FILM_FRAMES_PER_SECOND] * len(pictures)
+    durations[len(kitchen) - 1] = durations[-1] = HOLD
+    first, *others = pictures
+    path = PICTURES / "film.webp"
+    options = {"duration": durations, "loop": 0, "quality": FILM_QUALITY, "method": 4}
+    first.save(path, save_all=True, append_images=others, **options)
+    print(f"{path.name}: {len(pictures)} frames, {path.stat().st_size / 1e6:.1f} MB")
+
+
+def captioned(film: Film) -> Iterator[Frame]:
+    """Yields the frames of a film with the names of the tasks that have been completed."""
+    view = film.view
+    for i, completions in enumerate(tqdm(film.completions, unit="frame", disable=None)):
+        image = Image.fromarray(film.render(i, FILM_HEIGHT, FILM_WIDTH, view))
+        draw = ImageDraw.Draw(image)
+        for row, name in enumerate(completions):
+            text = {"xy": (12, FILM_HEIGHT - 24 * (row + 1) - 4), "text": name, "font_size": 18}
+            draw.text(**text, fill="white", stroke_width=2, stroke_fill=(60, 60, 60))
+        yield np.array(image)
+
+
+def write_video() -> None:
+    """Films all tasks side by side; each shows its last frame until the longest has ended."""
+    films = [Film(domain, task) for domain, task in SINGLE_TASKS]
+    size = {"height": HEIGHT * (len(films) // COLUMNS), "width": WIDTH * COLUMNS}
+    with video.open_video(PICTURES / "experts.mp4", **size, frames_per_second=FRAMES_PER_SECOND) as add_frame:
+        for i in tqdm(range(max(map(len, films)))):
+            tiles = [film[min(i, len(film) - 1)] for film in films]
+            rows = [np.hstack(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
+            add_frame(np.vstack(rows))
+
+
+if __name__ == "__main__":
+    commands = {
+        "strips": write_strips,
+        "further": write_further_strips,
+        "trained": write_trained_strips,
+        "readme": write_readme_film,
+        "video": write_video,
+    }
+    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+        sys.exit(__doc__)
+    commands[sys.argv[1]]()

@@ -1,0 +1,401 @@
+"""The tables of measurements, from the results in docs/experiments/results/: `RESULT_TABLES`."""
+
+import functools
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tabulate import tabulate
+
+from kitchen_suite import suite
+from kitchen_suite.benchmarks import benchmark_job
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.variations.distributions import GROUPS
+
+RESULTS = Path(__file__).resolve().parent.parent / "experiments" / "results"
+
+
+def read_results(name: str) -> Any:
+    """Returns the results of a measurement, by the name of its file."""
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Returns a table in markdown."""
+    return tabulate([[*map(str, row)] for row in rows], header, tablefmt="github", disable_numparse=True) + "\n"
+
+
+def benchmark_table(name: str) -> str:
+    """Returns the tables of a result of `kitchen-benchmark --json`."""
+    return benchmark_job.markdown(read_results(name))
+
+
+def tracking_table() -> str:
+    """Returns the table of drift and lines, from the result of `docs/experiments/control_modes.py tracking`."""
+    rows = [
+        (
+            row["domain"],
+            f"`{row['control_mode']}`",
+            f"{1e3 * row['drift']:.2f}",
+            f"{row['turn']:.2f}",
+            *(f"{1e3 * row[key]:.1f}" if key in row else "" for key in ("lateral", "shortfall")),
+            f"{row['rotation']:.2f}" if "rotation" in row else "",
+        )
+        for row in read_results("control_modes_tracking")
+    ]
+    header = ("domain", "mode", "drift [mm]", "drift [°]", "off the line [mm]", "short of its end [mm]", "rotation [°]")
+    return markdown(header, rows)
+
+
+def control_speed_table() -> str:
+    """Returns the table of speeds, from the result of `docs/experiments/control_modes.py speed`."""
+    rows = [
+        (f"`{row['control_mode']}`", f"{row['median']:.2f}", "{:.2f} to {:.2f}".format(*row["quartiles"]))
+        for row in read_results("control_modes_speed")
+    ]
+    return markdown(("mode", "speed relative to `joint_velocity`", "quartiles"), rows)
+
+
+def reward_table() -> str:
+    """Returns the table of what `docs/experiments/kitchen_rewards.py` has measured."""
+    header = (
+        "task",
+        "`original`: successes (steps)",
+        "`strict`: successes (steps)",
+        "greatest fall",
+        "greatest potential before completion",
+        "`dense`: expert, standing still",
+        "`dense_gain`: expert, standing still",
+    )
+    return markdown(header, map(_reward_row, read_results("kitchen_rewards")))
+
+
+def _reward_row(result: dict[str, Any]) -> tuple[str, ...]:
+    successes = (
+        f"{result[f'{name}_success']} of {result['episodes']} ({result[f'{name}_steps']:.0f})"
+        for name in ("original", "strict")
+    )
+    return (
+        f"`{result['task']}`",
+        *successes,
+        f"{result['greatest_fall']:.3f}",
+        f"{result['greatest_potential']:.2f}",
+        f"{result['dense_return']:.0f}, {result['dense_waiting']:.1f}",
+        f"{result['gain_return']:.3f}, {result['gain_waiting']:.3f}",
+    )
+
+
+def failed_table() -> str:
+    """Returns the table of failed episodes that `failed_returns.py` has measured, beside the expert's returns."""
+    failed = {(row["task"], row["reward"]): row for row in read_results("failed_returns")}
+    expert = {row["task"]: row for row in read_results("kitchen_rewards")}
+    rows = [
+        (
+            f"`{task}`",
+            *_failed_cells(failed[task, "dense"], expert[task]["dense_return"]),
+            *_failed_cells(failed[task, "dense_gain"], expert[task]["gain_return"]),
+        )
+        for task in DEFAULT_TASKS
+    ]
+    measures = ("failed episodes", "their greatest return", "least return of the expert")
+    return markdown(("task", *(f"`{reward}`: {name}" for reward in ("dense", "dense_gain") for name in measures)), rows)
+
+
+def _failed_cells(failed: dict[str, Any], expert_return: float) -> tuple[str, ...]:
+    greatest = failed["greatest_return"]
+    return str(failed["episodes"]), "none" if greatest is None else f"{greatest:.3g}", f"{expert_return:.3g}"
+
+
+_ONE = "random_1"
+
+# Fractions of episodes with at least 1 to 7 tasks completed.
+_RATES = tuple(f"p{number}" for number in range(1, 8))
+
+# Networks that `docs/experiments/sequences.py` has measured.
+_TRAINED_ON = {"single": "one task at a time", "sequences": "sequences"}
+
+
+def _measures(row: dict[str, Any]) -> Iterable[str]:
+    """Returns the cells of a run's seed, control steps and times."""
+    return (str(row["seed"]), f"{row['steps']:,}", f"{row['minutes']:.1f}", f"{row['processor_minutes']:.1f}")
+
+
+def training_table() -> str:
+    """Returns the table of the runs of single tasks."""
+    rows = [
+        (f"`{row['task']}`", *_measures(row), f"{row['success'][0]} of {row['episodes']}")
+        for row in read_results("training")
+        if row["task"] != _ONE
+    ]
+    return markdown(("task", "seed", "control steps", "minutes", "processor minutes", "successes"), rows)
+
+
+def network_table() -> str:
+    """Returns the table of the runs of one network for the seven tasks; a row for each run, a column for each task."""
+    rows = [(*_measures(row), *row["success"]) for row in read_results("training") if row["task"] == _ONE]
+    return markdown(("seed", "control steps", "minutes", "processor minutes", *DEFAULT_TASKS), rows)
+
+
+def sequence_table() -> str:
+    """Returns the table of sequences of tasks, by what a network was trained on."""
+    paths = [path for policy in _TRAINED_ON for path in sorted(RESULTS.glob(f"sequences/{policy}_*.json"))]
+    rows = []
+    for path in paths:
+        result, (policy, length) = read_results(f"sequences/{path.stem}"), path.stem.split("_")
+        rates = [rate(result, name) for name in _RATES]
+        rows.append((_TRAINED_ON[policy], length, str(result["num_episodes"]), *rates, f"{result['mean_tasks']:.2f}"))
+    return markdown(("trained on", "tasks asked", "episodes", *_RATES, "mean tasks"), rows)
+
+
+def training_speed_table() -> str:
+    """Returns the table of the speed of training, and what takes its time."""
+    rows = [
+        (
+            row["settings"],
+            row["threads"],
+            f"{row['steps_per_second']:,.0f}",
+            f"{row['environments']:.0%}",
+            f"{row['update']:.0%}",
+        )
+        for row in read_results("training_speed")
+    ]
+    return markdown(("hyperparameters", "threads", "control steps per second", "environments", "update"), rows)
+
+
+def varied_expert_table() -> str:
+    """Returns the table of the experts' successes, from `docs/experiments/variations.py experts`."""
+    rows = [
+        (
+            row["domain"],
+            f"`{row['task']}`",
+            _group_names(row["groups"]),
+            row["split"].replace("_", " "),
+            f"{row['success']} of {row['episodes']} ({100 * row['success'] / row['episodes']:.1f} %)",
+            row["refused_layouts"],
+        )
+        for row in read_results("variations_experts")
+    ]
+    return markdown(("domain", "task", "groups", "split", "successes", "refusals"), rows)
+
+
+def layout_table() -> str:
+    """Returns the table of refused layouts, from `docs/experiments/variations.py layouts`."""
+    rows = [
+        (
+            row["domain"],
+            f"`{row['task']}`",
+            row["split"].replace("_", " "),
+            row["draws"],
+            f"{row['refused']} ({100 * row['refused'] / row['draws']:.1f} %)",
+        )
+        for row in read_results("variations_layouts")
+    ]
+    return markdown(("domain", "task", "split", "episodes", "first layout refused"), rows)
+
+
+def variation_speed_table() -> str:
+    """Returns the table of speeds relative to no variation, from `docs/experiments/variations.py speed`."""
+    rows = [
+        (
+            row["domain"],
+            _group_names(row["groups"]),
+            f"{row['median']:.3f}",
+            "{:.3f} to {:.3f}".format(*row["quartiles"]),
+        )
+        for row in read_results("variations_speed")
+    ]
+    return markdown(("domain", "groups", "speed", "quartiles"), rows)
+
+
+def _group_names(groups: str | Sequence[str]) -> str:
+    names = groups.split(",") if isinstance(groups, str) else groups
+    if {*names} == {*GROUPS}:
+        return "all"
+    return ", ".join(f"`{name}`" for name in names) or "none"
+
+
+_MOST = 7
+
+
+def results() -> Iterator[Mapping[str, Any]]:
+    """Yields the committed results, in the order of the protocols and of the files' names.
+
+    These are POLICY_PROTOCOL.json or POLICY_TASK_PROTOCOL.json; each result has the policy's name in its file's.
+    """
+    for name in PROTOCOLS:
+        for path in sorted(RESULTS.glob(f"evaluation/*_{name}.json")):
+            result = json.loads(path.read_text(encoding="utf-8"))
+            yield {**result, "policy": path.stem.partition("_")[0]}
+
+
+def evaluation_table() -> str:
+    """Returns the table of the results of all protocols but `shift`; a row for each condition."""
+    rows = [
+        (
+            f"`{result['protocol']}`",
+            f"`{name}`",
+            result["policy"],
+            result["num_episodes"],
+            *(rate(condition, f"p{number}") for number in range(1, _MOST + 1)),
+            with_interval(condition, "mean_tasks"),
+            with_interval(condition, "success"),
+            _score(result, condition),
+            f"{condition['order_entropy']:.2f}",
+            f"{condition['control_steps']:.0f}",
+        )
+        for result in results()
+        if result["protocol"] != "shift"
+        for name, condition in result["conditions"].items()
+    ]
+    rates = (f"p{number}" for number in range(1, _MOST + 1))
+    means = ("mean tasks", "success", "score", "order entropy", "steps")
+    header = ("protocol", "condition", "policy", "episodes", *rates, *means)
+    return markdown(header, rows)
+
+
+def summary_table() -> str:
+    """Returns the table of the main scores of all protocols but `shift`; a row for each condition."""
+    rows = [
+        (
+            f"`{result['protocol']}`",
+            f"`{name}`",
+            result["policy"],
+            result["num_episodes"],
+            rate(condition, "p4"),
+            with_interval(condition, "mean_tasks"),
+            rate(condition, "success"),
+            _score(result, condition),
+        )
+        for result in results()
+        if result["protocol"] != "shift" and result["policy"] != "random"
+        for name, condition in result["conditions"].items()
+    ]
+    header = ("protocol", "condition", "policy", "episodes", "p4", "mean tasks", "success", "score")
+    return markdown(header, rows)
+
+
+def shift_summary_table() -> str:
+    """Returns the table of p4 of each policy in each condition of `shift`."""
+    return _shift_table(rate)
+
+
+def shift_table() -> str:
+    """Returns the table of p4 with its interval, of each policy in each condition of `shift`."""
+    return _shift_table(with_interval)
+
+
+def _shift_table(cell: Callable[[Mapping[str, Any], str], str]) -> str:
+    found = {result["policy"]: result["conditions"] for result in results() if result["protocol"] == "shift"}
+    rows = [
+        (f"`{condition.name}`", *(cell(each[condition.name], "p4") for each in found.values()))
+        for condition in PROTOCOLS["shift"].conditions
+    ]
+    return markdown(("condition", *found), rows)
+
+
+def task_rate_table() -> str:
+    """Returns the table of the rates of single tasks, in the first condition of each result."""
+    found = [*results()]
+    tasks = sorted({task for result in found for task in result["task_rates"]})
+    rows = [
+        (f"`{result['protocol']}`", result["policy"], *(_task_rate(result["task_rates"].get(task)) for task in tasks))
+        for result in found
+    ]
+    return markdown(("protocol", "policy", *tasks), rows)
+
+
+def rate(condition: Mapping[str, Any], name: str) -> str:
+    """Returns a number of a result; nothing if it has none of that name."""
+    return f"{condition[name]:.3g}" if name in condition else ""
+
+
+def with_interval(condition: Mapping[str, Any], name: str) -> str:
+    """Returns a mean of a result with its interval."""
+    low, high = condition["intervals"][name]
+    return f"{condition[name]:.3g} ({low:.2f} to {high:.2f})"
+
+
+def _score(result: Mapping[str, Any], condition: Mapping[str, Any]) -> str:
+    score = PROTOCOLS[result["protocol"]].score
+    return f"{condition[score.name]:.3g}" if score else ""
+
+
+def _task_rate(row: Mapping[str, Any] | None) -> str:
+    return f"{row['completed']} of {row['asked']}" if row else ""
+
+
+def imitation_table() -> str:
+    """Returns the table of the trained and evaluated policies of docs/experiments/imitation.py."""
+    found = [
+        # The seed in the file is the evaluation's; the name has that of the training.
+        {**json.loads(path.read_text(encoding="utf-8")), "seed": int(path.stem.rpartition("_")[2])}
+        for path in RESULTS.glob("imitation/*.json")
+    ]
+    presets = ("fixed_order", "random_order", "goal_conditioned")
+    algorithms = ("bc", "flow", "vqbet")
+    found.sort(
+        key=lambda each: (
+            each["seed"],
+            presets.index(each["preset"]),
+            each["count"],
+            algorithms.index(each["algorithm"]),
+        )
+    )
+    rows = [
+        (
+            f"`{result['preset']}`",
+            result["count"],
+            f"`{result['algorithm']}`",
+            result["seed"],
+            *(f"{result[f'p{number}']:.2f}" for number in range(1, 5)),
+            with_interval(result, "mean_tasks"),
+            f"{result['order_entropy']:.2f}",
+            f"{result['minutes']:.1f}",
+        )
+        for result in found
+    ]
+    rates = (f"p{number}" for number in range(1, 5))
+    header = ("set", "demonstrations", "`--algorithm`", "seed", *rates, "mean tasks", "order entropy", "minutes")
+    return markdown(header, rows)
+
+
+def digest_table() -> str:
+    """Returns the table of the digests of the sets of demonstrations, and what they depend on."""
+    result = read_results("demonstrations")
+    rows = [
+        (f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["episodes"], row["digest"])
+        for row in result["sets"]
+    ]
+    table = markdown(("`--preset`", "`--variations`", "`--num_episodes`", "SHA-256"), rows)
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    return f"{table}\n\nWith {versions}, on {result['machine']}."
+
+
+RESULT_TABLES: dict[str, Callable[[], str]] = {
+    "control_modes_tracking": tracking_table,
+    "control_modes_speed": control_speed_table,
+    "kitchen_rewards": reward_table,
+    "failed_returns": failed_table,
+    "training_tasks": training_table,
+    "training_network": network_table,
+    "training_sequences": sequence_table,
+    "training_speed": training_speed_table,
+    "variations_experts": varied_expert_table,
+    "variations_layouts": layout_table,
+    "variations_speed": variation_speed_table,
+    "evaluation_results": evaluation_table,
+    "evaluation_shift": shift_table,
+    "evaluation_summary": summary_table,
+    "evaluation_shift_summary": shift_summary_table,
+    "evaluation_tasks": task_rate_table,
+    "imitation_results": imitation_table,
+    "digests": digest_table,
+    **{
+        f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
+        for domain, record in suite.DOMAINS.items()
+        if record.benchmark
+        for measure in benchmark_job.TABLES
+    },
+}

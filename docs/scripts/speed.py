@@ -1,0 +1,132 @@
+"""Measures of which the pages have figures; each prints a table.
+
+python docs/scripts/speed.py policies            processor time of an action of the policies that come with the package
+python docs/scripts/speed.py stable_baselines3   control steps per second of its adapter and of its own `DummyVecEnv`
+python docs/scripts/speed.py web                 size of a web page of 280 control steps, and the time to make it
+"""
+
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from tabulate import tabulate
+
+from kitchen_suite import policies, suite
+from kitchen_suite.policies import load_policy
+from kitchen_suite.policies.trained import SHIPPED
+
+ACTIONS = 2_000
+
+# Environments of Stable-Baselines3 with their arguments, their number, and the steps and rounds of the comparison.
+ADAPTED = {
+    "KitchenSuite/FrankaKitchen-v1": {"goal_format": "flat"},
+    "KitchenSuite/FrankaOpenCabinet-v1": {"action_limit": 0.02},
+}
+NUM_ENVS, STEPS, ROUNDS = 16, 100, 5
+
+WEB_STEPS = 280
+
+
+def milliseconds(name: str) -> float:
+    """Returns the median time of an action of a policy [ms]."""
+    policy = load_policy(SHIPPED / f"{name}.npz")
+    metadata, times = policy.metadata, []
+    kwargs = {**metadata["task_kwargs"], "visuals": False}
+    with suite.load(metadata["domain_name"], metadata["task_name"], kwargs) as environment:
+        act = policy.episode(environment.task, np.random.default_rng(0))
+        timestep = environment.reset()
+        for _ in range(ACTIONS):
+            started = time.process_time()
+            action = act(timestep)
+            times.append(time.process_time() - started)
+            timestep = environment.step(action)
+            if timestep.last():
+                timestep = environment.reset()
+    return 1000 * statistics.median(times)
+
+
+def measure_policies() -> None:
+    """Prints the median time of 2,000 actions of each policy, all threads together."""
+    rows = [(path.stem, f"{milliseconds(path.stem):.3f}") for path in sorted(SHIPPED.glob("*.npz"))]
+    print(tabulate(rows, headers=("policy", "milliseconds of an action")))
+
+
+def rate(environments, actions):
+    """Returns control steps per second, over all environments."""
+    environments.reset()
+    started = time.perf_counter()
+    for action in actions:
+        environments.step(action)
+    return len(actions) * environments.num_envs / (time.perf_counter() - started)
+
+
+def adapter_row(name, settings):
+    """Returns a row of the table: name, median rates of both, which alternate, and the median of their ratios."""
+    from stable_baselines3.common.env_util import make_vec_env
+
+    from kitchen_suite.bridges import stable_baselines3
+
+    env_id = f"kitchen_suite.gymnasium_env:{name}"
+    fast = stable_baselines3.make_vec_env(env_id, NUM_ENVS, num_threads=1, **settings)
+    plain = make_vec_env(env_id, NUM_ENVS, env_kwargs=settings)
+    space = plain.action_space
+    actions = np.random.default_rng(0).uniform(space.low, space.high, (STEPS, NUM_ENVS, *space.shape))
+    rates = [(rate(plain, actions), rate(fast, actions)) for _ in range(ROUNDS)]
+    ratio = statistics.median(one / other for other, one in rates)
+    return name, *(statistics.median(column) for column in zip(*rates, strict=True)), ratio
+
+
+def measure_adapter() -> None:
+    """Prints the speed of Stable-Baselines3 with random actions, on one thread."""
+    headers = [f"{NUM_ENVS} environments", "DummyVecEnv", "SuiteVecEnv", "ratio"]
+    rows = [adapter_row(name, settings) for name, settings in ADAPTED.items()]
+    print(tabulate(rows, headers, "github", floatfmt=(None, ",.0f", ",.0f", ".2f")))
+
+
+def web_row(domain: str, path: Path) -> str:
+    """Returns the row of a domain, after its page has been written to a path.
+
+    The time is that of making the scene, of the frames and of writing the page, without that of the episode.
+    """
+    import mjviser  # noqa: F401
+
+    from kitchen_suite.rendering import cameras
+    from kitchen_suite.rendering.web_page import WebPage
+    from kitchen_suite.rendering.web_scenes import SceneRecorder
+
+    options = {"visuals": True, "render_quality": "fast"}
+    environment = suite.load(domain, suite.default_task(domain), task_kwargs={**options, "random": 0})
+    timestep = environment.reset()
+    policy = policies.POLICIES["random"](environment, np.random.default_rng(0))
+    seconds, page = 0.0, WebPage()
+    with SceneRecorder() as recorder:
+        started = time.perf_counter()
+        recorder.start(environment.physics, cameras.find_camera(environment.physics, "overview"))
+        seconds += time.perf_counter() - started
+        for _ in range(WEB_STEPS):
+            timestep = environment.step(policy(timestep))
+            started = time.perf_counter()
+            recorder.add_frame(environment.physics, environment.control_timestep())
+            seconds += time.perf_counter() - started
+        started = time.perf_counter()
+        page.add(recorder.finish(1.0), {"name": domain, "tasks": [], "rewards": [], "returns": [], "metrics": {}})
+        path.write_text(page.html(domain), "utf-8")
+        seconds += time.perf_counter() - started
+    return f"| {domain} | {path.stat().st_size / 1e6:.1f} MB | {seconds:.1f} s |"
+
+
+def measure_web() -> None:
+    """Prints sizes and times of web pages."""
+    with tempfile.TemporaryDirectory() as folder:
+        for domain in suite.DOMAINS:
+            print(web_row(domain, Path(folder) / "page.html"), flush=True)
+
+
+if __name__ == "__main__":
+    commands = {"policies": measure_policies, "stable_baselines3": measure_adapter, "web": measure_web}
+    if len(sys.argv) != 2 or sys.argv[1] not in commands:
+        sys.exit(__doc__)
+    commands[sys.argv[1]]()

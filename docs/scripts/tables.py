@@ -1,0 +1,670 @@
+"""The tables of the pages that are made from the code: tasks, spaces, parameters and their defaults.
+
+python docs/scripts/tables.py   rewrites the tables between their markers in the pages below docs/
+
+`result_tables.py` has the tables of measurements.
+"""
+
+import collections
+import dataclasses
+import functools
+import inspect
+import itertools
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import gymnasium
+import numpy as np
+from dm_control import composer, mjcf
+from gymnasium import spaces
+from numpy.typing import NDArray
+from result_tables import RESULT_TABLES, markdown
+
+from kitchen_suite import entities, suite
+from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
+from kitchen_suite.entities import appearance as surfaces
+from kitchen_suite.entities.props import BURNERS
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
+from kitchen_suite.tasks.episode import sensing_parameters
+from kitchen_suite.tasks.kitchen import observation
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES as KITCHEN_MODES
+from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
+from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES as MICROWAVE_TABLE_MODES
+from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
+from kitchen_suite.tasks.observables import offered
+from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
+from kitchen_suite.tasks.open_cabinet import reward as drawer_grasp_reward
+from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
+from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
+from kitchen_suite.tasks.variations import appearance, distributions
+from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.imitation.methods import FlowHyperparameters, ImitationHyperparameters, TokenHyperparameters
+
+DOCS = Path(__file__).resolve().parent.parent
+_MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def with_tables(page: str) -> str:
+    """Returns a page with its tables regenerated."""
+    return _MARKED.sub(lambda match: f"{match[1]}\n{TABLES[match[2]]()}\n{match[3]}", page)
+
+
+def first_line(documented: object) -> str:
+    """Returns the first line of a docstring, with the bars escaped for a cell of a table."""
+    return (inspect.getdoc(documented) or "").splitlines()[0].replace("|", "\\|")
+
+
+def attributes(documented: type) -> dict[str, str]:
+    """Returns the names and texts of the section `Attributes` of a docstring."""
+    section = (inspect.getdoc(documented) or "").split("Attributes:\n", 1)[1]
+    entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
+    return {name: re.sub(r"\s+", " ", text) for name, text in entries}
+
+
+def code_list(names: Iterable[str]) -> str:
+    """Returns names in a cell of a table."""
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Returns numbers as text, with at most four decimals."""
+    return ", ".join(f"{round(value, 4) + 0.0:g}" for value in values)
+
+
+# Tasks.
+
+
+def task_table(domain: str) -> str:
+    """Returns the table of a domain's tasks."""
+    record = suite.DOMAINS[domain]
+    rows = [
+        (f"`{task}`", arguments_text(arguments), f"`{record.task_ids[task]}`", record.episode_steps)
+        for task, arguments in record.tasks.items()
+    ]
+    return markdown(("task", "arguments", "Gymnasium id", "control steps"), rows)
+
+
+def arguments_text(arguments: Mapping[str, object]) -> str:
+    """Returns arguments as text, such as `drawer`: top."""
+    values = {
+        name: ", ".join(map(str, value)) if isinstance(value, tuple) else value for name, value in arguments.items()
+    }
+    return "; ".join(f"`{name}`: {value}" for name, value in values.items())
+
+
+def set_table() -> str:
+    """Returns the table of the kitchen's tasks that ask for several goals; those that draw them share a row."""
+    record = suite.DOMAINS["kitchen"]
+    rows, drawn = [], []
+    for task, arguments in record.tasks.items():
+        goals = arguments["tasks_to_complete"]
+        if "tasks_per_episode" in arguments:
+            drawn.append(task)
+        elif len(goals) > 1:
+            names = "the first seven below" if goals == DEFAULT_TASKS else ", ".join(goals)
+            rows.append((f"`{task}`", names, f"`{record.task_ids[task]}`"))
+    first, last = drawn[0], drawn[-1]
+    ids = f"`{record.task_ids[first]}` to `{record.task_ids[last]}`"
+    rows.append((f"`{first}` to `{last}`", "as many of the first seven, drawn at each reset", ids))
+    return markdown(("task", "goals", "Gymnasium id"), rows)
+
+
+def goal_table() -> str:
+    """Returns the table of the goals of the kitchen, with the ranges of their joints."""
+    environment = suite.load("kitchen", "all", {"visuals": False})
+    environment.reset()
+    kitchen, rows = environment.task.scene, []
+    for task, goal in GOALS.items():
+        elements = [9 + element for element in goal.elements_in(kitchen)]
+        places = f"{elements[0]}-{elements[-1]}" if len(elements) > 1 else str(elements[0])
+        joints = [joint for joint in goal.joints_in(kitchen) if joint.tag == "joint"]
+        ranges = environment.physics.bind(joints).range if joints else ()
+        bounds = ", ".join(f"{low:.2f} to {high:.2f}" for low, high in ranges)
+        rows.append((f"`{task}`", places, numbers(goal.value), numbers(goal.start or ()), bounds or "free"))
+    return markdown(("task", "qpos", "goal", "start", "range of the joints"), rows)
+
+
+# Pictures of tasks that have no picture of their own.
+_OTHER_PICTURES = {"partial": "expert_complete.jpg", "open": "microwave_table.jpg"}
+
+_INSTRUCTIONS = {
+    **{name.replace(" ", "_"): goal.instructions[0] for name, goal in GOALS.items()},
+    **{f"{drawer}_drawer": instructions[0] for drawer, instructions in DRAWER_INSTRUCTIONS.items()},
+    "open": MICROWAVE_GOAL.instructions[0],
+}
+
+
+def gallery(domain: str) -> str:
+    """Returns the gallery of a domain's tasks, those that are drawn at each reset left out."""
+    return "\n\n".join(_entries(domain)) + "\n"
+
+
+def _entries(domain: str) -> Iterator[str]:
+    record = suite.DOMAINS[domain]
+    for task, arguments in record.tasks.items():
+        picture = _OTHER_PICTURES.get(task, f"expert_{task}.jpg")
+        if "tasks_per_episode" not in arguments:
+            asked = _INSTRUCTIONS.get(task) or "; ".join(arguments["tasks_to_complete"])
+            yield f"### {task}\n\n{asked[0].upper()}{asked[1:]}. `{record.task_ids[task]}`"
+            yield f"![{asked}](../pictures/{picture})"
+
+
+# Specs, spaces and observations.
+
+
+def id_table() -> str:
+    """Returns the table of the Gymnasium ids."""
+    rows = [
+        (f"`{name}`", f"`{record.env_id}`", code_list(record.task_ids.values()))
+        for name, record in suite.DOMAINS.items()
+    ]
+    return markdown(("domain", "id for any of its tasks", "ids of its tasks"), rows)
+
+
+_UNITS = {"hinge": "rad", "slide": "m", None: "rad"}
+_FREE_POSITIONS = [(part, "m") for part in "xyz"] + [(f"q{part}", "1") for part in "wxyz"]
+_FREE_VELOCITIES = [(f"v{part}", "m/s") for part in "xyz"] + [(f"ω{part} in its own frame", "rad/s") for part in "xyz"]
+
+
+def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, str]]:
+    """Returns the name and unit of each element of the observation that belongs to a joint."""
+    if joint.tag == "freejoint":
+        prefix = joint.parent.full_identifier.strip("/")
+        return [(f"{prefix} {part}", unit) for part, unit in (_FREE_VELOCITIES if velocity else _FREE_POSITIONS)]
+    kind = joint.type or (joint.dclass and joint.dclass.joint.type)
+    return [(joint.name, _UNITS[kind] + ("/s" if velocity else ""))]
+
+
+def observation_table() -> str:
+    """Returns the table of the 59 elements of the kitchen's observation; neighbours that are alike share a row."""
+    kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
+    noise_scale = observation.scale(robot_ratio=0.01, object_ratio=0.0005)
+    parts = (
+        ("franka/joint_positions", kitchen.robot.joints, False),
+        ("franka/joint_velocities", kitchen.robot.joints, True),
+        ("object_positions", kitchen.object_joints, False),
+        ("object_velocities", kitchen.object_joints, True),
+    )
+    elements = [
+        (key, *element)
+        for key, joints, velocity in parts
+        for joint in joints
+        for element in joint_elements(joint, velocity=velocity)
+    ]
+    numbered = [
+        (number, name, (key, unit, f"±{size:.3g}"))
+        for number, ((key, name, unit), size) in enumerate(zip(elements, noise_scale, strict=True))
+    ]
+    rows = []
+    for (key, unit, size), group in itertools.groupby(numbered, key=lambda row: row[2]):
+        indices, names, _ = zip(*group, strict=True)
+        rows.append((span(indices[0], indices[-1]), f"`{key}`", ", ".join(names), unit, size))
+    return markdown(("index", "key", "elements", "unit", "noise by default"), rows)
+
+
+def span(first: int, last: int) -> str:
+    """Returns the text of a range of indices."""
+    return str(first) if first == last else f"{first}-{last}"
+
+
+def cabinet_observation_table() -> str:
+    """Returns the table of the parts of open_cabinet's observation."""
+    rows = []
+    for name, part in drawer_observation.PARTS.items():
+        part_slice = drawer_observation.SLICES[name]
+        rows.append(
+            (span(part_slice.start, part_slice.stop - 1), f"`{name}`", first_line(part.compute).split(": ", 1)[1])
+        )
+    return markdown(("index", "key", "content"), rows)
+
+
+# What each camera is for; those of the robot are the same in all domains.
+_PURPOSES = {
+    "workspace": "knobs, switch, doors, kettle and burners in small pictures; default of the kitchen",
+    "overview": "robot and furniture; default of open_cabinet and microwave_table; the kitchen's is the original's",
+    "handle": "close-up of the handles and the gripper",
+    "left": "from the left",
+    "right": "from the right",
+    "franka/hand": "finger tips and what is between them",
+    "franka/wrist": "view along the fingers of earlier versions, which shows the hand; kept for compatibility",
+    "left_cap": "number 0 of FrankaKitchen-v1, which shows the counter; kept for compatibility",
+    "right_cap": "number 1 of FrankaKitchen-v1, which shows the counter; kept for compatibility",
+}
+
+
+def observation_type_table() -> str:
+    """Returns the table of the observation types with their spaces by domain."""
+    rows = []
+    for name, record in suite.DOMAINS.items():
+        env_class = record.resolve("env")
+        for obs_type in env_class.obs_types:
+            env = env_class(obs_type=obs_type, **({"goal_format": "flat"} if obs_type == "goal" else {}))
+            default = " (default)" if obs_type == env_class.obs_types[0] else ""
+            rows.append((f"`{name}`", f"`{obs_type}`{default}", describe(env.observation_space)))
+    return markdown(("domain", "`obs_type`", "observation"), rows)
+
+
+def describe(space: spaces.Space) -> str:
+    """Returns keys, types and shapes of a space."""
+    if isinstance(space, spaces.Dict):
+        return ", ".join(f"`{key}`: {describe(part)}" for key, part in space.items())
+    return f"{space.dtype} {space.shape}"
+
+
+def extra_table() -> str:
+    """Returns the table of the extra observables; those of the same domains and content share a row."""
+    found = collections.defaultdict(list)
+    for name in suite.DOMAINS:
+        scene = suite.load(name, suite.default_task(name), {"visuals": False}).task.scene
+        for key, extra in offered(scene).items():
+            part = "`agent_pos`" if extra.of_robot else "`environment_state`"
+            found[part, key, extra.size, extra.content].append(name)
+    names = collections.defaultdict(list)
+    for (part, key, size, content), domains in sorted(found.items()):
+        where = "all" if len(domains) == len(suite.DOMAINS) else ", ".join(domains)
+        names[part, where, size, content].append(f"`{key}`")
+    rows = [(", ".join(keys), where, size, content, part) for (part, where, size, content), keys in names.items()]
+    return markdown(("names", "domains", "elements", "content", "part"), rows)
+
+
+def camera_table() -> str:
+    """Returns the table of the cameras by domain."""
+    tasks = {name: suite.load(name, suite.default_task(name), {"visuals": False}).task for name in suite.DOMAINS}
+    names = {
+        name: {camera.full_identifier for camera in task.root_entity.mjcf_model.find_all("camera")}
+        for name, task in tasks.items()
+    }
+    rows = [
+        (f"`{camera}`", ", ".join(f"`{domain}`" for domain, present in names.items() if camera in present), purpose)
+        for camera, purpose in _PURPOSES.items()
+    ]
+    unknown = {camera for present in names.values() for camera in present} - {*_PURPOSES}
+    if unknown:
+        raise ValueError(f"cameras without a purpose: {sorted(unknown)}")
+    return markdown(("camera", "domains", "content"), rows)
+
+
+_MODES = {"kitchen": KITCHEN_MODES, "open_cabinet": OFFSET_MODES, "microwave_table": MICROWAVE_TABLE_MODES}
+# Elements by mode: the specs have the names of single joints.
+_ELEMENTS = {
+    "joint_velocity": "9 velocities, as a share of `velocity_scale`",
+    "joint_offset": "7 offsets [rad], log odds of closing the gripper",
+    "joint_position": "targets of the joints [rad] and of the fingers [m]",
+    "joint_delta": "7 velocities, as a share of `joint_speed`; gripper",
+    "ee_delta_position": "x, y, z, as a share of `linear_speed`; gripper",
+    "ee_delta_pose": "x, y, z, as a share of `linear_speed`; rotation vector, as a share of `angular_speed`; gripper",
+    "ee_pose": "x, y, z [m] and quaternion w, x, y, z in the frame of the base; gripper",
+}
+
+
+def control_mode_table() -> str:
+    """Returns the table of all modes: size and bounds of the action by domain, and arguments with their defaults."""
+    rows = []
+    for mode, elements in _ELEMENTS.items():
+        domains = [domain for domain, modes in _MODES.items() if mode in modes]
+        found = {
+            domain: gymnasium.make(suite.DOMAINS[domain].env_id, control_mode=mode).action_space for domain in domains
+        }
+        sizes = [f"{domain} {spec.shape[0]}" for domain, spec in found.items()]
+        same = len({spec.shape for spec in found.values()}) == 1
+        parameters = inspect.signature(_MODES[domains[0]][mode]).parameters.values()
+        arguments = [f"`{parameter.name}={parameter.default!r}`" for parameter in parameters]
+        if mode == "joint_position":
+            arguments = [f"{argument} (kitchen)" for argument in arguments]
+        rows.append(
+            (
+                f"`{mode}`",
+                "all" if len(domains) == len(_MODES) else ", ".join(domains),
+                str(found[domains[0]].shape[0]) if same else ", ".join(sizes),
+                elements,
+                bounds_by_domain(found),
+                ", ".join(arguments),
+            )
+        )
+    return markdown(("mode", "domains", "size", "action", "bounds", "arguments"), rows)
+
+
+def bounds_by_domain(found: Mapping[str, spaces.Box]) -> str:
+    """Returns the bounds of actions as text; by domain where they differ."""
+    texts = {domain: action_bounds(space) for domain, space in found.items()}
+    if len({*texts.values()}) == 1:
+        return texts[next(iter(texts))]
+    return ", ".join(f"{domain} {text}" for domain, text in texts.items())
+
+
+def action_bounds(space: spaces.Box) -> str:
+    """Returns the bounds of an action as text."""
+    if not space.is_bounded():
+        return "none"
+    is_unit = np.all(space.low == -1.0) and np.all(space.high == 1.0)
+    return "[-1, 1]" if is_unit else "joint limits"
+
+
+# Rewards, scenes and their parameters.
+
+
+def cabinet_reward_table() -> str:
+    """Returns the table of the terms of open_cabinet's original reward."""
+    rows = [(i, f"`{name}`", first_line(getattr(drawer_reward, name))) for i, name in enumerate(drawer_reward.TERMS, 1)]
+    return markdown(("term", "name", "value"), rows)
+
+
+def cabinet_grasp_reward_table() -> str:
+    """Returns the table of the terms in which the grasp reward differs from the original one."""
+    rows = [
+        (i, f"`{name}`", first_line(getattr(drawer_grasp_reward, name)))
+        for i, name in enumerate(drawer_reward.TERMS, 1)
+        if hasattr(drawer_grasp_reward, name)
+    ]
+    return markdown(("term", "name", "value"), rows)
+
+
+# Classes that are not built by calling them without arguments.
+_NOT_ALONE = (Franka, entities.KitchenProp)
+
+
+def builders() -> dict[str, Callable[[], composer.Entity]]:
+    """Returns what builds each entity, by the expression that does so: the robots, the props, the domains' arenas."""
+    public = (getattr(entities, name) for name in entities.__all__)
+    kinds = [each for each in public if isinstance(each, type) and issubclass(each, composer.Entity)]
+    tasks = (suite.load(domain, suite.default_task(domain), {"visuals": False}).task for domain in suite.DOMAINS)
+    kinds += [type(task.root_entity) for task in tasks]
+    robots = {"Franka(PANDA)": lambda: Franka(PANDA), "Franka(KITCHEN_FRANKA)": lambda: Franka(KITCHEN_FRANKA)}
+    return robots | {f"{kind.__name__}()": kind for kind in kinds if kind not in _NOT_ALONE}
+
+
+def joint_table() -> str:
+    """Returns the table of all joints, with the ranges of a compiled model."""
+    rows = []
+    for name, build in builders().items():
+        entity = build()
+        joints = entity.mjcf_model.find_all("joint")
+        physics = mjcf.Physics.from_mjcf_model(entity.mjcf_model)
+        rows += [(f"`{name}`", f"`{joint.name}`", *joint_cells(physics, joint)) for joint in joints]
+        if getattr(entity, "free", False):
+            rows.append((f"`{name}`", "free joint, added when it is attached", "free", "none"))
+    return markdown(("entity", "joint", "type", "range"), rows)
+
+
+def joint_cells(physics: mjcf.Physics, joint: mjcf.Element) -> tuple[str, str]:
+    """Returns the type of a slide or hinge, and its range with the unit."""
+    kind, unit = ("slide", "m") if physics.bind(joint).type == 2 else ("hinge", "rad")
+    low, high = physics.bind(joint).range
+    return kind, f"{low:.4g} to {high:.4g} {unit}" if physics.bind(joint).limited else "none"
+
+
+# Variations.
+
+
+def distribution_table() -> str:
+    """Returns the table of the distributions that JSON describes, with their arguments."""
+    rows = [(f"`{name}`", ", ".join(each.arguments)) for name, each in distributions.DISTRIBUTIONS.items()]
+    return markdown(("distribution", "arguments"), [*rows, ("`choice`", "the values, each with the same probability")])
+
+
+_SURFACES = {
+    "kitchen": surfaces.KITCHEN,
+    "open_cabinet": surfaces.OPEN_CABINET,
+    "microwave_table": surfaces.MICROWAVE_TABLE,
+}
+# Parameters that exist only where observations have noise.
+_NOISY = {"open_cabinet": {"observation_noise": {"handle_offset": 0.01}}}
+_PALETTES = {name: each for name, each in vars(appearance).items() if isinstance(each, appearance.Palette)}
+
+
+def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
+    """Returns group, unit, default, seen and held-out values of the parameters that a domain's groups vary, by name."""
+    options = {"visuals": False, **_NOISY.get(domain, {})}
+    task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
+    units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
+    if DONE in task.variations.wanted:
+        units[DONE] = done_parameter(task.scene, dict).unit
+    return {
+        varied.name: (
+            varied.group,
+            units[varied.name],
+            _number_or_vector(varied.default),
+            *(_described(domain, varied, each) for each in (varied.seen, varied.held_out)),
+        )
+        for varied in task.variations.wanted.values()
+    }
+
+
+def parameter_table(groups: Sequence[str]) -> str:
+    """Returns the table of the parameters that some groups vary; equal ones of several domains share a row."""
+    domains = collections.defaultdict(list)
+    for domain in suite.DOMAINS:
+        for name, row in parameter_rows(domain).items():
+            if row[0] in groups:
+                domains[name, row].append(domain)
+    names = collections.defaultdict(list)
+    for (name, row), found in domains.items():
+        where = "" if len(found) == len(suite.DOMAINS) else ", ".join(found)
+        names[where, *row].append(f"`{name}`")
+    rows = sorted(names, key=lambda row: GROUPS.index(row[1]))
+    header = ("parameter", "domain", "group", "unit", "default", "seen", "held out")
+    return markdown(header, [(", ".join(names[row]), *row) for row in rows])
+
+
+def _described(domain: str, name: str, default: NDArray[np.float64], distribution: Distribution) -> str:
+    if isinstance(distribution, Bands):
+        return _bands(distribution.intervals, default)
+    assert isinstance(distribution, Choice)
+    if name.endswith("color"):
+        return _colors(distribution.values)
+    labels = _labels(domain, name)
+    numbers = (f"{value:g}" for value in distribution.values)
+    return ", ".join(f"{number} {labels[int(number)]}" if labels else number for number in numbers)
+
+
+def _labels(domain: str, name: str) -> Sequence[str]:
+    """Returns meanings of the values of a parameter that is an index; none of other parameters."""
+    textures = {f"{surface.prefix}texture": surface.textures for surface in _SURFACES[domain]}
+    if name in textures:
+        return ["as built", *(texture.name.replace("_", " ") for texture in textures[name])]
+    return [burner.replace("_", " ") for burner in BURNERS] if name == "kettle/burner" else []
+
+
+def _colors(values: NDArray[np.float64]) -> str:
+    for name, palette in _PALETTES.items():
+        for colors in (palette.seen, palette.held_out):
+            shades = len(values) // len(colors)
+            if len(values) == shades * len(colors) and np.allclose(values[shades - 1 :: shades], colors):
+                return f"{len(colors)} of `{name}`"
+    raise ValueError(f"no palette has the colours {values.tolist()}")
+
+
+def _bands(bands: NDArray[np.float64], default: NDArray[np.float64]) -> str:
+    """Returns the text of intervals `(k, 2)` or `(k, 2, n)`; of a vector, one text where all elements share it."""
+    if not default.shape:
+        return _intervals(bands, float(default))
+    texts = [_intervals(bands[:, :, i], value) for i, value in enumerate(default)]
+    return _vector(texts)
+
+
+def _intervals(bands: NDArray[np.float64], default: float) -> str:
+    """Returns the text of intervals `(k, 2)` of one number."""
+    if (bands[:, 0] == bands[:, 1]).all():
+        values, counts = np.unique(bands[:, 0], return_counts=True)
+        shares = [f"{value:g} ({100 * count / len(bands):.0f} %)" for value, count in zip(values, counts, strict=True)]
+        return " or ".join(shares) if len(shares) > 1 else f"{values[0]:g}"
+    intervals = np.unique(bands, axis=0)
+    offsets = intervals - default
+    middle = "" if default == 0 else f"{default:.5g} "
+    if np.allclose(offsets, -offsets[::-1, ::-1]):
+        low, high = np.abs(offsets[-1])
+        return f"{middle}± {high:.3g}" if len(intervals) == 1 else f"{middle}± ({low:.3g} to {high:.3g})"
+    return " or ".join(f"{low:.5g} to {high:.5g}" for low, high in intervals)
+
+
+def _number_or_vector(value: NDArray[np.float64]) -> str:
+    return _vector([f"{each:.5g}" for each in value]) if value.shape else f"{value:.5g}"
+
+
+def _vector(texts: Sequence[str]) -> str:
+    return f"{len(texts)} times {texts[0]}" if len({*texts}) == 1 else f"({', '.join(texts)})"
+
+
+# Training and evaluation.
+
+
+def hyperparameter_table() -> str:
+    """Returns the table of the hyperparameters with their defaults."""
+    meanings = attributes(Hyperparameters)
+    defaults = {domain: Hyperparameters.defaults(domain) for domain in suite.DOMAINS}
+    rows = [
+        (
+            f"`{each.name}`",
+            meanings[each.name],
+            *(format_value(getattr(values, each.name)) for values in defaults.values()),
+        )
+        for each in dataclasses.fields(Hyperparameters)
+    ]
+    return markdown(("name", "meaning", *(f"`{domain}`" for domain in defaults)), rows)
+
+
+def format_value(value: object) -> str:
+    """Returns the text of a number or a tuple of numbers; a tuple of equal numbers as their count and value."""
+    if not isinstance(value, tuple):
+        return f"{value:g}"
+    if len(set(value)) == 1 and len(value) > 2:
+        return f"{len(value)} times {value[0]:g}"
+    return ", ".join(f"{part:g}" for part in value)
+
+
+# Classes of hyperparameters by algorithm; the first has those that all have.
+_IMITATION: dict[str, type[ImitationHyperparameters]] = {
+    "bc": ImitationHyperparameters,
+    "flow": FlowHyperparameters,
+    "vqbet": TokenHyperparameters,
+}
+
+
+def preset_table() -> str:
+    """Returns the table of the sets of demonstrations of all domains."""
+    rows = [
+        (f"`{name}`", domain.name, f"`{preset['task_name']}`", _preset_arguments(preset), f"`{preset['policy']}`")
+        for domain in suite.DOMAINS.values()
+        for name, preset in (domain.resolve("recording") or {}).items()
+    ]
+    return markdown(("`--preset`", "domain", "task", "arguments", "policy"), rows)
+
+
+def _preset_arguments(preset: Any) -> str:
+    return ", ".join(f"`{name}`: {value}" for name, value in preset.get("task_kwargs", {}).items())
+
+
+def imitation_hyperparameter_table() -> str:
+    """Returns the table of the hyperparameters with their defaults."""
+    defaults = {name: each() for name, each in _IMITATION.items()}
+    meanings = {name: text for each in _IMITATION.values() for name, text in attributes(each).items()}
+    names = dict.fromkeys(name for each in _IMITATION.values() for name in get_type_hints(each))
+    rows = [
+        (f"`{name}`", meanings[name], *(f"{getattr(config, name, '')}" for config in defaults.values()))
+        for name in names
+    ]
+    return markdown(("name", "meaning", *(f"`{name}`" for name in defaults)), rows)
+
+
+# The protocol with a table of its own.
+_SHIFT = "shift"
+
+
+def protocol_table() -> str:
+    """Returns the table of the protocols."""
+    rows = [
+        (
+            f"`{protocol.name}`",
+            protocol.follows,
+            _domains(protocol),
+            "; ".join(dict.fromkeys(_task(condition, protocol.is_general) for condition in protocol.conditions)),
+            _arguments(protocol),
+            f"{protocol.num_episodes:,}",
+            f"{protocol.seed:,}",
+            protocol.max_episode_steps or "the domain's",
+        )
+        for protocol in PROTOCOLS.values()
+    ]
+    header = (
+        "`--protocol`",
+        "follows; fixes",
+        "domains",
+        "task",
+        "arguments",
+        "episodes",
+        "first seed",
+        "control steps",
+    )
+    return markdown(header, rows)
+
+
+def _domains(protocol: Protocol) -> str:
+    if protocol.is_general:
+        return "all"
+    return ", ".join(
+        domain.name for domain in suite.DOMAINS.values() if protocol.name in domain_protocols(domain.name).protocols
+    )
+
+
+def _task(condition: Condition, is_general: bool) -> str:
+    if condition.task_name:
+        return f"`{condition.task_name}`"
+    return f"`{domain_protocols('kitchen').task_name}`" + ("; elsewhere the domain's default" if is_general else "")
+
+
+def _arguments(protocol: Protocol) -> str:
+    if protocol.name == _SHIFT:
+        return f"{len(protocol.conditions)} conditions"
+    arguments = protocol.conditions[0].task_kwargs
+    return ", ".join(f"`{name}={json.dumps(value)}`" for name, value in arguments.items()) or "none"
+
+
+def my_task() -> str:
+    """Returns the example of a task of one's own."""
+    return f"```python\n{(DOCS / 'examples' / 'my_task.py').read_text(encoding='utf-8')}```\n"
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "kitchen_sets": set_table,
+    "goals": goal_table,
+    "gallery": lambda: "\n".join(f"## {domain}\n\n{gallery(domain)}" for domain in suite.DOMAINS),
+    "ids": id_table,
+    "observation": observation_table,
+    "cabinet_observation": cabinet_observation_table,
+    "observation_types": observation_type_table,
+    "extra_observables": extra_table,
+    "cameras": camera_table,
+    "control_modes": control_mode_table,
+    "cabinet_reward": cabinet_reward_table,
+    "cabinet_grasp_reward": cabinet_grasp_reward_table,
+    "entity_joints": joint_table,
+    "distributions": distribution_table,
+    "hyperparameters": hyperparameter_table,
+    "imitation_hyperparameters": imitation_hyperparameter_table,
+    "presets": preset_table,
+    "protocols": protocol_table,
+    "my_task": my_task,
+    "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
+    "variations": functools.partial(parameter_table, GROUPS[:4]),
+    "variations_of_looks": functools.partial(parameter_table, GROUPS[4:]),
+    **RESULT_TABLES,
+}
+
+
+def main() -> None:
+    """Rewrites the tables of every page."""
+    for path in sorted(DOCS.rglob("*.md")):
+        path.write_text(with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        sys.exit(__doc__)
+    main()

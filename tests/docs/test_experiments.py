@@ -1,0 +1,306 @@
+"""The experiments measure what is missing, continue where they were interrupted, and leave what has been measured."""
+
+import json
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from docs_blocks import blocks_of
+from docs_blocks import run as run_block
+from docs_scripts import DOCS, load_script
+
+from kitchen_suite.cli.commands import evaluate
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+
+COMMITTED = sorted((DOCS / "experiments" / "results" / "evaluation").glob("*.json"))
+SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learning_epochs": 2}
+FLAGS = ("--num_steps=128", "--eval_interval=64", "--eval_episodes=2", f"--hyperparameters={json.dumps(SMALL)}")
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    module = load_script("experiments/training")
+    monkeypatch.setattr(module, "RESULTS", tmp_path / "training.json")
+    monkeypatch.setattr(module, "EPISODES", 2)
+    monkeypatch.setattr(module, "FLAGS", dict.fromkeys(module.SEEDS, FLAGS))
+    return module
+
+
+@pytest.mark.clients
+def test_a_run_is_trained_and_measured_once(results, tmp_path, monkeypatch):
+    assert results.main([str(tmp_path), "kettle:2"]) == 0
+    (row,) = results.read()
+    assert (row["task"], row["seed"], row["steps"], row["episodes"]) == ("kettle", 2, 128, 2)
+    assert 0 < row["minutes"] < 10
+    assert 0 < row["processor_minutes"] < 10
+    assert row["success"] in ([0], [1], [2])
+    monkeypatch.setattr(results.subprocess, "run", lambda *arguments, **options: pytest.fail("it ran again"))
+    assert results.main([str(tmp_path), "kettle:2"]) == 0
+
+
+@pytest.mark.clients
+def test_an_interrupted_run_is_resumed(results, tmp_path):
+    assert "--resume" not in results.command(("kettle", 1), tmp_path)
+    (tmp_path / "kettle_1").mkdir()
+    (tmp_path / "kettle_1" / "training.json").write_text("{}")
+    assert results.command(("kettle", 1), tmp_path)[-1] == "--resume"
+
+
+@pytest.mark.clients
+def test_groups_name_their_runs_in_order(results):
+    assert results.runs_of(["drawer"]) == [("top_drawer", seed) for seed in (1, 2, 3, 4, 5)]
+    assert len(results.runs_of(["kitchen"])) == 21
+    assert results.runs_of(["kettle:3", "microwave:1"]) == [("kettle", 3), ("microwave", 1)]
+
+
+@pytest.mark.clients
+def test_rows_are_kept_in_the_order_of_tasks_and_seeds(results):
+    for task, seed in (("kettle", 2), ("top_drawer", 1), ("kettle", 1), ("kettle", 2)):
+        results.add({"task": task, "seed": seed})
+    assert [(row["task"], row["seed"]) for row in results.read()] == [("top_drawer", 1), ("kettle", 1), ("kettle", 2)]
+
+
+@pytest.mark.clients
+@pytest.mark.parametrize("arguments", [[], ["runs", "kettl:1"], ["runs", "kettle"], ["runs", "kettle:one"]])
+def test_bad_arguments_print_the_usage(results, capsys, arguments):
+    assert results.main(arguments) == 2
+    assert "docs/experiments/training.py FOLDER" in capsys.readouterr().err
+
+
+@pytest.mark.clients
+def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path, monkeypatch):
+    from kitchen_suite.training import evaluation
+
+    asked = []
+
+    def evaluate(policy, environments, seeds):
+        infos = environments.reset(seed=list(seeds))[1]
+        asked.append(infos["requested_tasks_mask"])
+        return {"episode/success": np.ones(len(seeds))}
+
+    monkeypatch.setattr(evaluation, "evaluate", evaluate)
+    assert results.main([str(tmp_path), "random_1:1"]) == 0
+    (row,) = results.read()
+    assert row["success"] == [2] * 7
+    np.testing.assert_array_equal(np.array(asked), np.repeat(np.eye(7, dtype=bool)[:, np.newaxis], 2, axis=1))
+
+
+@pytest.mark.clients
+def test_the_speed_of_training_is_measured_with_its_parts(tmp_path, monkeypatch):
+    module = load_script("experiments/training_speed")
+    monkeypatch.setattr(module, "RESULTS", tmp_path / "speed.json")
+    monkeypatch.setattr(module, "SETTINGS", {"small": SMALL})
+    monkeypatch.setattr(module, "STEPS", 128)
+    module.main("1")
+    rows = json.loads(module.RESULTS.read_text())
+    assert [(row["settings"], row["threads"]) for row in rows] == [("small", 1), ("small", 2)]
+    for row in rows:
+        assert row["steps_per_second"] > 0
+        assert 0 < row["environments"] < 1
+        assert 0 < row["update"] < 1 - row["environments"]
+
+
+@pytest.mark.clients
+def test_the_policies_with_the_most_successes_are_shipped(results, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "SHIPPED", tmp_path / "shipped")
+    results.SHIPPED.mkdir()
+    for seed, success in ((1, 97), (2, 99), (3, 99)):
+        results.add({"task": "kettle", "seed": seed, "success": [success]})
+        (tmp_path / f"kettle_{seed}").mkdir()
+        (tmp_path / f"kettle_{seed}" / "policy.npz").write_text(f"{seed}")
+    for seed, success in ((1, [99, 100, 90]), (2, [97, 97, 97])):
+        results.add({"task": "random_1", "seed": seed, "success": success})
+        (tmp_path / f"random_1_{seed}").mkdir()
+        (tmp_path / f"random_1_{seed}" / "policy.npz").write_text(f"seven {seed}")
+    results.add({"task": "top_drawer", "seed": 1, "success": [100]})
+    assert results.main([str(tmp_path), "ship"]) == 0
+    shipped = {path.name: path.read_text() for path in results.SHIPPED.iterdir()}
+    assert shipped == {"kettle.npz": "2", "seven_in_turn.npz": "seven 2"}
+
+
+@pytest.mark.clients
+def test_the_page_has_the_flags_of_the_one_network(tmp_path):
+    script = load_script("experiments/training")
+    task = f"--task_name={script.ONE} --output"
+    (block,) = (block for block in blocks_of(DOCS / "guide" / "training.md") if task in block.code)
+    program = tmp_path / "programs" / "kitchen-train"
+    program.parent.mkdir()
+    program.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    program.chmod(0o755)
+    shown, used = _values(run_block(block, tmp_path, program.parent).splitlines()), _values(script.FLAGS[script.ONE])
+    for name in ("--domain_name", "--task_name", "--output"):
+        del shown[name]
+    # The page sets no limit.
+    del used["--num_steps"]
+    assert shown == used
+
+
+def _values(flags):
+    """Returns flags by name; those with JSON are decoded."""
+    pairs = (flag.split("=", 1) for flag in flags)
+    return {name: json.loads(value) if value[0] == "{" else value for name, value in pairs}
+
+
+@pytest.mark.clients
+def test_a_case_has_the_greatest_return_of_the_episodes_that_failed(tmp_path, monkeypatch):
+    script = load_script("experiments/failed_returns")
+    monkeypatch.setattr(script, "RESULTS", tmp_path / "failed_returns.json")
+    monkeypatch.setattr(script, "DEFAULT_TASKS", ("light switch",))
+    monkeypatch.setattr(script, "EPISODES", 3)
+    monkeypatch.setattr(script, "EPISODE_STEPS", 20)
+    monkeypatch.setattr(script, "INTERVAL", 1_000)
+    measure = script.measure
+    monkeypatch.setattr(script, "measure", lambda *case: measure(*case, steps=3_000))
+    script.main()
+    rows = json.loads(script.RESULTS.read_text("utf-8"))
+    assert [(row["task"], row["reward"]) for row in rows] == [("light switch", "dense"), ("light switch", "dense_gain")]
+    for row in rows:
+        assert row["episodes"] > 0
+        assert 0 < row["greatest_return"] < 20
+    # Cases with a row are not measured again.
+    monkeypatch.setattr(script, "measure", lambda *case: pytest.fail(f"{case} is measured again"))
+    script.main()
+
+
+SMALL_ONE = {
+    "num_envs": 2,
+    "rollouts": 16,
+    "hidden": [256, 128],
+    "mini_batches": 2,
+    "learning_epochs": 1,
+    "value_batches": 1,
+}
+
+
+@pytest.fixture
+def sequences(tmp_path, monkeypatch):
+    script = load_script("experiments/sequences")
+    shorter = (
+        "--num_steps=128",
+        "--eval_interval=64",
+        "--eval_episodes=2",
+        f"--hyperparameters={json.dumps(SMALL_ONE)}",
+    )
+    monkeypatch.setattr(script, "RESULTS", tmp_path / "results")
+    monkeypatch.setattr(script, "EPISODES", 2)
+    monkeypatch.setattr(script, "TRAINING", (*script.TRAINING, *shorter))
+    return script
+
+
+@pytest.mark.clients
+def test_both_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_path, monkeypatch):
+    assert sequences.main([str(tmp_path / "runs")]) == 0
+    results = {path.stem: json.loads(path.read_text("utf-8")) for path in sequences.RESULTS.iterdir()}
+    assert sorted(results) == ["sequences_4", "sequences_7", "single_4", "single_7"]
+    for name, result in results.items():
+        assert result["num_episodes"] == 2
+        assert result["task_kwargs"]["tasks_in_turn"] is True
+        length = int(name[-1])
+        assert f"p{length}" in result
+        assert f"p{length + 1}" not in result
+    # The network for one task at a time completes the first task that is asked.
+    assert results["single_4"]["p1"] == results["single_7"]["p1"] == 1.0
+    digests = {name: result["policy_sha256"] for name, result in results.items()}
+    assert digests["single_4"] == digests["single_7"] != digests["sequences_4"] == digests["sequences_7"]
+
+    # A second run trains no further, and evaluates nothing again.
+    commands = []
+    monkeypatch.setattr(subprocess, "run", lambda command, check: commands.append(command))
+    assert sequences.main([str(tmp_path / "runs")]) == 0
+    (command,) = commands
+    assert command[-1] == "--resume"
+
+
+@pytest.mark.clients
+def test_no_folder_prints_the_usage(sequences, capsys):
+    assert sequences.main([]) == 2
+    assert "docs/experiments/sequences.py FOLDER" in capsys.readouterr().err
+
+
+@pytest.fixture
+def evaluations(tmp_path, monkeypatch):
+    """The script, with a folder of its own for the results."""
+    module = load_script("experiments/evaluation")
+    monkeypatch.setattr(module, "RESULTS", tmp_path / "evaluation")
+    return module
+
+
+def test_committed_results_are_of_whole_protocols():
+    learned = load_script("experiments/imitation").ALGORITHMS
+    cases = {*load_script("experiments/evaluation").CASES, *((name, "shift") for name in learned)}
+    for path in COMMITTED:
+        result = json.loads(path.read_text("utf-8"))
+        protocol = PROTOCOLS[result["protocol"]]
+        assert tuple(path.stem.split("_")) in cases, path
+        assert path.stem.endswith(f"_{protocol.name}"), path
+        assert (result["seed"], result["num_episodes"]) == (protocol.seed, protocol.num_episodes), path
+        task = "all" if "all" in path.stem.split("_") else "random_4"
+        names = [condition.name or condition.task_name or task for condition in protocol.conditions]
+        assert list(result["conditions"]) == names, path
+
+
+def run(script, monkeypatch, *arguments, fails=()):
+    """Runs the script with short evaluations, of which those named fail after their folder was made."""
+    done = []
+
+    def play(command, check):
+        (policy, protocol, *_) = (flag.partition("=")[2] for flag in command[3:])
+        done.append((policy, protocol, "--resume" in command))
+        status = evaluate.main([*command[3:], "--num_episodes=2", "--max_episode_steps=1"])
+        if status or (policy, protocol) in fails:
+            raise RuntimeError
+
+    monkeypatch.setattr(script.subprocess, "run", play)
+    return script.main(arguments), done
+
+
+@pytest.mark.thorough
+def test_the_script_makes_what_is_missing_and_continues(evaluations, tmp_path, monkeypatch):
+    folder, names = str(tmp_path / "runs"), ("random:default", "random:d4rl")
+    with pytest.raises(RuntimeError):
+        run(evaluations, monkeypatch, folder, *names, fails=[("random", "default")])
+    evaluations.result_file(("random", "default")).unlink()
+    assert run(evaluations, monkeypatch, folder, *names) == (
+        0,
+        [("random", "default", True), ("random", "d4rl", False)],
+    )
+    assert run(evaluations, monkeypatch, folder, *names) == (0, [])
+    assert sorted(path.name for path in evaluations.RESULTS.iterdir()) == ["random_d4rl.json", "random_default.json"]
+
+
+@pytest.mark.thorough
+def test_the_tables_have_the_results(evaluations, tmp_path, monkeypatch):
+    tables = load_script("scripts/result_tables")
+    monkeypatch.setattr(tables, "RESULTS", evaluations.RESULTS.parent)
+    run(evaluations, monkeypatch, str(tmp_path / "runs"), "random:default", "random:d4rl")
+    rows = [[cell.strip(" `") for cell in row.split("|")[1:5]] for row in tables.evaluation_table().splitlines()[2:]]
+    assert rows == [
+        ["default", "random_4", "random", "2"],
+        *(["d4rl", name, "random", "2"] for name in ("complete", "partial", "mixed")),
+    ]
+    assert "0 of 2" in tables.task_rate_table()
+    assert len(tables.shift_table().splitlines()) == 2 + len(PROTOCOLS["shift"].conditions)
+
+
+@pytest.mark.parametrize("names", [("random:d4r",), ()])
+def test_bad_arguments_of_the_script_are_named(evaluations, names, capsys):
+    arguments = ("runs", *names) if names else ()
+    assert evaluations.main(arguments) == 2
+    assert ("'random:d4r' is none of random:default" if names else "python docs/experiments/evaluation.py") in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.thorough
+def test_the_page_explains_every_field(tmp_path, capsys):
+    page = (DOCS / "guide" / "evaluation.md").read_text("utf-8")
+    named = set(re.findall(r"`(\w+)`", page))
+    for flags in (["--protocol=d4rl", "--num_episodes=1"], ["--domain_name=open_cabinet", "--num_episodes=1"]):
+        file = tmp_path / "a.json"
+        assert evaluate.main([*flags, "--max_episode_steps=1", f"--json={file}"]) == 0
+        result = json.loads(file.read_text("utf-8"))
+        assert {name for name in result if not re.fullmatch(r"p\d", name)} <= named
+        for rates in result.get("task_rates", {}).values():
+            assert rates.keys() <= named
+    capsys.readouterr()

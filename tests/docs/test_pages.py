@@ -1,0 +1,41 @@
+"""Links of the pages resolve, and the index lists every page; `test_blocks.py` runs their examples."""
+
+import re
+
+import pytest
+from docs_blocks import ROOT
+
+DOCS = ROOT / "docs"
+PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(ROOT.glob("*.md"))]
+
+
+def anchors_of(page):
+    """Returns the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        file, _, anchor = link.partition("#")
+        if "://" not in link:
+            target = page.parent / file if file else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors_of(target), link
+
+
+def test_the_index_lists_every_page_of_the_site():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    linked = set(re.findall(r"\]\(([\w/]+\.md)\)", index))
+    assert linked - {"experiments/README.md"} == {page for page in pages if "experiments/" not in page} - {"index.md"}
+
+
+def test_files_that_the_pages_name_exist():
+    named = re.compile(r"(?<![\w/])docs/[\w/]+\.(?:py|md|ipynb|json)\b")
+    pages = [*PAGES, ROOT / "setup.cfg", ROOT / "mkdocs.yml", *(DOCS.rglob("*.py"))]
+    # The change log also names files of earlier versions.
+    for page in (page for page in pages if page.name != "CHANGELOG.md"):
+        for name in named.findall(page.read_text(encoding="utf-8")):
+            assert (ROOT / name).is_file(), f"{page.name}: {name}"

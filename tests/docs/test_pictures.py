@@ -1,0 +1,48 @@
+"""The pictures of the pages: the film at their head, and pictures of tasks in which one sees what happens."""
+
+import re
+
+import pytest
+from docs_blocks import ROOT
+from PIL import Image
+
+PICTURES = ROOT / "docs" / "pictures"
+FILM = PICTURES / "film.webp"
+MEGABYTE = 1_000_000
+
+
+def pictures_of(page):
+    """Returns the files of a page's pictures, in order."""
+    names = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+    return [(page.parent / name).resolve() for name in names]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/domains/gallery.md"])
+def test_pages_open_with_the_film(page):
+    assert pictures_of(ROOT / page)[0] == FILM
+
+
+def test_the_film_moves_and_is_small():
+    assert FILM.stat().st_size <= 5 * MEGABYTE
+    with Image.open(FILM) as film:
+        assert film.is_animated
+        # Seven tasks at 25 frames per second, and a drawer.
+        assert film.n_frames > 200
+        assert film.width >= 640
+        assert film.info["loop"] == 0
+
+
+def test_pictures_of_tasks_are_large_but_not_their_files():
+    tasks = set(pictures_of(ROOT / "docs" / "domains" / "gallery.md")) - {FILM}
+    assert len(tasks) >= 25
+    for path in tasks:
+        with Image.open(path) as picture:
+            assert picture.width >= 960, path
+        assert path.stat().st_size <= 300_000, path
+
+
+def test_all_pictures_are_shown_and_together_small():
+    shown = {path for page in (ROOT / "docs").rglob("*.md") for path in pictures_of(page)}
+    files = set(PICTURES.iterdir()) - {PICTURES / "experts.mp4"}
+    assert {path.name for path in files - shown} == set()
+    assert sum(path.stat().st_size for path in files) <= 10 * MEGABYTE

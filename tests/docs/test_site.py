@@ -1,0 +1,131 @@
+"""The documentation site: it builds without a warning, its links resolve, and every public name has an entry."""
+
+import html.parser
+import importlib
+import os
+import subprocess
+import sys
+import urllib.parse
+import zlib
+
+import pytest
+from docs_blocks import ROOT
+from docs_scripts import load_script
+from test_public_names import PUBLIC
+
+import kitchen_suite
+
+reference_pages = load_script("scripts/reference_pages")
+LOADED = {"img": "src", "script": "src", "link": "href", "source": "src", "video": "src", "iframe": "src"}
+
+
+class Links(html.parser.HTMLParser):
+    """The anchors of a page, what it links to, and what a browser loads to show it."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.anchors, self.links, self.loaded = set(), [], []
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        self.anchors |= {values[name] for name in ("id", "name") if values.get(name)}
+        if tag == "a" and values.get("href"):
+            self.links.append(values["href"])
+        if values.get(LOADED.get(tag)) and values.get("rel") != "canonical":
+            self.loaded.append(values[LOADED[tag]])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the built site."""
+    folder = tmp_path_factory.mktemp("site")
+    # No proxy answers there: a build that asks the internet fails.
+    unreachable = dict.fromkeys(("http_proxy", "https_proxy", "all_proxy"), "http://127.0.0.1:9")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | unreachable, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    """The links of all pages but that for missing pages, which is shown under any address."""
+    return {page: Links(page) for page in site.rglob("*.html") if page.name != "404.html"}
+
+
+def inventory(site):
+    """The names that have an entry in the reference, as other sites may link to them."""
+    *header, entries = (site / "objects.inv").read_bytes().split(b"\n", 4)
+    assert header[0].startswith(b"# Sphinx inventory")
+    return {line.split(" ")[0] for line in zlib.decompress(entries).decode().splitlines()}
+
+
+def test_the_reference_knows_the_public_modules():
+    assert set(reference_pages.modules()) == {f"kitchen_suite{name}" for name in PUBLIC}
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_the_reference_knows_the_public_names(name):
+    module = f"kitchen_suite{name}"
+    named = importlib.import_module(module).__all__
+    submodules = kitchen_suite.__all__ if not name else ()
+    expected = {f"{module}.{each}" for each in named if each not in submodules or each == "load"}
+    assert set(reference_pages.public_names(module)) == expected
+
+
+@pytest.mark.clients
+def test_every_public_name_has_an_entry(site):
+    expected = {
+        name for module in reference_pages.modules() for name in (module, *reference_pages.public_names(module))
+    }
+    assert len(expected) > 60
+    assert expected <= inventory(site)
+
+
+@pytest.mark.clients
+def test_every_link_resolves(pages):
+    for page, found in pages.items():
+        for link in [*found.links, *found.loaded]:
+            url = urllib.parse.urlsplit(link)
+            if url.scheme in ("", "file") and not url.netloc:
+                target = (page.parent / urllib.parse.unquote(url.path)).resolve() if url.path else page
+                assert target.is_file(), f"{page.name}: {link}"
+                anchor = urllib.parse.unquote(url.fragment)
+                assert not anchor or target.suffix != ".html" or anchor in pages[target].anchors, f"{page.name}: {link}"
+
+
+@pytest.mark.clients
+def test_pages_are_shown_without_the_internet(site, pages):
+    assert len(pages) > 40
+    for page, found in pages.items():
+        assert not [url for url in found.loaded if urllib.parse.urlsplit(url).netloc], page.name
+    styles = "".join(path.read_text(encoding="utf-8") for path in site.rglob("*.css"))
+    assert "url(http" not in styles
+    assert "@import" not in styles
+
+
+@pytest.mark.clients
+def test_the_site_has_no_scripts_nor_results_of_experiments(site):
+    assert not [*site.rglob("*.py"), *(site / "experiments").rglob("*")]
+
+
+@pytest.mark.clients
+def test_marks_of_blocks_are_not_shown(pages):
+    for page in pages:
+        assert "<p>```" not in page.read_text(encoding="utf-8"), page.name
+
+
+@pytest.mark.clients
+def test_paragraphs_with_a_subject_are_shown_as_paragraphs(site):
+    text = (site / "reference" / "kitchen_suite.tasks.html").read_text(encoding="utf-8")
+    assert "<strong>Start:</strong> the robot bent over the counter" in text
+    assert '<details class="' not in text
+
+
+@pytest.mark.clients
+def test_the_help_of_every_command_is_there(site):
+    text = (site / "reference" / "commands.html").read_text(encoding="utf-8")
+    for name in ("rollout", "record", "replay", "benchmark", "train", "play", "evaluate"):
+        assert f'id="kitchen-{name}"' in text
+    assert text.count("Flags:") >= 7
