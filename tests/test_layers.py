@@ -147,7 +147,3 @@ def test_the_gl_library_is_chosen_before_dm_control_is_imported():
         names = {name.partition(".")[0] for node in imports for name in imported_names(node)}
         if "dm_control" in names and package(module) not in COMMANDS_ALONE:
             assert choosing & {module.rpartition(".")[0], package(module)}, module
-
-
-def test_the_package_has_few_modules_beside_its_folders():
-    assert len([*(ROOT / "kitchen_suite").glob("*.py")]) <= 6

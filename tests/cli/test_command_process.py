@@ -9,7 +9,7 @@ import sys
 import warnings
 
 import pytest
-from sweeps import brief
+from helpers.sweeps import brief
 
 from kitchen_suite.cli import process
 
