@@ -3,6 +3,7 @@
 import ctypes.util
 import gc
 import os
+import re
 import socket
 
 import pytest
@@ -42,3 +43,35 @@ def port():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The present folder, empty, with a folder for Minari's datasets of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs a command in this process; returns its status, stdout and stderr."""
+
+    def run(command, *arguments):
+        capsys.readouterr()
+        return command.main([*arguments]), *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refusal(run):
+    """Runs a command that refuses what it is given; returns the one line that it writes to stderr."""
+
+    def refusal(command, *arguments, status=2):
+        found, _, error = run(command, *arguments)
+        assert found == status
+        assert re.fullmatch(r"kitchen-\w+: [^\n]+\n", error), error
+        return error
+
+    return refusal

@@ -10,7 +10,7 @@ import shutil
 
 import numpy as np
 import pytest
-from episode_files import load_episode
+from helpers.episodes import load_episode
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from episode_files import left_behind
+from helpers.episodes import left_behind
 
 from kitchen_suite import files
 

@@ -427,13 +427,16 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     if DONE in task.variations.wanted:
         units[DONE] = done_parameter(task.scene, dict).unit
     return {
-        varied.name: (
-            varied.group,
-            units[varied.name],
-            _number_or_vector(varied.default),
-            *(_described(domain, varied, each) for each in (varied.seen, varied.held_out)),
+        name: (
+            variation.group,
+            units[name],
+            _number_or_vector(task.variations.randomizer.defaults[name]),
+            *(
+                _described(domain, name, task.variations.randomizer.defaults[name], each)
+                for each in (variation.seen, variation.held_out)
+            ),
         )
-        for varied in task.variations.wanted.values()
+        for name, variation in task.variations.wanted.items()
     }
 
 

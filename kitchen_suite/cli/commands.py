@@ -79,7 +79,7 @@ record = Command(
   kitchen-record --output=runs                                a hundred episodes of random actions in the kitchen
   kitchen-record --output=runs --task_name=kettle --seed=7    another task, other seeds
   kitchen-record --output=runs --dataset=me/kitchen-v0        also makes a Minari dataset of them
-  kitchen-record --output=runs --format=lerobot --dataset=me/kitchen       or a LeRobot dataset, see docs/guide/lerobot.md
+  kitchen-record --output=runs --format=lerobot --dataset=me/kitchen       or a LeRobot one: docs/guide/lerobot.md
   kitchen-record --output=runs --preset=random_order          demonstrations: four tasks in an order drawn at each reset
   kitchen-record --output=runs --num_episodes=1000            completes the recording that is in the folder
   kitchen-record --output=runs --workers=4                    plays on Ray, in four processes

@@ -237,7 +237,7 @@ def test_frames_are_measured_without_what_they_consist_of(small_frames):
 @pytest.mark.slow
 @pytest.mark.rendering
 def test_rendering_without_the_extra_leaves_light_meshes_out(small_frames, monkeypatch):
-    monkeypatch.setattr(light_meshes, "_PACKAGES", ("no-such-package",))
+    monkeypatch.setattr(light_meshes, "missing_packages", lambda: ["no-such-package"])
     (each, _) = rendering.measure(find_cases("open_cabinet"), rounds=1)
     assert (*each["renderers"],) == RENDERERS[:2]
 

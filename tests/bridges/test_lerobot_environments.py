@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from sweeps import brief_named
+from helpers.errors import refused
+from helpers.sweeps import brief_named
 
 from kitchen_suite.bridges.lerobot import LeRobotVectorEnv, features_of, make_vector_env
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -67,7 +68,7 @@ def test_lerobot_calls_attributes_and_films(env):
     assert env.call("task") == env.call("task_description") == ("move the kettle to the top left burner",) * 2
     assert env.get_attr("task") == env.call("task")
     assert env.unwrapped.metadata["render_fps"] == 12
-    with pytest.raises(AttributeError, match="attribute 'tsak' does not exist"):
+    with refused(AttributeError, "'tsak'"):
         env.call("tsak")
     with pytest.raises(TypeError, match="reset takes no arguments"):
         env.call("reset", seed=1)
@@ -134,19 +135,19 @@ def test_pictures_are_by_camera_also_with_one_camera(cameras):
 
 
 @pytest.mark.parametrize(
-    ("task_kwargs", "message"),
+    ("task_kwargs", "shown"),
     [
-        ({}, "LeRobot needs obs_type='environment_state_agent_pos' or 'pixels_agent_pos'"),
-        ({**PICTURES, "depth": True}, "LeRobot's policies do not read depth: leave it out"),
+        ({}, ["obs_type", "'environment_state_agent_pos'", "'pixels_agent_pos'"]),
+        ({**PICTURES, "depth": True}, ["LeRobot's policies do not read depth: leave it out"]),
     ],
 )
-def test_other_observations_are_refused(task_kwargs, message):
-    with pytest.raises(ValueError, match=message):
+def test_other_observations_are_refused(task_kwargs, shown):
+    with refused(ValueError, *shown):
         features_of(spec_of(task_kwargs, domain_name="microwave_table"))
 
 
 def test_other_autoreset_modes_are_refused():
     environments = spec_of(domain_name="open_cabinet").make_vector_env(1, 1)
-    with pytest.raises(ValueError, match="autoreset_mode must be 'SameStep', got 'Disabled'"):
+    with refused(ValueError, "autoreset_mode", "'SameStep'", "'Disabled'"):
         LeRobotVectorEnv(environments)
     environments.close()

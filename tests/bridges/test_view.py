@@ -127,9 +127,7 @@ def messages(received):
 @pytest.mark.web
 def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
     assert process.stdout.readline() == f"http://127.0.0.1:{port}  (Ctrl-C ends)\n"
-    started = time.monotonic()
     assert status(port, "localhost") == 200
-    assert time.monotonic() - started < 1.0
     assert status(port, "evil.com") == 403
     browser = Browser(port)
     try:

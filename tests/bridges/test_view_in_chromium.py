@@ -4,8 +4,8 @@ import re
 import subprocess
 import sys
 
-import chromium
 import pytest
+from helpers import pages
 
 pytestmark = pytest.mark.browser
 
@@ -22,7 +22,7 @@ def address(port):
 
 def test_the_viewer_is_driven_in_a_browser(address, tmp_path):
     picture = tmp_path / "viewer.png"
-    with chromium.opened(address) as (page, asked):
+    with pages.opened(address) as (page, asked):
         page.get_by_text("control step").wait_for()
         page.get_by_role("checkbox", name="Run").click()
         page.get_by_role("button", name="Reset").click()
@@ -30,10 +30,10 @@ def test_the_viewer_is_driven_in_a_browser(address, tmp_path):
         page.get_by_role("button", name="Step").click()
         wait_for_report(page, r"control step\s+1 of")
         page.locator(".mantine-Notification-closeButton").click()  # of viser's warning of software rendering
-        chromium.wait_for_frames(page, 6)
-        chromium.take_picture(page, page, picture)
+        pages.wait_for_frames(page, 6)
+        pages.take_picture(page, page, picture)
         assert all(url.startswith((address, "data:", "blob:")) for url in asked), asked
-    chromium.assert_shows_a_scene(picture, slice(0, 330))
+    pages.assert_shows_a_scene(picture, slice(0, 330))
 
 
 def wait_for_report(page, pattern):

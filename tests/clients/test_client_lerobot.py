@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from episode_files import load_episode
+from helpers.episodes import load_episode
+from helpers.errors import refused
 
 from kitchen_suite.cli.commands import record, replay
 from kitchen_suite.suite import DOMAINS
@@ -100,17 +101,17 @@ def test_flags_reach_the_environment():
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "shown"),
     [
-        ({"task": "ketle"}, "did you mean 'kettle'"),
-        ({"task": "kettle,random_2"}, "tasks kettle,random_2 have different observations"),
-        ({"obs_type": "state"}, "LeRobot needs obs_type='environment_state_agent_pos'"),
-        ({"task_kwargs": {"obs_type": "state"}}, "obs_type cannot be among the task_kwargs"),
-        ({"cameras": ["overview"]}, "needs an obs_type with pictures"),
+        ({"task": "ketle"}, ["'kettle'"]),
+        ({"task": "kettle,random_2"}, ["random_2"]),
+        ({"obs_type": "state"}, ["obs_type", "'environment_state_agent_pos'"]),
+        ({"task_kwargs": {"obs_type": "state"}}, ["obs_type", "task_kwargs"]),
+        ({"cameras": ["overview"]}, ["obs_type"]),
     ],
 )
-def test_bad_settings_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_settings_are_refused(settings, shown):
+    with refused(ValueError, *shown):
         config("kitchen", **settings)
 
 

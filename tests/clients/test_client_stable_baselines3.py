@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 pytestmark = pytest.mark.clients
 
@@ -301,9 +302,9 @@ def test_hindsight_relabelling_in_the_vectorised_environments(copy_info_dict):
 
 
 def test_what_it_does_not_support_is_refused_with_the_argument_to_pass():
-    with pytest.raises(ValueError, match="pass goal_format='flat'"):
+    with refused(ValueError, "goal_format", "'flat'"):
         make_fast(KITCHEN, goal_format="dict")
-    with pytest.raises(ValueError, match=r"pass action_limit, such as action_limit=1\.0"):
+    with refused(ValueError, "action_limit", "1.0"):
         make_fast(CABINET, action_limit=None)
 
 
@@ -316,9 +317,9 @@ def test_attributes_and_methods_are_those_of_the_environments():
     sentence = environments.get_attr("instruction", 1)
     assert sentence == [make().unwrapped.instruction]
     assert environments.env_is_wrapped(Monitor, 1) == [False]
-    with pytest.raises(AttributeError, match="no_such"):
+    with refused(AttributeError, "no_such"):
         environments.get_attr("no_such")
-    with pytest.raises(AttributeError, match="velocity_scale cannot be set: pass it to make_vec_env"):
+    with refused(AttributeError, "velocity_scale", "make_vec_env"):
         environments.set_attr("velocity_scale", 1.0)
     environments.close()
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sweeps import brief
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE

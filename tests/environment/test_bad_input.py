@@ -5,6 +5,7 @@ from importlib import util
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.entities import Kettle, KitchenArena, Microwave, assets
@@ -74,14 +75,14 @@ def test_arguments(arguments, error, words):
 
 
 def test_environment_kwargs_are_no_task_kwargs():
-    with pytest.raises(TypeError, match="environment_kwargs"):
+    with refused(TypeError, "environment_kwargs"):
         suite.load("kitchen", "all", {"environment_kwargs": {"flat_observation": True}})
-    with pytest.raises(TypeError, match="task_kwargs must be a dict"):
+    with refused(TypeError, "task_kwargs"):
         suite.load("kitchen", "all", 3)
 
 
 def test_visualize_reward_must_be_a_bool():
-    with pytest.raises(TypeError, match="visualize_reward"):
+    with refused(TypeError, "visualize_reward"):
         suite.load("kitchen", "all", {"visuals": False}, visualize_reward="yes")
 
 
@@ -135,7 +136,7 @@ def test_actions_of_any_real_type_are_taken(action):
 
 
 def test_the_environment_refuses_a_time_limit_that_is_not_positive():
-    with pytest.raises(ValueError, match=r"time_limit must be positive, got 0"):
+    with refused(ValueError, "time_limit", "0"):
         Environment(load().task, time_limit=0)
 
 
@@ -145,7 +146,7 @@ def test_random_takes_numpys_integers():
 
 def test_the_arena_lists_its_sites():
     toaster = Microwave(visuals=False, name="toaster")
-    with pytest.raises(ValueError, match=r"no site for 'toaster'.*'microwave'"):
+    with refused(ValueError, "'toaster'", "'microwave'"):
         KitchenArena(visuals=False).attach_at_site(toaster)
 
 
@@ -154,7 +155,7 @@ def test_without_gymnasium_robotics_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setattr(
         util, "find_spec", lambda name, *args: None if name == "gymnasium_robotics" else find_spec(name, *args)
     )
-    with pytest.raises(FileNotFoundError, match=r"not installed: pip install 'gymnasium-robotics>=1\.4,<1\.5'"):
+    with refused(FileNotFoundError, "'gymnasium-robotics>=1.4,<1.5'"):
         Kettle()
 
 
@@ -163,5 +164,5 @@ def test_a_gymnasium_robotics_without_the_assets_is_named_too(monkeypatch, tmp_p
     (tmp_path / "gymnasium_robotics" / "__init__.py").touch()
     monkeypatch.delitem(sys.modules, "gymnasium_robotics", raising=False)
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    with pytest.raises(FileNotFoundError, match=r"has no folder .*kitchen_franka.*gymnasium-robotics>=1\.4,<1\.5"):
+    with refused(FileNotFoundError, "kitchen_franka", "gymnasium-robotics>=1.4,<1.5"):
         assets.asset_dir()

@@ -7,7 +7,8 @@ from dm_control import composer
 from dm_control.composer.observation import observable
 from dm_control.composer.variation import distributions, noises
 from dm_control.rl import control
-from sweeps import brief
+from helpers.errors import refused
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene
@@ -30,7 +31,7 @@ def trajectory(environment, steps=20):
 def count_physics_calls(environment):
     calls = []
     step = environment.physics.step
-    environment._physics.step = lambda nstep=1: (calls.append(nstep), step(nstep))
+    environment.physics.step = lambda nstep=1: (calls.append(nstep), step(nstep))
     environment.step(np.zeros(9))
     return calls
 
@@ -195,27 +196,27 @@ def test_setting_a_state_returns_the_observation_of_that_moment():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "error", "words"),
+    ("spoil", "error", "shown"),
     [
-        (lambda state: state.pop("physics"), ValueError, r"missing or unknown: \['physics'\]"),
-        (lambda state: state.update(physics=np.zeros(3)), ValueError, r"state\['physics'\] must have shape"),
-        (lambda state: state["task"].update(noise=np.full(59, np.nan)), ValueError, r"\['noise'\] must be finite"),
-        (lambda state: state["physics"].fill(1e11), ValueError, "must not exceed 1e"),
-        (lambda state: state.update(step_count=-5), ValueError, r"step_count'\] must be at least 0"),
-        (lambda state: state["task"].update(tasks="microwave"), ValueError, r"\['tasks'\] must be 'bottom burner"),
-        (lambda state: state["task"]["desired"].fill(1.0), ValueError, "other goals"),
-        (lambda state: state["task"].update(target="far"), TypeError, r"\['target'\] must hold"),
-        (lambda state: state.update(random=np.random.default_rng().bit_generator.state), ValueError, "MT19937"),
-        (lambda state: state.update(random=3), TypeError, r"state\['random'\] must be a dict"),
-        (lambda state: state["random"].update(state={}), ValueError, "is no state of a MT19937"),
+        (lambda state: state.pop("physics"), ValueError, ["['physics']"]),
+        (lambda state: state.update(physics=np.zeros(3)), ValueError, ["['physics']"]),
+        (lambda state: state["task"].update(noise=np.full(59, np.nan)), ValueError, ["['noise']"]),
+        (lambda state: state["physics"].fill(1e11), ValueError, ["must not exceed 1e"]),
+        (lambda state: state.update(step_count=-5), ValueError, ["step_count", "0"]),
+        (lambda state: state["task"].update(tasks="microwave"), ValueError, ["['tasks']"]),
+        (lambda state: state["task"]["desired"].fill(1.0), ValueError, ["other goals"]),
+        (lambda state: state["task"].update(target="far"), TypeError, ["['target']"]),
+        (lambda state: state.update(random=np.random.default_rng().bit_generator.state), ValueError, ["MT19937"]),
+        (lambda state: state.update(random=3), TypeError, ["['random']"]),
+        (lambda state: state["random"].update(state={}), ValueError, ["is no state of a MT19937"]),
     ],
 )
-def test_a_broken_state_is_refused_and_changes_nothing(environment, spoil, error, words):
+def test_a_broken_state_is_refused_and_changes_nothing(environment, spoil, error, shown):
     environment.reset()
     state = environment.get_state()
     spoil(state)
     before = environment.get_state()
-    with pytest.raises(error, match=words):
+    with refused(error, *shown):
         environment.set_state(state)
     np.testing.assert_array_equal(environment.get_state()["physics"], before["physics"])
     assert str(environment.get_state()["random"]) == str(before["random"])

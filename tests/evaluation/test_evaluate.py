@@ -1,5 +1,6 @@
 """`kitchen-evaluate` from the command line: its scores, JSON and folder; interrupted evaluations continue."""
 
+import functools
 import json
 import signal
 import subprocess
@@ -9,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import tqdm
-from sweeps import brief
+from helpers.sweeps import brief
 
 from kitchen_suite.cli.commands import evaluate
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE
@@ -20,15 +21,9 @@ SMALL = ["--num_episodes=5", "--max_episode_steps=4", "--num_envs=2"]
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
-    """Runs the command in an empty folder; returns its status, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        status = evaluate.main([*SMALL, *arguments])
-        return status, *capsys.readouterr()
-
-    return run
+def run(run, folder):
+    """Runs the command in an empty folder; returns status, stdout and stderr."""
+    return functools.partial(run, evaluate, *SMALL)
 
 
 def read(path):
@@ -227,25 +222,25 @@ def test_damaged_lines_are_refused(run, tmp_path, line):
 
 
 BAD = {
-    "--protocol=d4r": "protocol 'd4r' does not exist (did you mean 'd4rl'?)",
-    "--protocol=d4rl --domain_name=open_cabinet": "protocol 'd4rl' is not for domain 'open_cabinet'; choose from",
-    "--protocol=shift --variation_split=seen": "of protocol 'shift' differ in ['variation_split'], which cannot",
-    "--domain_name=garage": "domain 'garage' does not exist",
-    "--task_name=ketle": "did you mean 'kettle'?",
-    "--policy=expret": "did you mean 'expert'?",
-    "--policy=trained --task_name=close_microwave": "no trained policy comes with the package for kitchen",
-    "--policy=trained(file='none.npz')": "no such file: 'none.npz'",
-    "--policy=expert --domain_name=microwave_table": "there is no expert for MicrowaveTableTask",
-    "--resume": "--resume needs --output, the folder of the evaluation",
-    "--json=nowhere/a.json": "flag --json=nowhere/a.json: there is no folder 'nowhere' that may be written to",
-    "--json=.": "flag --json=.: is not a file",
-    "--json": "Missing value for flag --json",
-    "--num_episodes=0": "must be at least 1",
-    "--variations=starts": "did you mean 'start'?",
-    '--task_kwargs={"thresold":1}': "did you mean 'threshold'?",
-    '--task_kwargs={"max_episode_steps":1}': "max_episode_steps cannot be among the task_kwargs",
-    '--protocol=strict --task_kwargs={"threshold":0.1}': "threshold=0.1 and success='strict' exclude each other",
-    '--variations=start --task_kwargs={"variations":"layout"}': "but 'layout' in the task_kwargs",
+    "--protocol=d4r": ["--protocol", "default, strict, diffusion-policy, d4rl, beso, shift"],
+    "--protocol=d4rl --domain_name=open_cabinet": ["'d4rl'", "'open_cabinet'"],
+    "--protocol=shift --variation_split=seen": ["'shift'", "['variation_split']"],
+    "--domain_name=garage": ["'garage'"],
+    "--task_name=ketle": ["'kettle'"],
+    "--policy=expret": ["'expert'"],
+    "--policy=trained --task_name=close_microwave": ["kitchen", "close_microwave"],
+    "--policy=trained(file='none.npz')": ["'none.npz'"],
+    "--policy=expert --domain_name=microwave_table": ["expert", "MicrowaveTableTask"],
+    "--resume": ["--resume", "--output"],
+    "--json=nowhere/a.json": ["--json", "'nowhere'"],
+    "--json=.": ["--json"],
+    "--json": ["--json"],
+    "--num_episodes=0": ["--num_episodes", "1"],
+    "--variations=starts": ["'start'"],
+    '--task_kwargs={"thresold":1}': ["'threshold'"],
+    '--task_kwargs={"max_episode_steps":1}': ["max_episode_steps", "task_kwargs"],
+    '--protocol=strict --task_kwargs={"threshold":0.1}': ["0.1", "'strict'"],
+    '--variations=start --task_kwargs={"variations":"layout"}': ["'layout'", "task_kwargs"],
 }
 
 
@@ -254,7 +249,7 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, tmp_path, arguments):
     status, out, err = run("--output=runs", *arguments.split()) if arguments != "--resume" else run(arguments)
     assert (status, out) == (2, "")
     assert err.startswith("kitchen-evaluate: ")
-    assert BAD[arguments] in err
+    assert all(part in err for part in BAD[arguments]), err
     assert err.count("\n") == 1
     assert not (tmp_path / "runs").exists()
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
-from reference import BODIES, colliding_geoms, reference_model, same_geoms
+from helpers.original import BODIES, colliding_geoms, reference_model, same_geoms
 
 from kitchen_suite.entities import build_kitchen_scene
 

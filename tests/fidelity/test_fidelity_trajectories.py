@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 from dm_control import mjcf
-from reference import original_environment, random_actions, reference_model
-from sweeps import brief
+from helpers.original import original_environment, random_actions, reference_model
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.entities import build_kitchen_scene

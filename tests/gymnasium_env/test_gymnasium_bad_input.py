@@ -1,10 +1,11 @@
-"""2,000 odd arguments, actions, options and states: a clear error or valid behaviour, and the environment works on."""
+"""Odd arguments, actions, options and states: a clear error or valid behaviour, and the environment works on."""
 
 import copy
 
 import gymnasium
 import numpy as np
 import pytest
+from helpers.errors import refused
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -76,18 +77,23 @@ def check_action(env, action):
 
 
 some_action = given(action=st.one_of(junk, numbers, nine))
-test_actions = cases(100)(some_action(check_action))
+test_actions = cases(60)(some_action(check_action))
 test_many_actions = pytest.mark.slow(cases(800)(some_action(check_action)))
 
 
-@cases(400)
-@given(
+some_reset = given(
     seed=st.one_of(st.none(), st.integers(-5, 2**80), junk),
     options=st.one_of(st.none(), st.just({}), st.dictionaries(st.sampled_from(["state", "stat", "x"]), junk), junk),
 )
-def test_reset_options_and_seeds(env, seed, options):
+
+
+def check_reset(env, seed, options):
     attempt(env.reset, seed=seed, options=options)
     assert_works_on(env)
+
+
+test_resets = cases(100)(some_reset(check_reset))
+test_many_resets = pytest.mark.slow(cases(600)(some_reset(check_reset)))
 
 
 def test_options_of_other_libraries_are_ignored(env):
@@ -101,19 +107,19 @@ def test_options_of_other_libraries_are_ignored(env):
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "words"),
+    ("options", "error", "shown"),
     [
-        ({"stat": {}}, ValueError, r"option 'stat' does not exist \(did you mean 'state'\?\); choose from"),
-        ({"variatons": []}, ValueError, r"option 'variatons' does not exist \(did you mean 'variation'\?\)"),
-        ({"reset_mask": np.array([True])}, ValueError, "option 'reset_mask' does not exist"),
-        ({"low": 0, "request_tasks": []}, ValueError, r"\(did you mean 'requested_tasks'\?\)"),
-        ({3: 1}, TypeError, "option must be a string, got 3"),
+        ({"stat": {}}, ValueError, ["'stat'", "'state'"]),
+        ({"variatons": []}, ValueError, ["'variatons'", "'variation'"]),
+        ({"reset_mask": np.array([True])}, ValueError, ["'reset_mask'"]),
+        ({"low": 0, "request_tasks": []}, ValueError, ["'requested_tasks'"]),
+        ({3: 1}, TypeError, ["option", "3"]),
     ],
 )
-def test_misspelt_reset_options_are_refused_and_change_nothing(env, options, error, words):
+def test_misspelt_reset_options_are_refused_and_change_nothing(env, options, error, shown):
     env.reset(seed=4)
     before = env.get_state()
-    with pytest.raises(error, match=words):
+    with refused(error, *shown):
         env.reset(seed=5, options=options)
     np.testing.assert_equal(env.get_state(), before)
 
@@ -151,7 +157,7 @@ def check_state(env, data):
 
 
 some_state = given(data=st.data())
-test_states = cases(100)(some_state(check_state))
+test_states = cases(60)(some_state(check_state))
 test_many_states = pytest.mark.slow(cases(600)(some_state(check_state)))
 
 
@@ -203,7 +209,7 @@ def check_arguments(arguments):
 
 
 some_arguments = given(arguments=arguments)
-test_arguments = cases(40)(some_arguments(check_arguments))
+test_arguments = cases(25)(some_arguments(check_arguments))
 test_many_arguments = pytest.mark.slow(cases(200)(some_arguments(check_arguments)))
 
 

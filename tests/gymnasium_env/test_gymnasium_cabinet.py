@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
-from sweeps import brief
+from helpers.errors import refused
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID, FrankaOpenCabinetEnv
@@ -102,18 +103,18 @@ def test_an_action_limit_bounds_the_space_and_clips():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "words"),
+    ("arguments", "error", "shown"),
     [
-        ({"drawer": "botom"}, ValueError, "drawer 'botom'.*did you mean 'bottom'"),
-        ({"gripper": "lucky"}, ValueError, "gripper 'lucky'"),
-        ({"action_limit": 0}, ValueError, "action_limit must be finite and positive"),
-        ({"action_limit": "much"}, TypeError, "action_limit"),
-        ({"randomization": 3}, TypeError, "randomization"),
-        ({"tasks_to_complete": ["kettle"]}, TypeError, "tasks_to_complete"),
+        ({"drawer": "botom"}, ValueError, ["'botom'", "'bottom'"]),
+        ({"gripper": "lucky"}, ValueError, ["'lucky'"]),
+        ({"action_limit": 0}, ValueError, ["action_limit"]),
+        ({"action_limit": "much"}, TypeError, ["action_limit"]),
+        ({"randomization": 3}, TypeError, ["randomization"]),
+        ({"tasks_to_complete": ["kettle"]}, TypeError, ["tasks_to_complete"]),
     ],
 )
-def test_bad_arguments_are_refused(arguments, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_arguments_are_refused(arguments, error, shown):
+    with refused(error, *shown):
         FrankaOpenCabinetEnv(**arguments)
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from reference import original_environment, random_actions
-from sweeps import brief_named
+from helpers.original import original_environment, random_actions
+from helpers.sweeps import brief_named
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 

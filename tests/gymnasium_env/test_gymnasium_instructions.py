@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import IDS, KITCHEN_ID, TASK_IDS
@@ -40,17 +41,17 @@ def test_lerobots_names_are_read_by_call_and_get_attr(domain, mode):
 
 
 @pytest.mark.parametrize(
-    ("name", "error", "message"),
+    ("name", "error", "shown"),
     [
-        ("instructon", AttributeError, "attribute 'instructon' does not exist .did you mean 'instruction'"),
-        ("environment", AttributeError, "attribute 'environment' does not exist; choose from"),
-        (3, TypeError, "attribute must be a string, got 3"),
+        ("instructon", AttributeError, ["'instructon'", "'instruction'"]),
+        ("environment", AttributeError, ["'environment'"]),
+        (3, TypeError, ["attribute", "3"]),
     ],
 )
-def test_attributes_of_an_episode_are_not_read(name, error, message):
+def test_attributes_of_an_episode_are_not_read(name, error, shown):
     environments = vector(KITCHEN_ID)
     for read in (environments.get_attr, environments.call):
-        with pytest.raises(error, match=message):
+        with refused(error, *shown):
             read(name)
 
 
@@ -83,20 +84,20 @@ def test_hindsight_rewards_take_infos_with_sentences():
 
 @pytest.mark.parametrize("build", [gymnasium.make, vector])
 @pytest.mark.parametrize(
-    ("settings", "error", "message"),
+    ("settings", "error", "shown"),
     [
-        ({"info_format": "arrays"}, ValueError, "instructions=True needs info_format='lists'"),
-        ({"instructions": 1}, TypeError, "instructions must be True or False, got 1"),
+        ({"info_format": "arrays"}, ValueError, ["info_format", "'lists'"]),
+        ({"instructions": 1}, TypeError, ["instructions", "1"]),
     ],
 )
-def test_sentences_in_arrays_are_refused(build, settings, error, message):
-    with pytest.raises(error, match=message):
+def test_sentences_in_arrays_are_refused(build, settings, error, shown):
+    with refused(error, *shown):
         build(KITCHEN_ID, **{"instructions": True, **settings})
 
 
 @pytest.mark.parametrize("domain", sorted(suite.DOMAINS.keys() - {"kitchen"}))
 def test_domains_whose_infos_are_arrays_do_not_have_the_keyword(domain):
-    with pytest.raises(TypeError, match="unexpected keyword argument 'instructions'"):
+    with refused(TypeError, "'instructions'"):
         gymnasium.make(IDS[domain], instructions=True)
 
 

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
+from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
@@ -213,31 +214,31 @@ def test_the_option_leaves_the_cabinets_randomization_as_it_is():
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("options", "error", "shown"),
     [
-        ({"variation": ["strat"]}, ValueError, "variation 'strat' does not exist"),
-        ({"variation": ["start", "start"]}, ValueError, "variation names 'start' more than once"),
-        ({"variation": 3}, TypeError, "variation must be a sequence of names, got 3"),
-        ({"variation": ["camera", 3]}, TypeError, "3"),
-        ({"variation_values": 3}, TypeError, "variation_values must be a dict, got 3"),
-        ({"variation_values": {"kettle/mas": 1.0}}, ValueError, "did you mean 'kettle/mass'"),
-        ({"variation_values": {"kettle": {"mas": 1.0}}}, ValueError, "did you mean 'kettle/mass'"),
-        ({"variation_values": {"kettle": 1.0}}, ValueError, "parameter of variation_values 'kettle'"),
-        ({"variation_values": {"kettle/mass": 3.0}}, ValueError, "kettle/mass must be within 0.4 and 1.5, got 3.0"),
-        ({"variation_values": {"kettle/mass": [1.0, 1.0]}}, ValueError, "kettle/mass must be one number"),
-        ({"variation_values": {"kettle/pose": 0.0}}, ValueError, r"kettle/pose must have shape \(3,\)"),
-        ({"variation_values": {"kettle/mass": None}}, TypeError, "kettle/mass"),
-        ({"variation_values": {"kettle/pose": [0, 0, np.inf]}}, ValueError, "finite"),
-        ({"variation_values": {"kettle/burner": 0.5}}, ValueError, "kettle/burner must be an integer"),
-        ({"variations": ["start"]}, ValueError, "option 'variations' does not exist"),
+        ({"variation": ["strat"]}, ValueError, ["'strat'"]),
+        ({"variation": ["start", "start"]}, ValueError, ["variation", "'start'"]),
+        ({"variation": 3}, TypeError, ["variation", "3"]),
+        ({"variation": ["camera", 3]}, TypeError, ["3"]),
+        ({"variation_values": 3}, TypeError, ["variation_values", "3"]),
+        ({"variation_values": {"kettle/mas": 1.0}}, ValueError, ["'kettle/mass'"]),
+        ({"variation_values": {"kettle": {"mas": 1.0}}}, ValueError, ["'kettle/mass'"]),
+        ({"variation_values": {"kettle": 1.0}}, ValueError, ["variation_values", "'kettle'"]),
+        ({"variation_values": {"kettle/mass": 3.0}}, ValueError, ["kettle/mass", "0.4", "1.5", "3.0"]),
+        ({"variation_values": {"kettle/mass": [1.0, 1.0]}}, ValueError, ["kettle/mass"]),
+        ({"variation_values": {"kettle/pose": 0.0}}, ValueError, ["kettle/pose", "(3,)"]),
+        ({"variation_values": {"kettle/mass": None}}, TypeError, ["kettle/mass"]),
+        ({"variation_values": {"kettle/pose": [0, 0, np.inf]}}, ValueError, ["finite"]),
+        ({"variation_values": {"kettle/burner": 0.5}}, ValueError, ["kettle/burner"]),
+        ({"variations": ["start"]}, ValueError, ["'variations'"]),
     ],
 )
-def test_bad_options_are_refused_and_change_nothing(envs, options, error, message):
+def test_bad_options_are_refused_and_change_nothing(envs, options, error, shown):
     env = envs["kitchen"]
     env.reset(seed=1)
     env.step(np.full(9, 0.2))
     before = env.get_state()
-    with pytest.raises(error, match=message):
+    with refused(error, *shown):
         env.reset(seed=2, options=options)
     np.testing.assert_equal(env.get_state(), before)
     # Nor the next reset.
@@ -260,7 +261,7 @@ def test_a_state_has_its_own_values(envs):
     env.reset(seed=0)
     state = env.get_state()
     for options in ({"variation": "start"}, {"variation_values": {"microwave/door": -0.1}}):
-        with pytest.raises(ValueError, match="leave out variation and variation_values"):
+        with refused(ValueError, "variation_values"):
             env.reset(options={"state": state, **options})
     np.testing.assert_equal(env.get_state(), state)
     env.reset(seed=8)
@@ -269,18 +270,18 @@ def test_a_state_has_its_own_values(envs):
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "message"),
+    ("settings", "error", "shown"),
     [
-        ({"variations": "strat"}, ValueError, "did you mean 'start'"),
-        ({"variations": 3}, TypeError, "variations must be names of groups, or distributions"),
-        ({"variations": {"kettle/mass": {"unifrom": [0, 1]}}}, ValueError, "did you mean 'uniform'"),
-        ({"variations": "start", "variation_split": "test"}, ValueError, "variation_split 'test' does not exist"),
-        ({"variations": "start", "variation_split": None}, TypeError, "variation_split"),
-        ({"variation": "start"}, TypeError, "variations"),
+        ({"variations": "strat"}, ValueError, ["'start'"]),
+        ({"variations": 3}, TypeError, ["variations"]),
+        ({"variations": {"kettle/mass": {"unifrom": [0, 1]}}}, ValueError, ["'uniform'"]),
+        ({"variations": "start", "variation_split": "test"}, ValueError, ["variation_split", "'test'"]),
+        ({"variations": "start", "variation_split": None}, TypeError, ["variation_split"]),
+        ({"variation": "start"}, TypeError, ["variations"]),
     ],
 )
-def test_bad_arguments_are_refused(settings, error, message):
-    with pytest.raises(error, match=message):
+def test_bad_arguments_are_refused(settings, error, shown):
+    with refused(error, *shown):
         FrankaKitchenEnv(**settings)
 
 
@@ -314,7 +315,7 @@ def test_a_state_of_other_variations_does_not_fit(envs):
     state = make("kitchen", "start").get_state()
     for other in (envs["kitchen"], FrankaKitchenEnv(), make("kitchen", "dynamics")):
         before = other.get_state()
-        with pytest.raises(ValueError, match="variation_values"):
+        with refused(ValueError, "variation_values"):
             other.set_state(state)
         np.testing.assert_equal(other.get_state(), before)
 

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from suite_episode import play
-from sweeps import brief, brief_named
+from helpers.episodes import play
+from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.cli.commands import record

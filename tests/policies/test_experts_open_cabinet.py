@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from suite_episode import play
-from sweeps import brief, brief_named
+from helpers.episodes import play
+from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
 from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
@@ -67,7 +67,8 @@ def test_a_motion_style_changes_the_actions_and_still_opens_the_drawer(drawer, s
 
 
 def test_a_seed_fixes_all_actions_at_the_cabinet():
-    env = load()
+    # Until the hand pulls.
+    env = load(time_limit=5.0)
     expert = experts.make(env.task, style=experts.MotionStyle(jitter=0.02, action_noise=0.001))
     first, other, again = (opening(env, expert, seed)[1] for seed in (206, 207, 206))
     np.testing.assert_array_equal(first, again)

@@ -1,10 +1,10 @@
 """Policies learned by imitation: files, chunks, and the tasks that they act in."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
@@ -150,7 +150,7 @@ def test_inputs_are_the_state_and_the_tasks_asked(task_name, arguments, asked, f
 def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
     policy = make("bc")
     policy.check_fits(kitchen("kettle").task)
-    with pytest.raises(ValueError, match="cannot be asked for slide cabinet: it was trained for kitchen all"):
+    with refused(ValueError, "slide cabinet", "kitchen all"):
         policy.check_fits(kitchen("complete").task)
     free = ClonedPolicy(
         scales=scales(STATE),
@@ -158,13 +158,14 @@ def test_a_policy_acts_in_tasks_that_ask_for_some_of_its_own_and_in_no_others():
         metadata={**policy.metadata, "tasks": []},
     )
     free.check_fits(kitchen("all").task)
-    with pytest.raises(ValueError, match=r"59 observed numbers to 8 .*, but this task has 25 and 8"):
-        make_nine_actions(free).check_fits(suite.load("open_cabinet", "top_drawer").task)
-    with pytest.raises(ValueError, match=r"59 observed numbers to 9 .*, but this task has 25 and 8"):
-        free.check_fits(suite.load("open_cabinet", "top_drawer").task)
+    cabinet = suite.load("open_cabinet", "top_drawer", {"visuals": False}).task
+    with refused(ValueError, "59", "25"):
+        make_nine_actions(free).check_fits(cabinet)
+    with refused(ValueError, "59", "9", "25", "8"):
+        free.check_fits(cabinet)
     free.check_fits(kitchen("all", control_mode="joint_position").task)
     positions = free.with_metadata({**free.metadata, "task_kwargs": {"control_mode": "joint_position"}})
-    with pytest.raises(ValueError, match="acts in control mode 'joint_position', not 'joint_velocity'"):
+    with refused(ValueError, "'joint_position'", "'joint_velocity'"):
         positions.check_fits(kitchen("all").task)
 
 
@@ -199,47 +200,45 @@ def test_the_commands_play_such_policies(tmp_path, capsys):
     assert "episodes              1" in capsys.readouterr().out
 
 
-BAD = {
-    "executed is 4, but a chunk has 3 actions": {"executed": 4},
-    "chunk must be at least 1": {"chunk": 0},
-    "state_size must be": {"state_size": "59"},
-    "state_elements must be 59 increasing indices, got [0]": {"state_elements": [0]},
-    "state_elements must be 59 increasing indices, got [58": {"state_elements": [*range(58, -1, -1)]},
-    "state_elements must be 59 increasing indices, got 'all'": {"state_elements": "all"},
-    "there are 62 inputs, but state and tasks have 61": {"tasks": TASKS[:2]},
-    "tasks must be a list of names": {"tasks": [3, 4, 5]},
-    "algorithm": {"algorithm": "td3"},
-    "a network maps": {"chunk": 4},
-}
-
-
-@pytest.mark.parametrize("message", BAD)
-def test_metadata_that_do_not_fit_are_refused(message, tmp_path):
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({"executed": 4}, ("executed", "4", "3")),
+        ({"chunk": 0}, ("chunk",)),
+        ({"chunk": 4}, ()),
+        ({"state_size": "59"}, ("state_size",)),
+        ({"state_elements": [0]}, ("state_elements", "[0]")),
+        ({"state_elements": [*range(58, -1, -1)]}, ("state_elements", "[58")),
+        ({"tasks": TASKS[:2]}, ("62", "61")),
+        ({"tasks": [3, 4, 5]}, ("tasks",)),
+        ({"algorithm": "td3"}, ("algorithm",)),
+    ],
+    ids=str,
+)
+def test_metadata_that_do_not_fit_are_refused(changes, shown, tmp_path):
     policy, path = make("bc"), tmp_path / "policy.npz"
-    object.__setattr__(policy, "metadata", {**policy.metadata, **BAD[message]})
+    object.__setattr__(policy, "metadata", {**policy.metadata, **changes})
     policy.save(path)
-    with pytest.raises(ValueError, match="holds no trained policy") as caught:
+    with refused(ValueError, "policy.npz", *shown):
         load_policy(path)
-    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "shown"),
     [
-        (lambda arrays: arrays.pop("network.input.bias"), "missing or unknown arrays"),
-        (lambda arrays: arrays.update(more=np.ones(2, np.float32)), "unknown arrays ['more']"),
-        (lambda arrays: arrays.pop("input_mean"), "missing arrays ['input_mean']"),
-        (lambda arrays: arrays.update({"network.output.bias": np.ones(27)}), "finite numbers of float32"),
-        (lambda arrays: arrays["network.output.bias"].fill(np.nan), "finite numbers of float32"),
-        (lambda arrays: arrays["input_deviation"].fill(0), "positive deviations"),
-        (lambda arrays: arrays.update({"network.blocks.0.norm.bias": np.ones(2, np.float32)}), "parts of shapes"),
+        (lambda arrays: arrays.pop("input_mean"), ["input_mean"]),
+        (lambda arrays: arrays.update(more=np.ones(2, np.float32)), ["more"]),
+        (lambda arrays: arrays.update({"network.output.bias": np.ones(27)}), ["float32"]),
+        (lambda arrays: arrays["network.output.bias"].fill(np.nan), ["finite"]),
+        (lambda arrays: arrays["input_deviation"].fill(0), ["positive"]),
+        (lambda arrays: arrays.update({"network.blocks.0.norm.bias": np.ones(2, np.float32)}), ["shapes"]),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(change, message):
+def test_arrays_that_do_not_fit_are_refused(change, shown):
     policy = make("bc")
     arrays = {name: array.copy() for name, array in policy.arrays.items()}
     change(arrays)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with refused(ValueError, *shown):
         ClonedPolicy.from_arrays(arrays, policy.metadata)
 
 

@@ -7,6 +7,7 @@ import dm_env
 import numpy as np
 import pytest
 from dm_env import specs
+from helpers.errors import refused
 
 from kitchen_suite import checks, policies, suite
 
@@ -65,7 +66,7 @@ def test_actions_become_float64_unrounded_and_are_copies(monkeypatch):
 def test_importing_a_module_that_exits_does_not_exit(tmp_path, monkeypatch):
     tmp_path.joinpath("script_of_a_user.py").write_text("raise SystemExit(0)")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ValueError, match="'script_of_a_user:act' cannot be imported: SystemExit"):
+    with refused(ValueError, "'script_of_a_user:act'"):
         policies.find("script_of_a_user:act")
 
 
@@ -78,47 +79,25 @@ def test_the_expert_takes_options_by_name(kettle):
     policies.find("expert(speed=0.5, action_noise=0.1, jitter=0.01, threshold=0.15)")(kettle, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["expert(0.5)", "expert(speed=)", "expert(speed=fast)", "expert(**{})", "import os; expert()", "zero(speed=1)"],
-)
-def test_malformed_options_are_rejected(name):
-    with pytest.raises(ValueError, match="options"):
-        policies.find(name)
-
-
-NESTED = {
-    "signs": "expert(speed=" + "-" * 50_000 + "1)",
-    "sums": "expert(speed=" + "1+" * 2_000 + "1)",
-    "brackets": "expert(speed=" + "(" * 2_000 + "1" + ")" * 2_000 + ")",
-    "lists": "expert(speed=" + "[" * 2_000 + "]" * 2_000 + ")",
+MALFORMED = {
+    "expert(0.5)": (),
+    "expert(speed=fast)": (),
+    "expert(speed=": (),
+    "expert(**{})": (),
+    "import os; expert()": (),
+    "zero(speed=1)": ("zero",),
+    "expert(speed=" + "-" * 50_000 + "1)": (),
+    "expert(speed=" + "[" * 2_000 + "]" * 2_000 + ")": (),
+    # A file in place of a policy, and one without quotes: the error has the name to write.
+    "runs/policy.npz": ("trained(file='runs/policy.npz')",),
+    "trained(file=runs/policy.npz)": ("trained(file='policy.npz')",),
 }
 
 
-@pytest.mark.parametrize("name", NESTED)
-def test_nested_options_end_in_no_error_of_pythons_parser(name):
-    with pytest.raises(ValueError, match="is not well-formed"):
-        policies.find(NESTED[name])
-
-
-def test_a_file_in_place_of_a_policy_gets_the_name_to_write():
-    with pytest.raises(ValueError, match=r"is a file, not a name: write trained\(file='runs/policy\.npz'\)"):
-        policies.find("runs/policy.npz")
-
-
-def test_a_file_without_quotes_gets_an_example_with_them():
-    with pytest.raises(ValueError, match=r"or trained\(file='policy\.npz'\), with strings in quotes"):
-        policies.find("trained(file=runs/policy.npz)")
-
-
-def test_an_open_bracket_is_not_taken_for_another_policy():
-    with pytest.raises(ValueError, match=r"'expert\(speed=' is not well-formed"):
-        policies.find("expert(speed=")
-
-
-def test_an_unknown_option_gets_the_nearest_and_a_list(kettle):
-    with pytest.raises(policies.PolicyError, match=r"unexpected option 'sped' \(did you mean 'speed'\?\); choose"):
-        policies.find("expert(sped=1)")(kettle, np.random.default_rng(0))
+@pytest.mark.parametrize("name", MALFORMED, ids=lambda name: name[:20])
+def test_malformed_names_are_refused(name):
+    with refused(ValueError, *MALFORMED[name]):
+        policies.find(name)
 
 
 def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
@@ -131,7 +110,10 @@ def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
         policy(START)
 
 
-@pytest.mark.parametrize("name", ["expert(speed=2)", "expert(haste=1)", "expert(jitter='much')"])
-def test_options_that_the_expert_rejects_are_policy_errors(name, kettle):
-    with pytest.raises(policies.PolicyError, match="cannot be built"):
-        policies.find(name)(kettle, np.random.default_rng(0))
+@pytest.mark.parametrize(
+    ("options", "shown"),
+    [("speed=2", ["speed"]), ("sped=1", ["'sped'", "'speed'"]), ("jitter='much'", ["jitter", "'much'"])],
+)
+def test_options_that_the_expert_refuses_are_policy_errors(options, shown, kettle):
+    with refused(policies.PolicyError, "expert(", *shown):
+        policies.find(f"expert({options})")(kettle, np.random.default_rng(0))

@@ -3,8 +3,8 @@
 import gymnasium
 import numpy as np
 import pytest
-from suite_episode import play
-from sweeps import brief
+from helpers.episodes import play
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import play as play_command

@@ -1,10 +1,10 @@
 """The policies that come with the package open the drawer in all kinds of environments; one of them grasps it."""
 
-import cabinet_expert
 import gymnasium
 import numpy as np
 import pytest
-from suite_episode import play
+from helpers import open_cabinet
+from helpers.episodes import play
 
 from kitchen_suite import suite
 from kitchen_suite.policies import find
@@ -69,7 +69,7 @@ ENVIRONMENTS = pytest.mark.parametrize("play_episodes", [through_suite, through_
 @pytest.mark.parametrize(
     ("play_episodes", "reward"),
     [
-        (through_suite, "original"),
+        pytest.param(through_suite, "original", marks=pytest.mark.slow),
         pytest.param(through_suite, "grasp", marks=pytest.mark.slow),
         pytest.param(through_gymnasium, "original", marks=pytest.mark.slow),
         (through_gymnasium, "grasp"),
@@ -94,7 +94,7 @@ def grasp_fractions(reward, count):
     with load(reward) as environment:
         for seed in range(UNSEEN, UNSEEN + count):
             environment.random_state = seed
-            opening, fraction, _ = cabinet_expert.pulling_episode(
+            opening, fraction, _ = open_cabinet.pulling_episode(
                 environment, lambda env: build(env, np.random.default_rng(0))
             )
             assert opening > 0.1

@@ -11,6 +11,7 @@ import zipfile
 import gymnasium
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 import kitchen_suite
 from kitchen_suite import files, policies, suite
@@ -138,13 +139,6 @@ assert "torch" not in sys.modules
     assert (process.returncode, process.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("size", [0, 1, 100, 600])
-def test_a_truncated_file_is_an_os_error(saved, size):
-    saved.write_bytes(saved.read_bytes()[:size])
-    with pytest.raises(OSError, match=r"policy\.npz does not hold a trained policy"):
-        TrainedPolicy.load(saved)
-
-
 def test_a_damaged_file_is_rejected_or_harmless(saved):
     whole, observations, rejected = saved.read_bytes(), np.random.default_rng(1).normal(size=(4, 25)), 0
     for start in range(0, len(whole), 37):
@@ -159,56 +153,39 @@ def test_a_damaged_file_is_rejected_or_harmless(saved):
     assert rejected > len(whole) / 37 / 2
 
 
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nothing\.npz"):
-        TrainedPolicy.load(tmp_path / "nothing.npz")
-
-
-@pytest.mark.parametrize("content", [b"text", b"PK\x03\x04", b"\x80\x04N."])
-def test_a_file_that_is_not_an_npz_is_an_os_error(tmp_path, content):
-    path = tmp_path / "policy.npz"
-    path.write_bytes(content)
-    with pytest.raises(OSError, match=r"policy\.npz does not hold a trained policy"):
-        TrainedPolicy.load(path)
-
-
-def test_an_npz_of_something_else_is_rejected(tmp_path):
-    np.savez(tmp_path / "other.npz", metadata=np.array(json.dumps({"episode": 0})), action=np.zeros((3, 8)))
-    with pytest.raises(ValueError, match=r"other\.npz holds no trained policy: .*`format`"):
-        TrainedPolicy.load(tmp_path / "other.npz")
-
-
-@pytest.mark.parametrize("name", ["mean", "deviation", "clip", "action_scale", "weight_0", "weight_1", "bias_2"])
-def test_a_missing_array_is_named(saved, name):
-    rewrite(saved, without=[name])
-    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: .*({name}|layers)"):
+@pytest.mark.parametrize("content", [b"", b"text", b"PK\x03\x04", b"\x80\x04N."])
+def test_a_file_that_is_not_an_npz_is_an_os_error(saved, content):
+    saved.write_bytes(content)
+    with refused(OSError, "policy.npz", "trained policy"):
         TrainedPolicy.load(saved)
 
 
-WRONG = {
-    "mean": np.zeros((25, 1), np.float32),
-    "deviation": np.ones(24, np.float32),
-    "weight_0": np.zeros((25, 6), np.float32),
-    "weight_2": np.zeros((8, 4)),
-    "bias_1": np.zeros((4, 1), np.float32),
-    "action_scale": np.ones(7, np.float32),
-    "clip": np.ones(2, np.float32),
+def with_nan(array):
+    return np.full_like(array, np.nan)
+
+
+# Changes of the arrays of a policy's file: arrays left out, of another shape or type, not finite, not positive.
+SPOILT = {
+    "no mean": {"mean": None},
+    "no layer": {"weight_1": None},
+    "an axis more": {"mean": np.zeros((25, 1), np.float32)},
+    "another size": {"deviation": np.ones(24, np.float32)},
+    "layers that do not fit": {"weight_0": np.zeros((25, 6), np.float32)},
+    "another type": {"weight_2": np.zeros((8, 4))},
+    "several numbers": {"clip": np.ones(2, np.float32)},
+    "nan": {"weight_1": with_nan(np.ones((4, 6), np.float32))},
+    "a deviation of zero": {"deviation": np.zeros(25, np.float32)},
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_an_array_of_another_shape_or_kind_is_rejected(saved, name):
-    rewrite(saved, **{name: WRONG[name]})
-    with pytest.raises(ValueError, match=r"policy\.npz holds no trained policy: "):
-        TrainedPolicy.load(saved)
-
-
-@pytest.mark.parametrize("name", ["mean", "deviation", "clip", "weight_1", "bias_0", "action_scale"])
-def test_numbers_that_are_not_finite_are_rejected(saved, name):
-    with np.load(saved) as file:
-        array = np.full_like(file[name], np.nan)
-    rewrite(saved, **{name: array})
-    with pytest.raises(ValueError, match=r"must be (finite|positive)"):
+@pytest.mark.parametrize("changes", SPOILT.values(), ids=SPOILT)
+def test_arrays_that_do_not_fit_are_refused_with_the_file(saved, changes):
+    rewrite(
+        saved,
+        without=[name for name, array in changes.items() if array is None],
+        **{name: array for name, array in changes.items() if array is not None},
+    )
+    with refused(ValueError, "policy.npz"):
         TrainedPolicy.load(saved)
 
 
@@ -239,44 +216,35 @@ def test_a_crafted_array_is_refused_in_one_line_before_it_takes_memory(saved, co
         for name, member in {**members, "mean.npy": content}.items():
             archive.writestr(name, member)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(OSError, match=r"^[^\n]*policy\.npz does not hold a trained policy[^\n]*$"):
+    with refused(OSError, "policy.npz"):
         TrainedPolicy.load(saved)
     # In KiB; the bomb would take 128 MiB.
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**16
 
 
-BAD_METADATA = [[], 3, "text", None, {"format": "1"}, {"format": 1, "domain_name": ["x"]}, {"format": [[]]}]
-
-
-@pytest.mark.parametrize("metadata", BAD_METADATA, ids=str)
-def test_metadata_of_another_kind_are_refused_in_one_line(saved, metadata):
+@pytest.mark.parametrize(
+    ("metadata", "shown"),
+    [
+        ([], ()),
+        ("text", ()),
+        ({"format": 2}, ("format 2", "1")),
+        ({"episode": 0}, ("format",)),
+        ({"format": [[]]}, ("format",)),
+        ({"format": 1, "domain_name": ["x"]}, ("domain_name",)),
+        ({"format": 1, "domain_name": "kitchen", "task_name": None}, ("task_name",)),
+    ],
+    ids=str,
+)
+def test_metadata_of_another_kind_are_refused_with_the_file(saved, metadata, shown):
     with np.load(saved) as file:
         arrays = {**file, "metadata": np.array(json.dumps(metadata))}
     np.savez(saved, **arrays)
-    with pytest.raises((OSError, ValueError), match=r"^[^\n]*policy\.npz [^\n]*$"):
+    with refused((OSError, ValueError), "policy.npz", *shown):
         TrainedPolicy.load(saved)
 
 
 def test_the_representation_names_the_task_and_the_layers():
     assert repr(make()) == "<TrainedPolicy of open_cabinet top_drawer, layers [25, 6, 4, 8]>"
-
-
-def test_a_deviation_of_zero_is_rejected():
-    with pytest.raises(ValueError, match="deviation and clip must be positive"):
-        make(deviation=np.zeros(25, np.float32))
-
-
-def test_another_format_version_is_rejected(saved):
-    rewrite(saved, metadata={"format": 2})
-    with pytest.raises(ValueError, match=r"policy\.npz has format 2; this version reads 1"):
-        TrainedPolicy.load(saved)
-
-
-@pytest.mark.parametrize("name", ["domain_name", "task_name", "task_kwargs"])
-def test_a_file_that_does_not_name_its_task_is_rejected(saved, name):
-    rewrite(saved, metadata={name: None})
-    with pytest.raises(ValueError, match=rf"policy\.npz holds no trained policy: .*got `null` - at `\$\.{name}`"):
-        TrainedPolicy.load(saved)
 
 
 def load(domain, seed=0, **kwargs):
@@ -365,7 +333,7 @@ def test_a_policy_can_be_recorded(domain, tmp_path):
 @pytest.mark.parametrize(("own", "other"), [DOMAINS, DOMAINS[::-1]])
 def test_a_policy_of_another_task_is_a_policy_error(own, other, tmp_path):
     make(own).save(tmp_path / "policy.npz")
-    with pytest.raises(policies.PolicyError, match=f"it was trained for {own} {TASKS[own]}"):
+    with refused(policies.PolicyError, own, TASKS[own]):
         acting(tmp_path / "policy.npz", load(other))
 
 
@@ -373,13 +341,8 @@ def test_the_error_of_another_task_has_the_arguments_of_the_policy(tmp_path):
     policy = make("kitchen")
     goals = {"goals": {"microwave": [-0.4]}}
     policy.with_metadata({**policy.metadata, "task_kwargs": goals}).save(tmp_path / "policy.npz")
-    with pytest.raises(policies.PolicyError, match=r'with the task_kwargs \{"goals": \{"microwave": \[-0\.4\]\}\}'):
+    with refused(policies.PolicyError, "task_kwargs", "[-0.4]"):
         acting(tmp_path / "policy.npz", load("open_cabinet"))
-
-
-def test_a_file_that_cannot_be_read_is_a_policy_error(tmp_path):
-    with pytest.raises(policies.PolicyError, match=r"cannot be built: .*nothing\.npz"):
-        acting(tmp_path / "nothing.npz", load("open_cabinet"))
 
 
 def test_a_file_that_is_replaced_does_not_change_the_policy_that_was_found(tmp_path):
@@ -399,32 +362,26 @@ def test_a_file_of_another_digest_is_a_policy_error(tmp_path):
     name, digest = f"trained(file={str(path)!r})", files.file_digest(path)
     policies.find(name, digest=digest)(environment, np.random.default_rng(0))
     make(seed=1).save(path)
-    with pytest.raises(policies.PolicyError, match=r"policy\.npz is not the file that the command began with"):
+    with refused(policies.PolicyError, "policy.npz"):
         policies.find(name, digest=digest)(environment, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("options", ["file=3", "speed=1", "file='policy.npz', speed=1"])
-def test_bad_options_are_policy_errors(options):
-    with pytest.raises(policies.PolicyError, match="cannot be built"):
+@pytest.mark.parametrize("options", ["file=3", "speed=1", "file='nothing.npz'"])
+def test_bad_options_and_files_are_policy_errors(options):
+    with refused(policies.PolicyError, "trained("):
         policies.find(f"trained({options})")(load("open_cabinet"), np.random.default_rng(0))
 
 
 def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkeypatch, tmp_path):
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)
     make().save(tmp_path / "bottom_drawer.npz")
-    with pytest.raises(
-        policies.PolicyError,
-        match="no trained policy comes with the package for open_cabinet top_drawer; there are: open_cabinet bottom",
-    ):
+    with refused(policies.PolicyError, "open_cabinet", "top_drawer"):
         policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
     make().save(tmp_path / "top_drawer.npz")
     policies.find("trained")(load("open_cabinet"), np.random.default_rng(0))
-    with pytest.raises(
-        policies.PolicyError,
-        match=r"for open_cabinet top_drawer_grasp; there are: open_cabinet bottom_drawer, open_cabinet top_drawer$",
-    ):
+    with refused(policies.PolicyError, "open_cabinet", "top_drawer_grasp", "bottom_drawer", "top_drawer"):
         policies.find("trained")(load("open_cabinet", reward="grasp"), np.random.default_rng(0))
-    with pytest.raises(policies.PolicyError, match="for kitchen microwave_kettle_bottom_burner_light_switch;"):
+    with refused(policies.PolicyError, "microwave_kettle_bottom_burner_light_switch"):
         policies.find("trained")(load("kitchen"), np.random.default_rng(0))
     make("kitchen").save(tmp_path / "microwave_kettle_bottom_burner_light_switch.npz")
     policies.find("trained")(load("kitchen"), np.random.default_rng(0))
@@ -432,5 +389,5 @@ def test_a_missing_shipped_policy_is_an_error_that_lists_those_that_exist(monkey
 
 def test_a_policy_acts_in_its_own_control_mode_only():
     environment = suite.load("open_cabinet", "top_drawer", {"visuals": False, "control_mode": "joint_delta"})
-    with pytest.raises(policies.PolicyError, match="acts in control mode 'joint_offset', not 'joint_delta'"):
+    with refused(policies.PolicyError, "'joint_offset'", "'joint_delta'"):
         policies.find("trained")(environment, np.random.default_rng(0))

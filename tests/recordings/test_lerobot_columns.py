@@ -70,37 +70,30 @@ def test_the_digest_is_of_all_digits_of_all_arrays_but_pictures(played):
     assert digest(dataclasses.replace(episode, arrays={**episode.arrays, **pictures})) == digest(episode)
 
 
-BAD = {
-    "a format without a dataset": (["--format=lerobot"], "format 'lerobot' needs the name of a dataset: --dataset=me/"),
-    "also minari": (["--format=minari"], "format 'minari' needs the name of a dataset: --dataset=me/kitchen-v0"),
-    "unknown format": (["--format=hdf5", "--dataset=me/kitchen"], "format 'hdf5' does not exist; choose from"),
-    "observations that LeRobot does not read": (
-        ["--format=lerobot", "--dataset=me/kettle", '--task_kwargs={"obs_type": "goal"}'],
-        "LeRobot's obs_type 'goal' does not exist",
-    ),
-}
-
-
-@pytest.mark.parametrize(("arguments", "message"), BAD.values(), ids=BAD.keys())
-def test_bad_arguments_are_refused_before_anything_is_recorded(arguments, message, capsys, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("arguments", "shown"),
+    [
+        (["--format=lerobot"], ["'lerobot'", "--dataset=me/"]),
+        (["--format=hdf5"], ["hdf5", "minari, lerobot"]),
+        (["--format=lerobot", "--dataset=me/kettle", '--task_kwargs={"obs_type": "goal"}'], ["obs_type", "'goal'"]),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_is_recorded(arguments, shown, refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert record.main(["--output=runs", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert message in err
+    error = refusal(record, "--output=runs", *arguments)
+    assert all(part in error for part in shown), error
     assert not os.path.exists("runs")
 
 
-def test_without_lerobot_the_error_names_the_extra(capsys, tmp_path, monkeypatch):
+def test_without_lerobot_the_error_names_the_extra(refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("lerobot", "lerobot.datasets", "lerobot.datasets.lerobot_dataset"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert record.main(["--output=runs", "--format=lerobot", "--dataset=me/kettle"]) == 2
-    assert "needs LeRobot, which needs Python 3.12" in capsys.readouterr().err
+    assert "Python 3.12" in refusal(record, "--output=runs", "--format=lerobot", "--dataset=me/kettle")
     assert not os.path.exists("runs")
 
 
-def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, capsys):
+def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, refusal):
     for name in ("HF_LEROBOT_HOME", "HF_HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -110,14 +103,10 @@ def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, capsys
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "own"))
     assert home() == tmp_path / "own"
     assert home(tmp_path) == tmp_path
-    assert replay.main(["me/nothing"]) == 2
-    error = capsys.readouterr().err
-    assert "there is no folder me/nothing, and no Minari or LeRobot dataset of that name" in error
+    assert f"{tmp_path}/own" in refusal(replay, "me/nothing")
 
 
-def test_a_dataset_of_another_program_has_no_seeds(tmp_path, capsys):
+def test_a_dataset_of_another_program_has_no_seeds(tmp_path, refusal):
     (tmp_path / "meta").mkdir()
     (tmp_path / "meta/info.json").write_text("{}")
-    assert replay.main([str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert "is no dataset of kitchen-record, which writes the seeds to meta/kitchen_suite.json" in error
+    assert "meta/kitchen_suite.json" in refusal(replay, str(tmp_path))

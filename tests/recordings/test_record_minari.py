@@ -1,5 +1,6 @@
 """Recordings as Minari datasets: read back, recovered, whole or absent."""
 
+import functools
 import os
 import sys
 
@@ -7,9 +8,9 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
-from episode_files import left_behind, load_episode
+from helpers.episodes import left_behind, load_episode
+from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
-from sweeps import brief_named
 
 from kitchen_suite.cli.commands import record
 from kitchen_suite.recordings.sources import find
@@ -28,16 +29,9 @@ DATASETS = {
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
-    """Runs the command, with datasets in `datasets`; returns status, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
-
-    def run(*arguments):
-        status = record.main([*KITCHEN, *arguments])
-        return status, *capsys.readouterr()
-
-    return run
+def run(run, folder):
+    """Runs the command in an empty folder; returns status, stdout and stderr."""
+    return functools.partial(run, record, *KITCHEN)
 
 
 def recorded(index):

@@ -8,12 +8,12 @@ import h5py
 import minari
 import numpy as np
 import pytest
-from episode_files import load_episode
+from helpers.episodes import load_episode
 
 from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.rollouts.episode import flatten
 
-pytestmark = [pytest.mark.rendering, pytest.mark.thorough]
+pytestmark = [pytest.mark.rendering, pytest.mark.thorough, pytest.mark.usefixtures("folder")]
 
 PIXELS = {
     "obs_type": "pixels_agent_pos",
@@ -23,12 +23,6 @@ PIXELS = {
 }
 SHORT = ["--num_episodes=2", "--max_episode_steps=4", "--task_name=kettle"]
 ID = "kitchen-suite/pictures-v0"
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
 
 
 def record_pictures(*arguments, **options):

@@ -12,14 +12,10 @@ from kitchen_suite.recordings.replay import replay as play_again
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 
+pytestmark = pytest.mark.usefixtures("folder")
+
 ID = "kitchen-suite/asked-v0"
 RECORD = ["--output=runs", "--task_name=random_3", "--num_envs=2", "--num_threads=1", "--seed=3"]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
 
 
 def recorded():

@@ -1,6 +1,7 @@
 """`kitchen-replay` from the command line: equal replays, differences, and datasets of the original environment."""
 
 import contextlib
+import functools
 import json
 import re
 import shutil
@@ -12,9 +13,9 @@ import imageio.v2 as imageio
 import minari
 import numpy as np
 import pytest
-from episode_files import load_episode
-from reference import original_environment, random_actions
-from sweeps import brief, brief_named
+from helpers.episodes import load_episode
+from helpers.original import original_environment, random_actions
+from helpers.sweeps import brief, brief_named
 
 from kitchen_suite.cli.commands import record, replay, rollout
 from kitchen_suite.recordings.replay import choose
@@ -32,16 +33,9 @@ EQUAL = {"difference": "0", "rewards": "equal", "end": "equal", "completions": "
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
-    """Runs the command, with datasets in `datasets`; returns status, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
-
-    def run(*arguments):
-        status = replay.main(arguments)
-        return status, *capsys.readouterr()
-
-    return run
+def run(run, folder):
+    """Runs the command in an empty folder; returns status, stdout and stderr."""
+    return functools.partial(run, replay)
 
 
 @pytest.fixture(scope="module")
@@ -398,25 +392,23 @@ def test_a_dataset_of_something_else_is_refused(run):
 
 
 BAD = {
-    "": "source is missing",
-    "nowhere": "there is no folder nowhere",
-    "no/where-vx": "there is no folder no/where-vx",
-    "no//where-v0": "'no//where-v0' is no name of a dataset",
-    "nowhere-v0": "there is no folder nowhere-v0",
-    "empty": "empty holds neither recording.json nor a Minari or LeRobot dataset",
-    "runs/episode_000000.npz": "dataset: name its folder, runs",
-    "runs more": "unexpected argument 'more'",
-    "runs --episodes=some": "episodes must be 'all'",
-    "runs --episodes=3-1": "the range 3-1 of episodes is empty",
-    "runs --episodes=1-": "episodes must be 'all'",
-    "runs --episodes=0-99999999999": "there is no episode 99999999999",
-    "runs --episodes=4": "there is no episode 4: there are 4, from 0",
-    "runs --num_episodes=0": "must be at least 1",
-    "runs --task_name=kettle": "there is no flag --task_name",
-    "runs --video=film.avi": ".mp4",
-    "runs --width=33": "even",
-    "runs --camera=overvew": "did you mean 'overview'?",
-    "broken": "broken/recording.json does not describe a recording",
+    "": ["source"],
+    "nowhere": ["nowhere"],
+    "no//where-v0": ["'no//where-v0'"],
+    "nowhere-v0": ["nowhere-v0"],
+    "empty": ["empty", "recording.json"],
+    "runs/episode_000000.npz": ["runs"],
+    "runs more": ["'more'"],
+    "runs --episodes=some": ["episodes", "'all'"],
+    "runs --episodes=3-1": ["3-1"],
+    "runs --episodes=0-99999999999": ["99999999999"],
+    "runs --episodes=4": ["episode 4"],
+    "runs --num_episodes=0": ["--num_episodes", "1"],
+    "runs --task_name=kettle": ["--task_name"],
+    "runs --video=film.avi": [".mp4"],
+    "runs --width=33": ["even"],
+    "runs --camera=overvew": ["'overview'"],
+    "broken": ["broken/recording.json"],
 }
 
 
@@ -424,11 +416,11 @@ def test_a_bad_argument_gets_one_line_and_status_2(run, runs, tmp_path):
     tmp_path.joinpath("empty").mkdir()
     tmp_path.joinpath("broken").mkdir()
     tmp_path.joinpath("broken", "recording.json").write_text(json.dumps({"seed": 3}))
-    for arguments, message in BAD.items():
+    for arguments, shown in BAD.items():
         status, out, err = run(*arguments.split())
         assert (status, out) == (2, ""), arguments
         assert re.fullmatch(r"kitchen-replay: [^\n]+\n", err)
-        assert message in err
+        assert all(part in err for part in shown), err
 
 
 def test_positions_beyond_what_mujoco_simulates_are_refused_without_numpys_warning(run, runs):

@@ -1,7 +1,7 @@
 """Web pages in headless Chromium, with software rendering."""
 
-import chromium
 import pytest
+from helpers import pages
 
 from kitchen_suite.cli.commands import rollout
 
@@ -19,7 +19,7 @@ def test_a_page_plays_in_a_browser_from_the_file_alone(tmp_path):
     path, picture = tmp_path / "page.html", tmp_path / "page.png"
     arguments = ["--num_episodes=2", "--policy=expert", "--task_name=kettle", f"--web={path}"]
     assert rollout.main(arguments) == 0
-    with chromium.opened(f"file://{path}") as (page, asked):
+    with pages.opened(f"file://{path}") as (page, asked):
         player = page.frame_locator("#player")
         time = player.locator("input").first
         time.wait_for()
@@ -36,7 +36,7 @@ def test_a_page_plays_in_a_browser_from_the_file_alone(tmp_path):
         time.fill("2.0")  # [s], between the end of the episode and that of its last frame
         wait_for_numbers(page, "1 of 1")
         assert "yes" in page.inner_text("#numbers")
-        chromium.wait_for_frames(page.frames[-1], 6)
-        chromium.take_picture(page, page.frames[-1], picture)
+        pages.wait_for_frames(page.frames[-1], 6)
+        pages.take_picture(page, page.frames[-1], picture)
         assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
-    chromium.assert_shows_a_scene(picture, slice(-220, None))
+    pages.assert_shows_a_scene(picture, slice(-220, None))

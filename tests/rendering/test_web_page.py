@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-import web_recordings
+from helpers import pages
 
 from kitchen_suite.rendering.viser_servers import silent_server
 from kitchen_suite.rendering.web_page import WebPage
@@ -43,13 +43,13 @@ def page(recordings, tmp_path_factory):
 
 
 def test_the_recordings_of_a_page_are_those_that_were_added(recordings, page):
-    read = web_recordings.read_page(page)
+    read = pages.read_page(page)
     for recording, episode in zip(recordings, read["episodes"], strict=True):
-        assert web_recordings.contents(web_recordings.joined(read, episode)) == web_recordings.contents(recording)
+        assert pages.contents(pages.joined(read, episode)) == pages.contents(recording)
 
 
 def test_episodes_share_large_messages(page):
-    first, second = (set(episode["chunks"]) for episode in web_recordings.read_page(page)["episodes"])
+    first, second = (set(episode["chunks"]) for episode in pages.read_page(page)["episodes"])
     assert first & second
     assert first != second
 
@@ -58,13 +58,13 @@ def test_a_page_asks_nothing_of_the_network(page):
     text = page.read_text("utf-8")
     assert "<title>A &lt;title&gt; of [[page]]</title>" in text
     assert "src=" not in text.replace("srcdoc=", "").partition('id="player-json"')[0]
-    player = web_recordings.script_json(text, "player-json")
+    player = pages.script_json(text, "player-json")
     assert player.startswith("<!doctype html>")
     assert "</head>" in player
 
 
 def test_text_of_an_episode_cannot_end_the_script(page):
-    assert web_recordings.read_page(page)["episodes"][0]["instruction"] == "</script>"
+    assert pages.read_page(page)["episodes"][0]["instruction"] == "</script>"
 
 
 def test_a_silent_server_listens_to_no_port(capfd):
@@ -82,5 +82,5 @@ def listening():
 
 
 def test_recordings_are_messagepack(recordings):
-    head, _ = web_recordings.contents(recordings[0])
+    head, _ = pages.contents(recordings[0])
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(head)) == head

@@ -1,19 +1,19 @@
 """`kitchen-rollout` from the command line: exit status, table, error messages, and files."""
 
+import functools
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from absl import flags
 from dm_control.rl import control
-from episode_files import assert_same_arrays, load_episode, nested
-from sweeps import brief
+from helpers.episodes import assert_same_arrays, load_episode, nested
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
@@ -66,18 +66,12 @@ not_callable = 3
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
+def run(run, folder, monkeypatch):
     """Runs the command in a folder that holds `my_policies.py`; returns status, stdout and stderr."""
-    tmp_path.joinpath("my_policies.py").write_text(POLICIES)
-    monkeypatch.chdir(tmp_path)
+    folder.joinpath("my_policies.py").write_text(POLICIES)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.delitem(sys.modules, "my_policies", raising=False)
-
-    def run(*arguments):
-        status = rollout.main(arguments)
-        return status, *capsys.readouterr()
-
-    yield run
+    yield functools.partial(run, rollout)
     sys.modules.pop("my_policies", None)
 
 
@@ -98,10 +92,8 @@ def episode_files(folder):
 
 
 def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
-    started = time.monotonic()
     status, out, err = run()
     assert (status, err) == (0, "")
-    assert time.monotonic() - started < 20
     assert out.startswith("kitchen complete, policy random\n")
     nothing = {"return": "0", "steps": "280", "success": "no", "tasks completed (at control step)": "none"}
     assert rows(out) == [{"episode": str(i), "seed": str(i), **nothing} for i in range(3)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from episode_files import assert_same_arrays, load_episode
+from helpers.episodes import assert_same_arrays, load_episode
 
 from kitchen_suite import policies, suite
 from kitchen_suite.cli.commands import rollout

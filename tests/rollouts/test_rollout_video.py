@@ -10,8 +10,8 @@ import imageio.v2 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from episode_files import assert_same_arrays, load_episode
-from sweeps import brief
+from helpers.episodes import assert_same_arrays, load_episode
+from helpers.sweeps import brief
 
 from kitchen_suite.cli.commands import rollout
 from kitchen_suite.rendering import gl, video
@@ -22,12 +22,6 @@ pytestmark = pytest.mark.thorough
 def read(path):
     with contextlib.closing(imageio.get_reader(path)) as reader:
         return reader.get_meta_data(), np.stack(list(reader.iter_data()))
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def film(*arguments):

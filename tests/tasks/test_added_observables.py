@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from dm_control import composer, mjcf
 from dm_control.composer.observation.observable import MJCFCamera
-from sweeps import brief
+from helpers.errors import refused
+from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.tasks.observables import offered
@@ -112,21 +113,21 @@ def test_cameras_are_observables_of_composer(domain):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "shown"),
     {
-        "unknown camera": ({"cameras": ["overvew"]}, "camera 'overvew' does not exist .did you mean 'overview'"),
-        "size without cameras": ({"image_size": (8, 8)}, "are settings of pictures, and need cameras"),
-        "depth without cameras": ({"depth": True}, "are settings of pictures, and need cameras"),
-        "too large": ({"cameras": ["overview"], "image_size": (1441, 8)}, "height of image_size must be at most 1440"),
-        "no visuals": ({"cameras": ["overview"], "visuals": False}, "visuals=False leaves out what pictures show"),
-        "unknown quantity": ({"extra_observables": ["hand_pose"]}, "extra observable 'hand_pose' does not exist"),
-        "twice": ({"extra_observables": ["franka/gripper_width"] * 2}, "more than once"),
-        "unknown argument": ({"camera": "overview"}, "unexpected argument 'camera' .did you mean 'cameras'"),
+        "unknown camera": ({"cameras": ["overvew"]}, ["'overvew'", "'overview'"]),
+        "size without cameras": ({"image_size": (8, 8)}, ["are settings of pictures, and need cameras"]),
+        "depth without cameras": ({"depth": True}, ["are settings of pictures, and need cameras"]),
+        "too large": ({"cameras": ["overview"], "image_size": (1441, 8)}, ["height", "image_size", "1440"]),
+        "no visuals": ({"cameras": ["overview"], "visuals": False}, ["visuals=False leaves out what pictures show"]),
+        "unknown quantity": ({"extra_observables": ["hand_pose"]}, ["'hand_pose'"]),
+        "twice": ({"extra_observables": ["franka/gripper_width"] * 2}, ["more than once"]),
+        "unknown argument": ({"camera": "overview"}, ["'camera'", "'cameras'"]),
     }.values(),
 )
 @pytest.mark.parametrize("domain", brief(TASKS, kept=["open_cabinet"]))
-def test_bad_settings_are_refused(domain, options, message):
-    with pytest.raises((TypeError, ValueError), match=message):
+def test_bad_settings_are_refused(domain, options, shown):
+    with refused((TypeError, ValueError), *shown):
         load(domain, **options)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from dm_control import mjcf
+from helpers.errors import refused
 
 from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.entities.joints import addresses
@@ -79,18 +80,18 @@ def test_the_microwaves_goal_holds_in_another_scene():
     )
     np.testing.assert_array_equal(indices.goal_qpos, indices.object_qpos)
     np.testing.assert_array_equal(GOALS["microwave"].elements_in(scene), [0])
-    with pytest.raises(ValueError, match="prop 'kettle' does not exist"):
+    with refused(ValueError, "'kettle'"):
         GOALS["kettle"].joints_in(scene)
 
 
 @pytest.mark.parametrize(
-    ("goal", "message"),
+    ("goal", "shown"),
     [
-        (Goal(prop="toaster", value=(0.0,)), "prop 'toaster' does not exist"),
-        (Goal(prop="oven", joints=("knob",), value=(0.0,)), "joint of 'oven'"),
-        (Goal(prop="kettle", value=(0.0,)), "goal of 'mine' must have 7 values"),
+        (Goal(prop="toaster", value=(0.0,)), ["'toaster'"]),
+        (Goal(prop="oven", joints=("knob",), value=(0.0,)), ["'oven'"]),
+        (Goal(prop="kettle", value=(0.0,)), ["'mine'", "7"]),
     ],
 )
-def test_goals_must_fit_the_scene(kitchen, physics, goal, message):
-    with pytest.raises(ValueError, match=message):
+def test_goals_must_fit_the_scene(kitchen, physics, goal, shown):
+    with refused(ValueError, *shown):
         SceneIndices(kitchen, GoalSet.build({"mine": goal}, ["mine"]), physics)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import joint_types
@@ -146,19 +147,19 @@ def test_an_experts_own_threshold_replaces_the_tasks_success():
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "words"),
+    ("settings", "error", "shown"),
     [
-        ({"success": "strikt"}, ValueError, "did you mean 'strict'"),
-        ({"success": 1}, TypeError, "success must be a string, got 1"),
-        ({"success": "strict", "threshold": 0.1}, ValueError, "exclude each other"),
-        ({"success": "original", "threshold": 0.3}, ValueError, "exclude each other"),
-        ({"threshold": {"kettel": 0.1}}, ValueError, "threshold of task 'kettel' does not exist.*'kettle'"),
-        ({"threshold": {"microwave": 0.1}}, ValueError, r"choose from \['kettle'\]"),
-        ({"threshold": {"kettle": -1}}, ValueError, "threshold of 'kettle' must be finite and non-negative"),
-        ({"threshold": {"kettle": True}}, TypeError, "threshold of 'kettle' must be a number"),
-        ({"threshold": [0.1]}, TypeError, r"threshold must be a number, got \[0.1\]"),
+        ({"success": "strikt"}, ValueError, ["'strict'"]),
+        ({"success": 1}, TypeError, ["success", "1"]),
+        ({"success": "strict", "threshold": 0.1}, ValueError, ["exclude each other"]),
+        ({"success": "original", "threshold": 0.3}, ValueError, ["exclude each other"]),
+        ({"threshold": {"kettel": 0.1}}, ValueError, ["'kettel'", "'kettle'"]),
+        ({"threshold": {"microwave": 0.1}}, ValueError, ["['kettle']"]),
+        ({"threshold": {"kettle": -1}}, ValueError, ["'kettle'"]),
+        ({"threshold": {"kettle": True}}, TypeError, ["'kettle'"]),
+        ({"threshold": [0.1]}, TypeError, ["threshold", "[0.1]"]),
     ],
 )
-def test_bad_input_is_refused(settings, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_input_is_refused(settings, error, shown):
+    with refused(error, *shown):
         load(["kettle"], **settings)

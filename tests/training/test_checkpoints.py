@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from training_reference import BATCH, environments, learner
+from helpers.training import BATCH, environments, learner
 
 pytestmark = pytest.mark.clients
 

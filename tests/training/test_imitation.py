@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from human_files import write_d4rl
+from helpers.human_files import write_d4rl
 
 from kitchen_suite.cli.commands import convert, evaluate, record, train
 from kitchen_suite.policies import load_policy
@@ -143,55 +143,54 @@ def recording(tmp_path_factory):
 
 
 @pytest.fixture
-def run(recording, tmp_path, capsys):
-    def run(*flags, task_kwargs=None):
+def imitate(recording, run, tmp_path):
+    def imitate(*flags, task_kwargs=None):
         folder, arguments = recording
         kwargs = json.dumps(arguments if task_kwargs is None else task_kwargs)
         own = [f"--output={tmp_path / 'run'}", f"--demonstrations={folder}", f"--task_kwargs={kwargs}", HYPERPARAMETERS]
-        status = train.main([*own, *FLAGS, "--task_name=all", *flags])
-        return status, *capsys.readouterr()
+        return run(train, *own, *FLAGS, "--task_name=all", *flags)
 
-    return run
+    return imitate
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_run_trains_a_policy_that_observes_what_is_asked(run, tmp_path, algorithm):
-    assert run(f"--algorithm={algorithm}")[0] == 0
+def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
+    assert imitate(f"--algorithm={algorithm}")[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
     assert policy.tasks == ("kettle", "microwave", "light switch")
     assert policy.metadata["algorithm"] == algorithm
     assert json.loads((tmp_path / "run" / "training.json").read_text())["algorithm"] == algorithm
-    status, out, _ = run(f"--algorithm={algorithm}", "--resume")
+    status, out, _ = imitate(f"--algorithm={algorithm}", "--resume")
     assert (status, "all steps were made" in out) == (0, True)
 
 
-def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(run, tmp_path):
-    assert run("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
+def test_a_run_without_draws_trains_a_policy_that_does_not_observe_what_is_asked(imitate, tmp_path):
+    assert imitate("--algorithm=bc", "--num_demonstrations=2", task_kwargs={})[0] == 0
     policy = load_policy(tmp_path / "run" / "policy.npz")
     assert (policy.tasks, policy.metadata["state_size"]) == ((), 59)
 
 
 BAD = {
-    ("--algorithm=td3",): "algorithm",
-    ("--algorithm=bc", "--demonstrations="): "--demonstrations",
-    ("--algorithm=bc", "--num_demonstrations=9"): "successful episodes, not 9",
-    ("--algorithm=bc", '--training_kwargs={"sleep": true}'): "--training_kwargs is for the algorithm 'ppo'",
-    ("--algorithm=bc", "--initial_policy=policy.npz"): "--initial_policy is for the algorithm 'ppo'",
-    ("--algorithm=bc", "--control_mode=joint_position"): "was recorded with control_mode",
-    ("--algorithm=bc", '--hyperparameters={"widht": 3}'): "did you mean 'width'?",
-    ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): "hyperparameter",
-    ("--algorithm=bc", '--hyperparameters={"executed": 9}'): "executed must be at most chunk, 8, got 9",
-    ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): "holds episodes of kitchen",
+    ("--algorithm=td3",): ["algorithm"],
+    ("--algorithm=bc", "--demonstrations="): ["--demonstrations"],
+    ("--algorithm=bc", "--num_demonstrations=9"): ["9"],
+    ("--algorithm=bc", '--training_kwargs={"sleep": true}'): ["--training_kwargs", "'ppo'"],
+    ("--algorithm=bc", "--initial_policy=policy.npz"): ["--initial_policy", "'ppo'"],
+    ("--algorithm=bc", "--control_mode=joint_position"): ["control_mode"],
+    ("--algorithm=bc", '--hyperparameters={"widht": 3}'): ["'width'"],
+    ("--algorithm=bc", '--hyperparameters={"flow_steps": 3}'): ["hyperparameter"],
+    ("--algorithm=bc", '--hyperparameters={"executed": 9}'): ["executed", "8", "9"],
+    ("--algorithm=bc", "--domain_name=open_cabinet", "--task_name=top_drawer"): ["kitchen"],
 }
 
 
 @pytest.mark.parametrize("flags", BAD)
-def test_bad_arguments_are_refused_in_one_line(run, tmp_path, flags):
+def test_bad_arguments_are_refused_in_one_line(imitate, tmp_path, flags):
     kwargs = {} if "--domain_name=open_cabinet" in flags else None
-    status, _, err = run(*flags, task_kwargs=kwargs)
+    status, _, err = imitate(*flags, task_kwargs=kwargs)
     assert status == 2
     assert re.fullmatch(r"kitchen-train: [^\n]+\n", err)
-    assert BAD[flags] in err
+    assert all(part in err for part in BAD[flags]), err
     assert not (tmp_path / "run").exists()
 
 
@@ -231,9 +230,9 @@ def test_several_recordings_are_learned_from_together(recording):
     assert len(everything.actions) == 2 * len(load_recording(folder, spec, tasks).actions)
 
 
-def test_numbers_of_demonstrations_are_as_many_as_folders(run, recording):
+def test_numbers_of_demonstrations_are_as_many_as_folders(imitate, recording):
     folder, _ = recording
-    status, _, err = run("--algorithm=bc", f"--demonstrations={folder},{folder}", "--num_demonstrations=1,2,3")
+    status, _, err = imitate("--algorithm=bc", f"--demonstrations={folder},{folder}", "--num_demonstrations=1,2,3")
     assert status == 2
     assert "num_demonstrations has 3 numbers for 2 folders of demonstrations" in err
 

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from training_reference import METADATA, SMALL, environments, learner
+from helpers.errors import refused
+from helpers.training import METADATA, SMALL, environments, learner
 
 from kitchen_suite.cli.commands import train
 from kitchen_suite.policies.trained import TrainedPolicy
@@ -46,14 +47,14 @@ def test_a_learner_starts_with_the_actions_of_the_policy_and_trains_the_values_f
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "shown"),
     [
-        ({"hidden": [8, 8]}, r"layers \[25, 8, 8\], but task and hyperparameters make \[25, 8, 8, 8\]"),
-        ({"action_scale": [0.02] * 8}, "action_scale"),
+        ({"hidden": [8, 8]}, ["[25, 8, 8]", "[25, 8, 8, 8]"]),
+        ({"action_scale": [0.02] * 8}, ["action_scale"]),
     ],
 )
-def test_policies_of_other_networks_are_refused(envs, policy, changes, message):
-    with pytest.raises(ValueError, match=message):
+def test_policies_of_other_networks_are_refused(envs, policy, changes, shown):
+    with refused(ValueError, *shown):
         learner(envs, **changes).adopt(policy)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from training_reference import SMALL, environments, learner
+from helpers.training import SMALL, environments, learner
 
 pytestmark = pytest.mark.clients
 

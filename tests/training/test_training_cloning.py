@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from training_reference import METADATA, SMALL, environments, learner
+from helpers.training import METADATA, SMALL, environments, learner
 
 from kitchen_suite.cli.commands import play, record, train
 from kitchen_suite.rollouts.folder import RecordingFolder

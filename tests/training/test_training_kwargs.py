@@ -8,6 +8,7 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import train
+from kitchen_suite.training.learner import PPOLearner
 from kitchen_suite.training.recipes import find_recipe
 
 pytestmark = pytest.mark.clients
@@ -81,13 +82,12 @@ def test_other_domains_train_in_the_environments_of_their_evaluations(job_of):
 
 
 BAD = {
-    '{"control_mode": "joint_position"}': "training_kwargs cannot change ['control_mode'], on which the policy depends",
-    '{"extra_observables": ["kettle/pose"]}': "training_kwargs cannot change ['extra_observables']",
-    '{"max_episode_steps": 0}': "max_episode_steps must be at least 1",
-    '{"max_episode_steps": "many"}': "max_episode_steps must be an integer",
-    '{"rewrad": "dense"}': "did you mean 'reward'?",
-    '{"reward": "dens"}': "did you mean 'dense'?",
-    "[1]": "JSON object",
+    '{"control_mode": "joint_position"}': ["training_kwargs", "['control_mode']"],
+    '{"extra_observables": ["kettle/pose"]}': ["training_kwargs", "['extra_observables']"],
+    '{"max_episode_steps": 0}': ["max_episode_steps", "1"],
+    '{"rewrad": "dense"}': ["'reward'"],
+    '{"reward": "dens"}': ["'dense'"],
+    "[1]": ["JSON object"],
 }
 
 
@@ -95,7 +95,7 @@ BAD = {
 def test_bad_arguments_of_training_are_refused_in_one_line(job_of, value):
     error = job_of(*KETTLE, f"--training_kwargs={value}", status=2)
     assert re.fullmatch(r"kitchen-train: [^\n]+\n", error)
-    assert BAD[value] in error
+    assert all(part in error for part in BAD[value]), error
 
 
 def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
@@ -105,9 +105,10 @@ def test_a_run_is_not_resumed_with_other_arguments_of_training(job_of):
 
 
 def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
-    from kitchen_suite.training.learner import PPOLearner
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
     PPOLearner(environments, job.training.config, 0).start(0)
-    assert sorted(environments._get_info()["episode_step"]) == [2, 5]
+    # The steps 2 and 5 of six: the next one ends an episode.
+    *_, infos = environments.step(np.zeros(environments.action_space.shape))
+    assert sorted(infos["episode_step"]) == [0, 3]

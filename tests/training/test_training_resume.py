@@ -8,9 +8,9 @@ import threading
 
 import numpy as np
 import pytest
-from episode_files import left_behind
 from gymnasium.vector import AutoresetMode
-from training_reference import BATCH, METADATA, SMALL, environments, learner
+from helpers.episodes import left_behind
+from helpers.training import BATCH, METADATA, SMALL, environments, learner
 
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.settings import Schedule

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
-from reference import random_actions
-from sweeps import brief
+from helpers.errors import refused
+from helpers.original import random_actions
+from helpers.sweeps import brief
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.variations import MODERATE
@@ -241,7 +242,7 @@ def test_disabled_starts_what_the_mask_chooses_and_nothing_else():
     assert not np.array_equal(started[0], last[0])
     assert info["episode_step"].tolist() == [0, 0, 0]
     assert info["_episode_step"].tolist() == [True, False, True]
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+    with refused(gymnasium.error.ResetNeeded, "environments [1]"):
         env.step(np.zeros((3, 8)))
     env.reset(options={"reset_mask": np.array([False, True, False])})
     assert env.step(np.zeros((3, 8)))[4]["episode_step"].tolist() == [1, 1, 1]
@@ -303,9 +304,9 @@ def test_a_step_of_some_environments_is_that_of_all(vector_pair):
     assert infos["episode_step"][1] == 0
     assert (rewards[1], terminated[1], truncated[1]) == (0.0, False, False)
     for stepped in (np.full(COUNT, True), ~mask):
-        with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+        with refused(gymnasium.error.ResetNeeded, "environments [1]"):
             some.step_some(actions[3], stepped)
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[1\] have ended"):
+    with refused(gymnasium.error.ResetNeeded, "environments [1]"):
         some.step(actions[3])
     for env in (some, every):
         env.reset(seed=7, options={"reset_mask": ~mask})
@@ -335,16 +336,16 @@ def test_actions_of_environments_that_wait_need_no_meaning():
 
 
 @pytest.mark.parametrize(
-    ("mask", "error", "message"),
+    ("mask", "error", "shown"),
     [
-        ([True] * COUNT, TypeError, "mask must be an array of bools"),
-        (np.array([True]), ValueError, "mask must have shape"),
-        (np.full(COUNT, False), ValueError, "mask must choose at least one"),
+        ([True] * COUNT, TypeError, ["mask"]),
+        (np.array([True]), ValueError, ["mask"]),
+        (np.full(COUNT, False), ValueError, ["mask"]),
     ],
 )
-def test_a_mask_of_steps_that_is_refused_changes_nothing(vector_pair, mask, error, message):
+def test_a_mask_of_steps_that_is_refused_changes_nothing(vector_pair, mask, error, shown):
     some, every = vector_pair
-    with pytest.raises(error, match=message):
+    with refused(error, *shown):
         some.step_some(kitchen_actions()[0], mask)
     assert_same(some.step(kitchen_actions()[0]), every.step(kitchen_actions()[0]))
 
@@ -352,5 +353,5 @@ def test_a_mask_of_steps_that_is_refused_changes_nothing(vector_pair, mask, erro
 def test_only_without_autoreset_some_environments_step():
     env = many(OPEN_CABINET_ID, "NextStep")
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="autoreset_mode must be 'Disabled', got 'NextStep'"):
+    with refused(ValueError, "autoreset_mode", "'Disabled'", "'NextStep'"):
         env.step_some(np.zeros((COUNT, 8)), np.full(COUNT, True))

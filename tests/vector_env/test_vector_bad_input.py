@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from helpers.errors import refused
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID
 from kitchen_suite.vector_env import FrankaKitchenVectorEnv, FrankaOpenCabinetVectorEnv
@@ -40,87 +41,50 @@ def spoilt(value):
     return array
 
 
+# For each kind of bad actions: what the error shows.
 BAD_ACTIONS = {
-    "of one environment": (np.zeros(8), ValueError, r"actions must have shape \(3, 8\), got shape \(8,\)"),
-    "of too few": (np.zeros((2, 8)), ValueError, r"actions must have shape \(3, 8\), got shape \(2, 8\)"),
-    "of another robot": (np.zeros((3, 9)), ValueError, r"actions must have shape \(3, 8\), got shape \(3, 9\)"),
-    "with an axis more": (np.zeros((1, 3, 8)), ValueError, "actions must have shape"),
-    "nothing": (None, TypeError, "actions must hold numbers, got None"),
-    "one number": (0.5, ValueError, "actions must have shape"),
-    "NaN": (spoilt(np.nan), ValueError, r"actions must be finite; those of environments \[1\] are not"),
-    "inf": (spoilt(-np.inf), ValueError, r"actions must be finite; those of environments \[1\] are not"),
-    "beyond doubles": (
-        np.full((3, 8), np.longdouble("1e400")),
-        ValueError,
-        r"actions must be finite; those of environments \[0, 1, 2\] are not",
-    ),
-    "strings": ([["up"] * 8] * 3, TypeError, "actions must hold numbers"),
-    "bools": (np.ones((3, 8), bool), TypeError, "actions must hold numbers"),
-    "complex": (np.ones((3, 8), complex), TypeError, "actions must hold numbers"),
-    "objects": (np.full((3, 8), None), TypeError, "actions must hold numbers"),
-    "ragged": ([[0.0], [0.0] * 8, []], ValueError, "actions must be an array"),
+    "of one environment": (np.zeros(8), ValueError, ["actions", "(3, 8)", "(8,)"]),
+    "of another robot": (np.zeros((3, 9)), ValueError, ["actions", "(3, 8)", "(3, 9)"]),
+    "nothing": (None, TypeError, ["actions", "None"]),
+    "one number": (0.5, ValueError, ["actions"]),
+    "NaN": (spoilt(np.nan), ValueError, ["actions", "finite", "[1]"]),
+    "inf": (spoilt(-np.inf), ValueError, ["actions", "finite", "[1]"]),
+    "beyond doubles": (np.full((3, 8), np.longdouble("1e400")), ValueError, ["actions", "finite", "[0, 1, 2]"]),
+    "strings": ([["up"] * 8] * 3, TypeError, ["actions", "numbers"]),
+    "bools": (np.ones((3, 8), bool), TypeError, ["actions", "numbers"]),
+    "complex": (np.ones((3, 8), complex), TypeError, ["actions", "numbers"]),
+    "ragged": ([[0.0], [0.0] * 8, []], ValueError, ["actions", "array"]),
 }
 
 
-@pytest.mark.parametrize(("actions", "error", "words"), BAD_ACTIONS.values(), ids=BAD_ACTIONS.keys())
+@pytest.mark.parametrize(("actions", "error", "shown"), BAD_ACTIONS.values(), ids=BAD_ACTIONS.keys())
 @pytest.mark.filterwarnings("ignore:overflow encountered in cast")
-def test_bad_actions_are_refused_and_change_nothing(twins, actions, error, words):
+def test_bad_actions_are_refused_and_change_nothing(twins, actions, error, shown):
     env, twin = twins
-    with pytest.raises(error, match=words):
+    with refused(error, *shown):
         env.step(actions)
     assert_goes_on_as(env, twin)
 
 
 MASK = np.array([True, False, False])
 BAD_RESETS = {
-    "negative seed": ({"seed": -1}, ValueError, "seed must be at least 0, got -1"),
-    "negative seed among others": ({"seed": [1, 2, -3]}, ValueError, "seed must be at least 0, got -3"),
-    "float seed": ({"seed": 1.0}, TypeError, "seed must be an integer, got 1.0"),
-    "bool seed": ({"seed": True}, TypeError, "seed must be an integer, got True"),
-    "float among the seeds": ({"seed": [1, 2.5, None]}, TypeError, "seed must be an integer, got 2.5"),
-    "float seeds in an array": ({"seed": np.zeros(3)}, TypeError, "seed must be an integer"),
-    "string": ({"seed": "one"}, TypeError, "seed must be an integer, got 'one'"),
-    "too few seeds": ({"seed": [1, 2]}, ValueError, "one seed for each of 3 environments, got 2"),
-    "too many seeds": ({"seed": (1, 2, 3, None)}, ValueError, "one seed for each of 3 environments, got 4"),
-    "no seeds": ({"seed": []}, ValueError, "one seed for each of 3 environments, got 0"),
-    "options that are no dict": ({"options": 3}, TypeError, "options must be a dict, got 3"),
-    "a bare mask": ({"options": MASK}, TypeError, "options must be a dict"),
-    "option of single environments": ({"options": {"state": 1}}, ValueError, "option 'state' does not exist"),
-    "misspelt option": (
-        {"options": {"reset_mas": MASK}},
-        ValueError,
-        "option 'reset_mas' does not exist .did you mean 'reset_mask'",
-    ),
-    "misspelt option among others": (
-        {"options": {"lerobot_new_rollout": True, "variaton": ["start"]}},
-        ValueError,
-        "option 'variaton' does not exist .did you mean 'variation'",
-    ),
-    "option that is no string": ({"options": {3: 1}}, TypeError, "option must be a string, got 3"),
-    "list for a mask": (
-        {"options": {"reset_mask": [True, False, True]}},
-        TypeError,
-        "reset_mask must be an array of bools",
-    ),
-    "None for a mask": ({"options": {"reset_mask": None}}, TypeError, "reset_mask must be an array of bools, got None"),
-    "mask of ints": (
-        {"options": {"reset_mask": np.array([1, 0, 0])}},
-        TypeError,
-        "reset_mask must be an array of bools",
-    ),
-    "short mask": (
-        {"options": {"reset_mask": MASK[:2]}},
-        ValueError,
-        r"reset_mask must have shape \(3,\), got shape \(2,\)",
-    ),
-    "mask with an axis more": ({"options": {"reset_mask": MASK[np.newaxis]}}, ValueError, "reset_mask must have shape"),
-    "mask that chooses nothing": ({"options": {"reset_mask": ~MASK & MASK}}, ValueError, "choose at least one"),
-    "good mask and a bad seed": ({"seed": -1, "options": {"reset_mask": MASK}}, ValueError, "seed must be at least 0"),
-    "good seed and a bad mask": (
-        {"seed": 3, "options": {"reset_mask": MASK[:2]}},
-        ValueError,
-        "reset_mask must have shape",
-    ),
+    "negative seed among others": ({"seed": [1, 2, -3]}, ValueError, ["seed", "-3"]),
+    "float among the seeds": ({"seed": [1, 2.5, None]}, TypeError, ["seed", "2.5"]),
+    "bool seed": ({"seed": True}, TypeError, ["seed", "True"]),
+    "float seeds in an array": ({"seed": np.zeros(3)}, TypeError, ["seed", "integer"]),
+    "string": ({"seed": "one"}, TypeError, ["seed", "'one'"]),
+    "too few seeds": ({"seed": [1, 2]}, ValueError, ["seed", "3", "2"]),
+    "too many seeds": ({"seed": (1, 2, 3, None)}, ValueError, ["seed", "3", "4"]),
+    "options that are no dict": ({"options": 3}, TypeError, ["options", "3"]),
+    "option of single environments": ({"options": {"state": 1}}, ValueError, ["'state'"]),
+    "misspelt option": ({"options": {"low": 0, "reset_mas": MASK}}, ValueError, ["'reset_mas'", "'reset_mask'"]),
+    "option that is no string": ({"options": {3: 1}}, TypeError, ["option", "3"]),
+    "list for a mask": ({"options": {"reset_mask": [True, False, True]}}, TypeError, ["reset_mask", "bools"]),
+    "mask of ints": ({"options": {"reset_mask": np.array([1, 0, 0])}}, TypeError, ["reset_mask", "bools"]),
+    "short mask": ({"options": {"reset_mask": MASK[:2]}}, ValueError, ["reset_mask", "(3,)", "(2,)"]),
+    "mask that chooses nothing": ({"options": {"reset_mask": ~MASK & MASK}}, ValueError, ["reset_mask", "one"]),
+    "good mask and a bad seed": ({"seed": -1, "options": {"reset_mask": MASK}}, ValueError, ["seed", "-1"]),
+    "good seed and a bad mask": ({"seed": 3, "options": {"reset_mask": MASK[:2]}}, ValueError, ["reset_mask"]),
 }
 
 
@@ -134,11 +98,11 @@ def test_options_of_other_libraries_are_ignored(twins):
     assert_goes_on_as(env, twin)
 
 
-@pytest.mark.parametrize(("arguments", "error", "words"), BAD_RESETS.values(), ids=BAD_RESETS.keys())
-def test_bad_seeds_and_options_are_refused_and_change_nothing(twins, arguments, error, words):
+@pytest.mark.parametrize(("arguments", "error", "shown"), BAD_RESETS.values(), ids=BAD_RESETS.keys())
+def test_bad_seeds_and_options_are_refused_and_change_nothing(twins, arguments, error, shown):
     env, twin = twins
     seeds = env.np_random_seed
-    with pytest.raises(error, match=words):
+    with refused(error, *shown):
         env.reset(**arguments)
     assert env.np_random_seed == seeds
     assert_goes_on_as(env, twin)
@@ -151,35 +115,35 @@ def test_empty_options_and_masks_of_all_reset_all(twins):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "words"),
+    ("arguments", "error", "shown"),
     [
-        ({"num_envs": 0}, ValueError, "num_envs must be at least 1, got 0"),
-        ({"num_envs": -2}, ValueError, "num_envs must be at least 1"),
-        ({"num_envs": 2.0}, TypeError, "num_envs must be an integer"),
-        ({"num_envs": True}, TypeError, "num_envs must be an integer"),
-        ({"num_threads": 0}, ValueError, "num_threads must be at least 1, got 0"),
-        ({"num_threads": -1}, ValueError, "num_threads must be at least 1"),
-        ({"num_threads": "all"}, TypeError, "num_threads must be an integer, got 'all'"),
-        ({"autoreset_mode": "NextStp"}, ValueError, "autoreset_mode 'NextStp' does not exist .did you mean 'NextStep'"),
-        ({"autoreset_mode": "disabled"}, ValueError, "did you mean 'Disabled'.*'NextStep', 'SameStep'"),
-        ({"autoreset_mode": None}, TypeError, "autoreset_mode must be a string"),
-        ({"max_episode_steps": 0}, ValueError, "max_episode_steps must be at least 1"),
-        ({"max_episode_steps": 2.5}, TypeError, "max_episode_steps must be an integer"),
-        ({"render_mode": "human"}, ValueError, "render_mode 'human' shows one environment; use 'rgb_array'"),
-        ({"render_mode": "rgb_arry"}, ValueError, "render_mode 'rgb_arry' does not exist .did you mean 'rgb_array'"),
-        ({"threshold": -1.0}, ValueError, "threshold"),
-        ({"tasks_to_complete": ["ketle"]}, ValueError, "did you mean 'kettle'"),
-        ({"colour": "red"}, TypeError, "colour"),
-        ({"vector_kwargs": {"copy": False}}, TypeError, "vector_kwargs"),
+        ({"num_envs": 0}, ValueError, ["num_envs", "1", "0"]),
+        ({"num_envs": -2}, ValueError, ["num_envs", "1"]),
+        ({"num_envs": 2.0}, TypeError, ["num_envs"]),
+        ({"num_envs": True}, TypeError, ["num_envs"]),
+        ({"num_threads": 0}, ValueError, ["num_threads", "1", "0"]),
+        ({"num_threads": -1}, ValueError, ["num_threads", "1"]),
+        ({"num_threads": "all"}, TypeError, ["num_threads", "'all'"]),
+        ({"autoreset_mode": "NextStp"}, ValueError, ["autoreset_mode", "'NextStp'", "'NextStep'"]),
+        ({"autoreset_mode": "disabled"}, ValueError, ["'Disabled'", "'NextStep'", "'SameStep'"]),
+        ({"autoreset_mode": None}, TypeError, ["autoreset_mode"]),
+        ({"max_episode_steps": 0}, ValueError, ["max_episode_steps", "1"]),
+        ({"max_episode_steps": 2.5}, TypeError, ["max_episode_steps"]),
+        ({"render_mode": "human"}, ValueError, ["render_mode", "'human'", "'rgb_array'"]),
+        ({"render_mode": "rgb_arry"}, ValueError, ["render_mode", "'rgb_arry'", "'rgb_array'"]),
+        ({"threshold": -1.0}, ValueError, ["threshold"]),
+        ({"tasks_to_complete": ["ketle"]}, ValueError, ["'kettle'"]),
+        ({"colour": "red"}, TypeError, ["colour"]),
+        ({"vector_kwargs": {"copy": False}}, TypeError, ["vector_kwargs"]),
     ],
 )
-def test_bad_arguments_are_refused(arguments, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_arguments_are_refused(arguments, error, shown):
+    with refused(error, *shown):
         FrankaKitchenVectorEnv(**arguments)
 
 
 def test_bad_arguments_reach_make_vec_as_clear_errors():
-    with pytest.raises(ValueError, match="num_threads must be at least 1"):
+    with refused(ValueError, "num_threads", "1"):
         gymnasium.make_vec(KITCHEN_ID, num_envs=2, num_threads=0)
     with pytest.raises(TypeError, match="colour"):
         gymnasium.make_vec(KITCHEN_ID, num_envs=2, colour="red")
@@ -208,7 +172,7 @@ def test_a_step_of_an_ended_episode_is_refused_and_changes_nothing():
         each.step(np.zeros((3, 8)))
         each.reset(options={"reset_mask": MASK})
         each.step(np.zeros((3, 8)))
-    with pytest.raises(gymnasium.error.ResetNeeded, match=r"environments \[1, 2\] have ended"):
+    with refused(gymnasium.error.ResetNeeded, "[1, 2]"):
         env.step(np.ones((3, 8)))
     for each in (env, twin):
         each.reset(options={"reset_mask": ~MASK})

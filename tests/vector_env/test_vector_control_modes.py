@@ -5,8 +5,7 @@ import itertools
 import gymnasium
 import numpy as np
 import pytest
-from control_cases import CASES, walk
-from sweeps import brief
+from helpers.sweeps import CASES, brief, walk
 from test_vector_autoreset import COUNT, MODES, assert_equal_for_ever, many, pair
 
 from kitchen_suite import suite

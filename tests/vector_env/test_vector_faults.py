@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from dm_control.rl import control
 from gymnasium.utils.env_checker import data_equivalence
+from helpers.errors import refused
+from helpers.sweeps import brief
+from helpers.vectors import batch
 from mujoco.batch import SimulationError
-from sweeps import brief
 
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv, FrankaOpenCabinetEnv
 from kitchen_suite.tasks.open_cabinet.variations import MODERATE, Randomization
@@ -67,7 +69,7 @@ DIVERGENCES = [("NextStep", "qvel", np.nan), ("SameStep", "qpos", 1e11), ("Disab
 @pytest.mark.filterwarnings("error")
 def test_a_divergence_ends_its_episode_and_leaves_the_others_alone(vector, mode, field, value):
     env, twin = (started(vector, autoreset_mode=mode) for _ in range(2))
-    getattr(env._episodes.batch, field)[1] = value
+    getattr(batch(env), field)[1] = value
     observation, reward, terminated, truncated, info = env.step(actions_of(env))
     assert (reward[1], terminated.tolist(), truncated.tolist()) == (0.0, [False, True, False], [False] * 3)
     assert info.pop("physics_error").tolist() == info.pop("_physics_error").tolist() == [False, True, False]
@@ -81,7 +83,7 @@ def test_a_divergence_ends_its_episode_and_leaves_the_others_alone(vector, mode,
         info.pop("final_info")
     assert_others_go_on_as((observation, reward, terminated, truncated, info), twin.step(actions_of(env)))
     if mode == "Disabled":
-        with pytest.raises(gymnasium.error.ResetNeeded, match=r"environments \[1\] have ended"):
+        with refused(gymnasium.error.ResetNeeded, "environments [1]"):
             env.step(actions_of(env))
         observation, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
         assert all(np.isfinite(array[1]).all() for array in leaves(observation))
@@ -112,7 +114,7 @@ def test_the_episode_after_a_divergence_is_the_one_that_the_single_environment_s
     single.reset(seed=4)
     for _ in range(2):
         single.step(actions_of(single))
-    env._episodes.batch.qvel[0] = single.environment.physics.data.qvel[:] = np.nan
+    batch(env).qvel[0] = single.environment.physics.data.qvel[:] = np.nan
     with pytest.raises(control.PhysicsError):
         single.step(actions_of(single))
     # Its next step is the reset that ours has made already.
@@ -122,7 +124,7 @@ def test_the_episode_after_a_divergence_is_the_one_that_the_single_environment_s
 def test_all_may_diverge_at_once_and_again():
     env = started(FrankaOpenCabinetVectorEnv, autoreset_mode="SameStep")
     for _ in range(3):
-        env._episodes.batch.qvel[:] = np.nan
+        batch(env).qvel[:] = np.nan
         observation, reward, terminated, _, info = env.step(actions_of(env))
         assert (reward.tolist(), terminated.all(), info["physics_error"].all()) == ([0.0] * 3, True, True)
         assert np.isfinite(observation).all()
@@ -131,7 +133,7 @@ def test_all_may_diverge_at_once_and_again():
 
 def test_a_divergence_at_the_limit_does_not_end_the_next_episode():
     env = started(FrankaOpenCabinetVectorEnv, max_episode_steps=3, autoreset_mode="SameStep")
-    env._episodes.batch.qvel[1] = np.nan
+    batch(env).qvel[1] = np.nan
     _, _, terminated, truncated, _ = env.step(actions_of(env))
     assert (terminated.tolist(), truncated[[0, 2]].tolist()) == ([False, True, False], [True, True])
     *_, terminated, truncated, info = env.step(actions_of(env))
@@ -180,7 +182,7 @@ def test_after_a_draw_that_a_reset_refuses_only_a_reset_of_all_helps():
     # The first draw is made while it is built.
     env = FrankaOpenCabinetVectorEnv(3, num_threads=1, randomization=drawn)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="drawer_friction"):
+    with refused(ValueError, "drawer_friction"):
         env.reset(options={"reset_mask": np.array([False, True, False])})
     with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
         env.step(actions_of(env))
@@ -190,14 +192,14 @@ def test_after_a_draw_that_a_reset_refuses_only_a_reset_of_all_helps():
 
 def test_an_error_of_mujocos_in_one_simulation_reaches_the_caller_and_wants_a_reset(monkeypatch):
     env = started(FrankaOpenCabinetVectorEnv, **SHORT)
-    step = env._episodes.batch.step
+    step = batch(env).step
 
     def fails_in_one(ids, *args):
         step(np.array([0, 2]), *args)
         raise SimulationError(np.array([1]), "out of memory", 3)
 
     with monkeypatch.context() as patched:
-        patched.setattr(env._episodes.batch, "step", fails_in_one)
+        patched.setattr(batch(env), "step", fails_in_one)
         with pytest.raises(SimulationError, match="simulation 1: out of memory"):
             env.step(actions_of(env))
     assert_only_a_reset_of_all_helps(env)
@@ -286,7 +288,7 @@ def test_threads_end_when_it_is_closed():
 
 def test_no_threads_are_left_of_one_that_could_not_be_built():
     before = threads()
-    with pytest.raises(ValueError, match="max_episode_steps"):
+    with refused(ValueError, "max_episode_steps"):
         FrankaOpenCabinetVectorEnv(3, num_threads=4, max_episode_steps=0)
     assert threads() == before
 

@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
+from helpers.errors import refused
 
 from kitchen_suite.gymnasium_env import KITCHEN_ID, OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.variations import MODERATE
@@ -114,5 +115,5 @@ def test_without_a_render_mode_rendering_warns_and_returns_none():
     env.reset(seed=0)
     with pytest.warns(UserWarning, match="render_mode"):
         assert env.render() is None
-    with pytest.raises(ValueError, match="no pictures without a render_mode"):
+    with refused(ValueError, "render_mode"):
         env.render_some([0])

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
+from helpers.errors import refused
+from helpers.vectors import batch
 
 from kitchen_suite import suite
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
@@ -164,23 +166,23 @@ def test_values_given_back_repeat_the_episodes(domain):
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("options", "error", "shown"),
     [
-        ({"variation_values": {"kettle/mass": 1.0}}, ValueError, "variation_values of 'kettle/mass' must have 3 rows"),
-        ({"variation_values": {"kettle/mass": [1.0, 1.0]}}, ValueError, r"must have 3 rows, got shape \(2,\)"),
-        ({"variation_values": {"kettle/mass": [1.0, 1.0, 7.0]}}, ValueError, "within 0.4 and 1.5, got 7.0"),
-        ({"variation_values": {"kettle/mass": [[1.0]] * 3}}, ValueError, "kettle/mass must be one number"),
-        ({"variation_values": {"kettle/mas": [1.0] * 3}}, ValueError, "did you mean 'kettle/mass'"),
-        ({"variation_values": 3}, TypeError, "variation_values must be a dict"),
-        ({"variation": ["strat"]}, ValueError, "variation 'strat' does not exist"),
-        ({"state": {}}, ValueError, "option 'state' does not exist"),
+        ({"variation_values": {"kettle/mass": 1.0}}, ValueError, ["variation_values", "'kettle/mass'", "3"]),
+        ({"variation_values": {"kettle/mass": [1.0, 1.0]}}, ValueError, ["3", "(2,)"]),
+        ({"variation_values": {"kettle/mass": [1.0, 1.0, 7.0]}}, ValueError, ["within 0.4 and 1.5, got 7.0"]),
+        ({"variation_values": {"kettle/mass": [[1.0]] * 3}}, ValueError, ["kettle/mass"]),
+        ({"variation_values": {"kettle/mas": [1.0] * 3}}, ValueError, ["'kettle/mass'"]),
+        ({"variation_values": 3}, TypeError, ["variation_values"]),
+        ({"variation": ["strat"]}, ValueError, ["'strat'"]),
+        ({"state": {}}, ValueError, ["'state'"]),
     ],
 )
-def test_bad_options_are_refused_and_change_nothing(kitchens, options, error, message):
+def test_bad_options_are_refused_and_change_nothing(kitchens, options, error, shown):
     env, twin = kitchens
     for each in kitchens:
         each.reset(seed=6)
-    with pytest.raises(error, match=message):
+    with refused(error, *shown):
         env.reset(seed=1, options=options)
     assert_same(env.step(actions_of(env, 0)), twin.step(actions_of(env, 0)))
     assert_same(env.reset(), twin.reset())
@@ -287,7 +289,7 @@ def test_a_simulation_that_diverged_starts_with_new_values(domain):
     for each in (env, twin):
         _, before = each.reset(seed=2)
         each.step(actions_of(each, 0))
-    env.unwrapped._episodes.batch.qvel[1] = np.nan
+    batch(env).qvel[1] = np.nan
     _, _, terminated, _, info = env.step(actions_of(env, 1))
     _, _, _, _, twin_info = twin.step(actions_of(env, 1))
     assert terminated.tolist() == info["physics_error"].tolist() == [False, True, False]

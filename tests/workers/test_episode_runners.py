@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from helpers.errors import refused
 
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner, VectorRunner
@@ -105,5 +106,5 @@ def test_a_worker_with_other_versions_is_refused(kitchen):
 
 def test_a_worker_that_lacks_the_policys_module_says_so(kitchen):
     build = functools.partial(SingleRunner, dataclasses.replace(kitchen, policy="nowhere:act"))
-    with pytest.raises(ClusterError, match=r"a worker on .* cannot start: .*No module named 'nowhere'"):
+    with refused(ClusterError, "'nowhere'"):
         start(build, installed_versions())

@@ -1,0 +1,265 @@
+"""A domain of a user's own is known everywhere, and no module branches on a domain of which it is not part."""
+
+import ast
+import collections
+import contextlib
+import dataclasses
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from dm_control.composer.observation import observable
+from helpers.errors import refused
+from test_layers import MODULES
+
+from kitchen_suite import gymnasium_env, names, suite
+from kitchen_suite.cli.commands import benchmark, rollout
+from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene
+from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv
+from kitchen_suite.policies import experts
+from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
+from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.recipes import Recipe
+
+# A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
+OWN = dataclasses.replace(
+    suite.DOMAINS["kitchen"],
+    name="pantry",
+    tasks={"kettle": {"tasks_to_complete": ("kettle",)}, "open_all": {"tasks_to_complete": ("microwave", "kettle")}},
+    env_id="Mine/Pantry-v3",
+    task_id="",
+    benchmark_tasks=("open_all",),
+    training=f"{__name__}:RECIPE",
+    evaluation=None,
+    benchmark=None,
+)
+RECIPE = Recipe(hyperparameters={"num_envs": 5})
+IDS = {"Mine/Pantry-v3", "Mine/PantryKettle-v3", "Mine/PantryOpenAll-v3"}
+
+
+@pytest.fixture
+def registered():
+    """The suite with the domain above; without it again after the test."""
+    suite.register(OWN)
+    yield
+    del suite._domains[OWN.name]
+    for env_id in IDS:
+        del gymnasium.registry[env_id]
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_registered_domain_is_in_every_table():
+    assert suite.TASKS_BY_DOMAIN["pantry"] == ("kettle", "open_all")
+    assert ("pantry", "kettle") in suite.ALL_TASKS
+    assert ("pantry", "open_all") in suite.BENCHMARKING
+    assert suite.default_task("pantry") == "open_all"
+    assert gymnasium_env.IDS["pantry"] == "Mine/Pantry-v3"
+    assert gymnasium_env.TASK_IDS["pantry", "open_all"] == "Mine/PantryOpenAll-v3"
+    assert gymnasium.registry.keys() >= IDS
+    assert Hyperparameters.for_domain("pantry", {}) == Hyperparameters(num_envs=5)
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_registered_domain_is_played_everywhere(capsys):
+    environment = suite.load("pantry", "kettle", {"visuals": False, "random": 0})
+    assert environment.task.tasks_to_complete == ["kettle"]
+    single, many = gymnasium.make("Mine/PantryKettle-v3"), gymnasium.make_vec("Mine/PantryKettle-v3", 2)
+    one, other = single.reset(seed=1)[0], many.reset(seed=0)[0]
+    np.testing.assert_array_equal(other["observation"][1], one["observation"])
+    assert rollout.main(["--domain_name=pantry", "--task_name=kettle", "--max_episode_steps=3"]) == 0
+    assert capsys.readouterr().out.startswith("pantry kettle, policy random")
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_domain_without_benchmark_says_so(capsys):
+    assert benchmark.main(["--domain_name=pantry"]) == 2
+    expected = "kitchen-benchmark: domain 'pantry' has no benchmark; choose from ['kitchen', 'open_cabinet']\n"
+    assert capsys.readouterr().err == expected
+
+
+class GentleTask(MicrowaveTableTask):
+    """A user's task; another reset makes it one."""
+
+    def _reset_physics(self, physics, random_state):
+        super()._reset_physics(physics, random_state)
+        physics.bind(self.scene.joints("microwave")).qpos = -0.1
+
+
+class MoreObservedTask(MicrowaveTableTask):
+    """A task with an observable that its MDP does not have."""
+
+    @property
+    def task_observables(self):
+        more = observable.Generic(lambda physics: np.zeros(2))
+        more.enabled = True
+        return collections.OrderedDict({**super().task_observables, "more": more})
+
+
+class HalfTask(KitchenTask):
+    """A user's task in the kitchen."""
+
+
+def half_scene():
+    return build_kitchen_scene(visuals=False)
+
+
+@contextlib.contextmanager
+def registering(name, **attributes):
+    domain = suite.Domain(name, env_id=f"Mine/{name.title()}-v1", episode_steps=9, **attributes)
+    suite.register(domain)
+    yield
+    del suite._domains[name]
+    for env_id in {domain.env_id, *domain.task_ids.values()}:
+        del gymnasium.registry[env_id]
+
+
+def test_a_domain_needs_six_fields():
+    fields = {"scene": build_microwave_table_scene, "task": GentleTask, "tasks": {"open": {}}}
+    with registering("gentle", **fields):
+        env = gymnasium.make("Mine/Gentle-v1", variations="start", max_episode_steps=3)
+        assert isinstance(env.unwrapped, FrankaMicrowaveTableEnv)
+        assert isinstance(env.unwrapped.composer_task, GentleTask)
+        many = gymnasium.make_vec("Mine/GentleOpen-v1", 2, variations="start")
+        one, other = env.reset(seed=1)[0], many.reset(seed=0)[0]
+        np.testing.assert_array_equal(other[1], one)
+        twin = pickle.loads(pickle.dumps(env.unwrapped))
+        action = np.full(8, 0.1)
+        np.testing.assert_array_equal(twin.step(action)[0], env.unwrapped.step(action)[0])
+        assert suite.load("gentle", "open", {"time_limit": None, "random": 0}).step_limit == np.inf
+        assert rollout.main(["--domain_name=gentle", "--num_episodes=1", "--max_episode_steps=3"]) == 0
+
+
+def test_a_kitchen_of_a_users_has_its_goals_and_its_state_alone():
+    tasks = {"half": {"tasks_to_complete": ("kettle", "microwave"), "reward": "dense"}}
+    with registering("half", scene=half_scene, task=HalfTask, tasks=tasks):
+        # The only task of the domain.
+        env = gymnasium.make("Mine/Half-v1")
+        observation, _ = env.reset(seed=0)
+        assert observation["observation"].shape == (59,)
+        assert list(observation["desired_goal"]) == ["kettle", "microwave"]
+        assert env.unwrapped.composer_task.reward_name == "dense"
+
+
+def test_an_argument_that_neither_scene_nor_task_has_is_refused():
+    with registering("half", scene=half_scene, task=HalfTask, tasks={"half": {}}):
+        with pytest.raises(TypeError, match="unexpected argument 'sleep'; choose from"):
+            suite.load("half", "half", {"sleep": True})
+        with pytest.raises(TypeError, match="unexpected keyword argument 'sleeps'"):
+            gymnasium.make("Mine/Half-v1", sleeps=True)
+
+
+def test_environments_that_differ_are_refused_and_nothing_changes():
+    fields = {"scene": build_microwave_table_scene, "task": MoreObservedTask, "tasks": {"open": {}}}
+    known, ids = set(suite.DOMAINS), set(gymnasium.registry)
+    message = r"shape of observation of Mine/MoreOpen-v1 is \(25,\) in the single environment and \(23,\)"
+    with pytest.raises(ValueError, match=message), registering("more", **fields):
+        pass
+    assert (set(suite.DOMAINS), set(gymnasium.registry)) == (known, ids)
+
+
+def test_the_suite_is_as_before_once_the_domain_is_gone():
+    assert "pantry" not in suite.TASKS_BY_DOMAIN
+    assert not gymnasium.registry.keys() & IDS
+    assert {name for name, _ in suite.ALL_TASKS} == set(suite.DOMAINS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({"name": "kitchen"}, ["'kitchen'"]),
+        ({"env_id": "KitchenSuite/FrankaKitchen-v1"}, ["['KitchenSuite/FrankaKitchen-v1']"]),
+        ({"task_id": "KitchenSuite/{}-v1"}, ["['KitchenSuite/Kettle-v1']"]),
+    ],
+)
+def test_a_name_or_id_that_is_taken_is_refused_and_nothing_changes(changes, shown):
+    known, ids = set(suite.DOMAINS), set(gymnasium.registry)
+    with refused(ValueError, *shown):
+        suite.register(dataclasses.replace(OWN, **changes))
+    assert (set(suite.DOMAINS), set(gymnasium.registry)) == (known, ids)
+
+
+def test_only_records_are_registered():
+    with refused(TypeError, "domain", "'kitchen'"):
+        suite.register("kitchen")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "shown"),
+    [
+        ({"name": "My Pantry"}, ValueError, ["'My Pantry'"]),
+        ({"name": 3}, TypeError, ["name of a domain must be a string, got 3"]),
+        ({"scene": 3}, TypeError, ["3"]),
+        ({"task": "kitchen"}, ValueError, ["'kitchen'"]),
+        ({"tasks": {}}, ValueError, ["'pantry'"]),
+        ({"tasks": ["kettle"]}, TypeError, ["tasks"]),
+        ({"tasks": {"open-all": {}}, "benchmark_tasks": ()}, ValueError, ["'open-all'"]),
+        ({"env_id": "Pantry"}, ValueError, ["'Pantry'"]),
+        ({"task_id": "Mine/Task-v1"}, ValueError, ["must give each task an id of its own"]),
+        ({"task_id": "Mine/{}"}, ValueError, ["'Mine/Kettle'"]),
+        ({"env": "pantry"}, ValueError, ["'pantry'"]),
+        ({"expert": 3}, TypeError, ["expert", "3"]),
+        ({"episode_steps": 0}, ValueError, ["episode_steps", "1"]),
+        ({"benchmark_tasks": ("kettles",)}, ValueError, ["'kettle'"]),
+    ],
+)
+def test_a_bad_record_is_refused(changes, error, shown):
+    with refused(error, *shown) as raised:
+        dataclasses.replace(OWN, **changes)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_task_outside_the_suite_has_no_expert():
+    with refused(ValueError, "open_cabinet"):
+        experts.make(object())
+
+
+# A module is a domain's own where a part of its name begins with the domain's.
+def is_own(module):
+    return any(part.startswith(name) for part in module.split(".") for name in suite.DOMAINS)
+
+
+OWN_CLASSES = {
+    node.name
+    for module, tree in MODULES.items()
+    if is_own(module)
+    for node in ast.walk(tree)
+    if isinstance(node, ast.ClassDef)
+}
+SHARED = {module: tree for module, tree in MODULES.items() if not is_own(module)}
+
+
+def names_a_domain(node):
+    return any(isinstance(part, ast.Constant) and part.value in tuple(suite.DOMAINS) for part in ast.walk(node))
+
+
+def names_a_class_of_a_domain(node):
+    names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+    return (names | {part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}) & OWN_CLASSES
+
+
+def branches(tree):
+    """Comparisons, cases and tables by a domain's name, and tests for a class of a domain; the lines they stand in."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Compare() | ast.MatchValue() if names_a_domain(node):
+                yield node.lineno
+            case ast.Dict(keys=keys) if any(key and names_a_domain(key) for key in keys):
+                yield node.lineno
+            case ast.Call(func=ast.Name(id="isinstance" | "issubclass" | "type")) | ast.Compare() | ast.MatchClass():
+                if names_a_class_of_a_domain(node):
+                    yield node.lineno
+
+
+def test_the_search_finds_branches():
+    found = [*branches(ast.parse("if domain == 'kitchen': pass\nisinstance(task, KitchenTask)\n{'open_cabinet': 1}"))]
+    assert sorted(found) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("module", SHARED)
+def test_no_module_branches_on_a_domain_of_which_it_is_not_part(module):
+    assert not [*branches(SHARED[module])]
+
+
+def test_every_name_of_a_task_has_a_goal():
+    assert (*names.DEFAULT_TASKS, *names.FURTHER_TASKS) == tuple(GOALS)

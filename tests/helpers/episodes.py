@@ -1,0 +1,52 @@
+"""Episodes: played from one seed, and read from files with numpy alone."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kitchen_suite import files
+
+
+def play(environment, build_policy, seed):
+    """Plays an episode; returns its actions. The task's `episode_metrics` are then those of the episode."""
+    environment.random_state = seed
+    policy = build_policy(environment, np.random.default_rng((seed, 1)))
+    timestep, actions = environment.reset(), []
+    while not timestep.last():
+        actions.append(policy(timestep))
+        timestep = environment.step(actions[-1])
+    return np.array(actions)
+
+
+def load_episode(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Returns the metadata and the arrays of an episode file."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    return json.loads(str(arrays.pop("metadata"))), arrays
+
+
+def assert_same_arrays(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> None:
+    """Asserts that names, types and values are the same."""
+    assert list(one) == list(other)
+    for name, array in one.items():
+        assert array.dtype == other[name].dtype, name
+        np.testing.assert_array_equal(array, other[name], name)
+
+
+def nested(arrays: Mapping[str, np.ndarray], name: str, row: int) -> Any:
+    """Returns a row of the arrays whose paths begin with `name`, as dicts of dicts."""
+    if name in arrays:
+        return arrays[name][row]
+    keys = dict.fromkeys(path.split("/")[name.count("/") + 1] for path in arrays if path.startswith(f"{name}/"))
+    return {key: nested(arrays, f"{name}/{key}", row) for key in keys}
+
+
+def left_behind(path: Path) -> Path:
+    """Returns the temporary path for a file or folder of a process on this machine that has been killed."""
+    partial = files.partial_path(path)
+    # Greater than Linux's maximum of process numbers.
+    return partial.with_name(partial.name.replace(f".{os.getpid()}.", ".9999999."))

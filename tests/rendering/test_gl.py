@@ -1,0 +1,134 @@
+"""Rendering without `MUJOCO_GL`: the library chooses a GL library, and raises one clear error where there is none."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from helpers.errors import refused
+
+from kitchen_suite import gymnasium_env, suite
+from kitchen_suite.rendering import gl
+from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
+
+NO_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+UNSET = {name: value for name, value in NO_DISPLAY.items() if name not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
+
+# Ends without an exception, and with nothing on stderr, also at exit.
+RENDERING = """
+import gymnasium
+from kitchen_suite import suite
+environment = suite.load("open_cabinet", "top_drawer")
+assert environment.physics.render(16, 16).std() > 5
+env = gymnasium.make(
+    "kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1", render_mode="rgb_array", width=16, height=16
+)
+env.reset(seed=0)
+assert env.render().std() > 5
+"""
+
+# Imports and steps; then each way to render ends in the same RuntimeError.
+STEPPING = """
+import gymnasium
+from kitchen_suite import suite
+environment = suite.load("open_cabinet", "top_drawer")
+environment.reset()
+environment.step([0.0] * 8)
+make = dict(render_mode="rgb_array", width=16, height=16)
+env = gymnasium.make("kitchen_suite.gymnasium_env:KitchenSuite/FrankaOpenCabinet-v1", **make)
+env.reset(seed=0)
+for render in (environment.physics.render, env.render):
+    try:
+        render()
+    except RuntimeError as error:
+        print(error)
+"""
+
+
+def run(code, environment):
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=100)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.rendering
+def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
+    assert run(RENDERING, UNSET) == (0, "", "")
+
+
+def test_a_gl_library_that_cannot_be_loaded_fails_at_rendering_and_not_at_import():
+    environment = {**UNSET, "MUJOCO_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nothing"}
+    status, out, err = run(STEPPING, environment)
+    assert (status, err) == (0, "")
+    advice = "nothing can be rendered here with MUJOCO_GL=egl: install a GL library (Debian: libegl1 libgl1-mesa-dri"
+    assert [line.startswith(advice) for line in out.splitlines()] == [True, True]
+
+
+def test_a_library_that_dm_control_chose_before_the_suite_is_named_in_the_error():
+    code = "import warnings; warnings.simplefilter('ignore'); import dm_control.mujoco\n" + STEPPING
+    status, out, _ = run(code, UNSET)
+    assert status == 0
+    assert out.startswith("nothing can be rendered here: dm_control was imported before kitchen_suite and chose GLFW")
+
+
+@pytest.fixture
+def headless(monkeypatch):
+    """A process without a display, in which `MUJOCO_GL` is unset and no GL library is installed."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    # Set first, so that the old value comes back whatever the code under test does.
+    monkeypatch.setenv("MUJOCO_GL", "unset")
+    monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setattr(gl, "_installed_library", lambda: None)
+
+
+@pytest.mark.parametrize("renders", ["suite", "gymnasium", "vector"])
+def test_without_any_gl_library_rendering_raises_the_commands_sentence(headless, renders):
+    environment = make(renders)
+    render = environment.physics.render if renders == "suite" else environment.render
+    with pytest.raises(RuntimeError, match=r"MUJOCO_GL=egl or osmesa: install a GL library .*libosmesa6"):
+        render()
+
+
+def test_an_empty_mujoco_gl_is_an_unset_one(headless, monkeypatch):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", "")
+    monkeypatch.setattr(gl, "_can_render", lambda library: library == "osmesa")
+    assert gl.find_library() == "osmesa"
+    with pytest.raises(RuntimeError, match="with MUJOCO_GL=egl or osmesa: install"):
+        environment.physics.render()
+
+
+@pytest.mark.parametrize("value", ["off", "disable"])
+def test_rendering_that_was_switched_off_is_no_missing_library(headless, monkeypatch, value):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", value)
+    message = f"^rendering is disabled by MUJOCO_GL={value}"
+    with pytest.raises(OSError, match=message):
+        gl.find_library()
+    with pytest.raises(RuntimeError, match=message):
+        environment.physics.render()
+
+
+def test_a_misspelt_library_gets_the_nearest_and_a_list(headless, monkeypatch):
+    environment = make("suite")
+    monkeypatch.setenv("MUJOCO_GL", "elg")
+    message = r"MUJOCO_GL 'elg' does not exist \(did you mean 'egl'\?\); choose from \['disable', 'egl', "
+    with pytest.raises(OSError, match=message):
+        gl.find_library()
+    with pytest.raises(RuntimeError, match=message):
+        environment.physics.render()
+
+
+def make(kind):
+    if kind == "suite":
+        return suite.load("open_cabinet", "top_drawer")
+    if kind == "gymnasium":
+        return gymnasium_env.FrankaOpenCabinetEnv(render_mode="rgb_array")
+    environment = FrankaOpenCabinetVectorEnv(1, render_mode="rgb_array")
+    environment.reset(seed=0)
+    return environment
+
+
+def test_a_window_without_a_display_is_an_error_and_does_not_end_the_process(headless):
+    with refused(RuntimeError, "render_mode", "'human'"):
+        gymnasium_env.FrankaOpenCabinetEnv(render_mode="human")
