@@ -12,15 +12,15 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
 
 
-def squared_length(vectors: NDArray[np.float64], *, keepdims: bool = False) -> NDArray[np.float64]:
-    """Returns the squared lengths `(...)` of vectors `(..., k)`; `(..., 1)` with `keepdims`."""
+def squared_length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the squared lengths `(...)` of vectors `(..., k)`."""
     # In C order, a row has the same sum alone and among many.
-    return np.add.reduce(np.square(vectors, order="C"), axis=-1, keepdims=keepdims)
+    return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the lengths `(..., 1)` of vectors `(..., k)`."""
-    return np.sqrt(squared_length(vectors, keepdims=True))
+    return np.sqrt(squared_length(vectors))[..., np.newaxis]
 
 
 def within(vectors: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
