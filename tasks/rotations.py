@@ -12,8 +12,8 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
 
 
-def squared_length(vectors: NDArray[np.float64], *, keepdims: bool = False) -> NDArray[np.float64]:
-    """Returns the squared lengths `(...)` of vectors `(..., k)`; `(..., 1)` with `keepdims`."""
+def squared_length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the squared lengths `(...)` of vectors `(..., k)`."""
     # In C order, a row has the same sum alone and among many.
     squared: NDArray[np.float64] = np.add.reduce(np.square(vectors, order="C"), axis=-1)
     return squared[..., np.newaxis] if keepdims else squared
@@ -21,7 +21,7 @@ def squared_length(vectors: NDArray[np.float64], *, keepdims: bool = False) -> N
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the lengths `(..., 1)` of vectors `(..., k)`."""
-    return np.sqrt(squared_length(vectors, keepdims=True))
+    return np.sqrt(squared_length(vectors))[..., np.newaxis]
 
 
 def within(vectors: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
