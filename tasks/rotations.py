@@ -15,8 +15,7 @@ _NEXT, _AFTER_NEXT = [1, 2, 0], [2, 0, 1]
 def squared_length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns the squared lengths `(...)` of vectors `(..., k)`."""
     # In C order, a row has the same sum alone and among many.
-    squared: NDArray[np.float64] = np.add.reduce(np.square(vectors, order="C"), axis=-1)
-    return squared[..., np.newaxis] if keepdims else squared
+    return np.add.reduce(np.square(vectors, order="C"), axis=-1)
 
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """The open_cabinet domain: scripted policies, and observation and reward recomputed from MuJoCo's named arrays."""
 
+import types
+
 import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -182,3 +184,10 @@ class RecomputedGrasp(Recomputed):
         inwards = [-self.tcp_turn.as_matrix()[:, 1], self.tcp_turn.as_matrix()[:, 1]]
         faces = [pad + 0.005 * inward for pad, inward in zip(self.pad_positions, inwards, strict=True)]
         return [inward @ (self.nearest - face) - 0.006 for face, inward in zip(faces, inwards, strict=True)]
+
+
+def reward_terms(rewards, features, *, gripper, action_change, total_steps, terminated):
+    """Terms of a step's reward by name, from what the states before and after it hold."""
+    before = types.SimpleNamespace(previous_action=np.zeros(8), total_steps=total_steps)
+    after = types.SimpleNamespace(view=features, gripper=gripper, terminates=terminated)
+    return {name: term(before, action_change, after) for name, term in rewards.items()}

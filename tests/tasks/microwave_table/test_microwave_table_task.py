@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import record, replay, rollout
-from kitchen_suite.tasks.microwave_table.mdp import PARTS, SIZE, OpenReward
+from kitchen_suite.tasks.microwave_table.mdp import PARTS, REWARDS, SIZE, MicrowaveTableState
 
 ENV_ID = "KitchenSuite/FrankaMicrowaveTable-v1"
 DOMAIN = ["--domain_name=microwave_table", "--max_episode_steps=5"]
@@ -66,8 +66,9 @@ def test_reward_terms_by_hand():
     observation = np.zeros((3, SIZE))
     observation[1, PARTS["handle_offset"]] = 0.06, 0.0, 0.08
     observation[:, PARTS["door_position"]] = [[-0.15], [0.3], [-2.0]]
-    terms = OpenReward()(observation, -0.75)
-    assert tuple(terms) == OpenReward.terms
+    state = MicrowaveTableState(observation, {}, np.zeros(3, bool), np.zeros(3, bool))
+    terms = {name: term(state, np.zeros(8), state) for name, term in REWARDS.items()}
+    assert tuple(terms) == ("approach", "opening")
     np.testing.assert_allclose(terms["approach"], [1.0, 1.0 - np.tanh(1.0), 1.0])
     np.testing.assert_allclose(terms["opening"], [1.0, 0.0, 5.0])
 

@@ -12,7 +12,7 @@ from kitchen_suite import suite
 from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.gymnasium_env import OPEN_CABINET_ID
 from kitchen_suite.tasks.open_cabinet.features import Features
-from kitchen_suite.tasks.open_cabinet.reward import GraspReward, grip, opening, terminates
+from kitchen_suite.tasks.open_cabinet.reward import REWARDS, grip, opening, terminates
 
 # Poses in which the hand is around the top and the bottom handle.
 AT_HANDLE = {
@@ -165,13 +165,16 @@ def test_a_batch_and_its_rows_have_equal_rewards():
     random = np.random.default_rng(1)
     batch.values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
     batch.values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
-    reward = GraspReward(handle_radius=0.006)
+    rewards = REWARDS["grasp"](CabinetConfig(handle_radius=0.006))
     gripper, change, steps = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
-    terms = reward(batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminates(batch))
+    terms = open_cabinet.reward_terms(
+        rewards, batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminates(batch)
+    )
     assert len(set(terms["opening"])) > 20
     for i in range(30):
         row = Features(batch.values[i])
-        single = reward(
+        single = open_cabinet.reward_terms(
+            rewards,
             row,
             gripper=gripper[i],
             action_change=change[i],

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.open_cabinet import reward_terms
 
+from kitchen_suite.entities import CabinetConfig
 from kitchen_suite.tasks.control_modes import joints as actions
 from kitchen_suite.tasks.open_cabinet import observation, reward
 from kitchen_suite.tasks.open_cabinet.features import Features
@@ -42,12 +44,16 @@ def test_a_batch_and_its_rows_have_equal_observations_and_rewards():
     random = np.random.default_rng(1)
     gripper, change, steps = random.choice([0.0, 0.04], 50), random.normal(size=(50, 8)), random.integers(0, 16_000, 50)
     terminated = reward.terminates(batch)
-    terms = reward.reward_terms(batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminated)
+    rewards = reward.REWARDS["original"](CabinetConfig())
+    terms = reward_terms(
+        rewards, batch, gripper=gripper, action_change=change, total_steps=steps, terminated=terminated
+    )
     for i in range(50):
         alone = row(batch, i)
         np.testing.assert_array_equal(observation.observe(alone), observation.observe(batch)[i])
         assert reward.terminates(alone) == terminated[i]
-        single = reward.reward_terms(
+        single = reward_terms(
+            rewards,
             alone,
             gripper=gripper[i],
             action_change=change[i],

@@ -1,37 +1,34 @@
 """The tables of appearance and cameras fit the scenes, and episodes do not depend on them."""
 
+import dataclasses
+import functools
+
 import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities import build_kitchen_scene, build_open_cabinet_scene
-from kitchen_suite.entities.scenes import build_microwave_table_scene
+from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_scene, build_open_cabinet_scene
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.tasks import KitchenTask
-from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
-from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.tasks.variations.distributions import SPLITS
 
-TASKS = {
-    "kitchen": lambda **options: KitchenTask(prepared(build_kitchen_scene, **options)),
-    "open_cabinet": lambda **options: OpenCabinetTask(prepared(build_open_cabinet_scene, **options)),
-    "microwave_table": lambda **options: MicrowaveTableTask(prepared(build_microwave_table_scene, **options)),
+SCENES = {
+    "kitchen": build_kitchen_scene,
+    "open_cabinet": build_open_cabinet_scene,
+    "microwave_table": build_microwave_table_scene,
 }
 # Control steps.
 STEPS = 5
 
 
-def prepared(build, **options):
-    scene = build(**options)
+def prepared(build, visuals):
+    scene = build(visuals=visuals)
     scene.prepare_appearance()
     return scene
 
 
 def environment(domain, **options):
-    return build_environment(
-        TASKS[domain](**options), time_limit=None, random=0, render_quality="fast", environment_kwargs=None
-    )
+    scene = functools.partial(prepared, SCENES[domain])
+    return dataclasses.replace(suite.DOMAINS[domain], scene=scene).load(random=0, render_quality="fast", **options)
 
 
 def table(environment):
@@ -45,7 +42,7 @@ def parameters(environment):
     return {parameter.name: parameter for parameter in offered if parameter.quantity.visual}
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
     env = environment(domain, visuals=False)
     env.reset()
@@ -61,7 +58,7 @@ def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
             offered[each.name].quantity.checked(drawn, each.name)
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_held_out_values_are_not_seen(domain):
     env, random_state = environment(domain, visuals=False), np.random.RandomState(0)
     env.reset()
@@ -80,7 +77,7 @@ def test_held_out_values_are_not_seen(domain):
             )
 
 
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
     plain = suite.load(domain, suite.default_task(domain), {"random": 0, "visuals": False})
     varied = environment(domain)
@@ -99,7 +96,7 @@ def test_trajectories_do_not_depend_on_appearance_and_cameras(domain):
 
 
 @pytest.mark.rendering
-@pytest.mark.parametrize("domain", TASKS)
+@pytest.mark.parametrize("domain", SCENES)
 def test_held_out_views_show_something_else_in_full_light(domain):
     env = environment(domain)
     env.reset()

@@ -7,8 +7,8 @@ from dm_control.composer.variation import distributions
 from helpers.errors import refused
 
 from kitchen_suite import suite
-from kitchen_suite.domains.base import build_environment
-from kitchen_suite.entities.scenes import build_microwave_table_scene
+from kitchen_suite.entities import build_microwave_table_scene
+from kitchen_suite.environment import Environment
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, around, between, one_of
@@ -79,7 +79,7 @@ def test_a_variation_is_about_what_the_model_has():
     scene = build_microwave_table_scene(visuals=False)
     scene.arena.mjcf_model.find("camera", "overview").fovy = 30.0
     task = MicrowaveTableTask(scene, variations="camera")
-    build_environment(task, time_limit=1.0, random=0, render_quality="high", environment_kwargs=None)
+    Environment(task, time_limit=1.0, random_state=0)
     low, high = task.variations.ranges["camera/overview_fovy"]
     assert (low, high) == (26.0, 34.0)
 
