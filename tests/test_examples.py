@@ -3,10 +3,12 @@
 import os
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import walks
 from docs_scripts import load_script
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "docs" / "examples"
@@ -24,6 +26,8 @@ PRINTED = {
     "imitate_pictures": r"p1 +100\.0 %.*",
     "scripted_policy": r"success rate +100% \(2 of 2\)",
 }
+# Examples that register a domain.
+OWN_TASKS = ("my_task", "my_kitchen_task")
 MARKS = {
     "pixels": [pytest.mark.rendering],
     "record_and_replay": [pytest.mark.thorough],
@@ -45,11 +49,23 @@ def test_an_example_runs(name, line, tmp_path, monkeypatch, capsys):
     assert re.search(f"^{line}$", capsys.readouterr().out, re.MULTILINE)
 
 
+@pytest.mark.parametrize("name", OWN_TASKS)
+def test_a_task_of_ones_own_is_short_and_equal_single_and_vectorised(name):
+    path = EXAMPLES / f"{name}.py"
+    assert max(walks.example(path).values()) <= 40
+    assert walks.example(path)["modules that the example imports"] <= 3
+    # In a process of its own, since it registers a domain.
+    printed = subprocess.run([sys.executable, path], capture_output=True, text=True, check=True).stdout
+    one, first = (re.search(rf"^{kind}: \[?(-?[\d.]+)", printed, re.MULTILINE) for kind in ("single", "vectorised"))
+    assert one
+    assert first
+    assert abs(float(one[1]) - float(first[1])) <= 1e-8
+
+
 def test_every_example_is_run_is_short_and_is_in_the_index():
     scripts = {path.stem: path.read_text(encoding="utf-8") for path in EXAMPLES.glob("*.py")}
     index = (EXAMPLES.parent / "guide" / "examples.md").read_text(encoding="utf-8")
-    # `tests/docs/test_blocks.py` runs my_task in a process of its own, since it registers a domain.
-    assert set(scripts) == {*PRINTED, "my_task"} == set(re.findall(r"\]\(\.\./examples/(\w+)\.py\)", index))
+    assert set(scripts) == {*PRINTED, *OWN_TASKS} == set(re.findall(r"\]\(\.\./examples/(\w+)\.py\)", index))
     assert all(len(text.splitlines()) <= 100 for text in scripts.values())
 
 
