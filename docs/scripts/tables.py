@@ -39,7 +39,6 @@ from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES as MICROWAVE_
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.observables import offered
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
-from kitchen_suite.tasks.open_cabinet import reward as drawer_grasp_reward
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
@@ -358,16 +357,17 @@ def cabinet_reward_table() -> str:
 
 def cabinet_grasp_reward_table() -> str:
     """Returns the table of the terms in which the grasp reward differs from the original one."""
-    rows = [
-        (i, f"`{name}`", first_line(getattr(drawer_grasp_reward, name)))
-        for i, name in enumerate(drawer_reward.TERMS, 1)
-        if hasattr(drawer_grasp_reward, name)
-    ]
+    own = {
+        "orientation": drawer_reward.grasp_orientation,
+        "grasp": drawer_reward.grip_closing,
+        "opening": drawer_reward.grasp_opening,
+    }
+    rows = [(drawer_reward.TERMS.index(name) + 1, f"`{name}`", first_line(term)) for name, term in own.items()]
     return markdown(("term", "name", "value"), rows)
 
 
 # Classes that are not built by calling them without arguments.
-_NOT_ALONE = (Franka, entities.KitchenProp)
+_NOT_ALONE = (Franka, entities.KitchenProp, entities.SiteArena)
 
 
 def builders() -> dict[str, Callable[[], composer.Entity]]:
