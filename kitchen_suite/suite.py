@@ -177,9 +177,9 @@ def find_domain(name: str) -> Domain:
     domain = checks.imported(name, "domain")
     if not isinstance(domain, Domain):
         raise ValueError(f"domain {name!r} is no kitchen_suite.suite.Domain: it is {domain!r}")
-    if DOMAINS.get(domain.name) is not domain:
+    if DOMAINS.get(domain.name) != _with_classes(domain):
         register(domain)
-    return domain
+    return DOMAINS[domain.name]
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:

@@ -109,7 +109,7 @@ Exit status: 0 if all are equal; 1 if not, or if writing or the physics failed; 
 stderr; 130 if interrupted.
 """,
     settings=ReplaySettings,
-    job="kitchen_suite.recordings.replay_job:ReplayJob",
+    job="kitchen_suite.recordings.replay:ReplayJob",
     # A recording may hold pictures, which its replay renders again.
     renders=lambda settings: True if settings.video else None,
     positional="source",

@@ -278,7 +278,7 @@ def _achieved(task: KitchenTask, shown: Demonstration) -> NDArray[np.float64]:
 def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArray[np.int64]:
     """Returns the order `(n,)` in which the tasks are first complete after a step; -1 for those that never are."""
     mdp = task.mdp
-    within = mdp.success.within(achieved, mdp.goals.distances(achieved))[1:]
+    within = mdp.success.within(achieved)[1:]
     first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
     return order_of(in_order(first), first.size)
 

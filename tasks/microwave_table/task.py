@@ -95,6 +95,7 @@ class MicrowaveTableTask(SuiteTask):
     mdp: MicrowaveTableMDP
 
     domain_name = "microwave_table"
+    instructions = OPEN_MICROWAVE
     control_modes = CONTROL_MODES
     varied = VARIED
 
@@ -146,7 +147,6 @@ class MicrowaveTableTask(SuiteTask):
         for part in parts.values():
             part.enabled = True
         self.observed = {**parts, **self.extra_observables}
-        self.instructions = self._goals.instructions
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
 

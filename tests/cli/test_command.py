@@ -145,7 +145,7 @@ def test_a_gl_library_is_prepared_for_jobs_that_render(wanted, monkeypatch):
 
 SCRIPT = """
 import os, signal, sys
-from kitchen_suite.cli.commands import command
+from kitchen_suite.cli import command
 from kitchen_suite.settings import PlaySettings
 
 class Job:

@@ -222,7 +222,7 @@ def test_damaged_lines_are_refused(run, tmp_path, line):
 
 
 BAD = {
-    "--protocol=d4r": ["--protocol", "default, strict, diffusion-policy, d4rl, beso, shift"],
+    "--protocol=d4r": ["'d4r'", "'d4rl'", "diffusion-policy"],
     "--protocol=d4rl --domain_name=open_cabinet": ["'d4rl'", "'open_cabinet'"],
     "--protocol=shift --variation_split=seen": ["'shift'", "['variation_split']"],
     "--domain_name=garage": ["'garage'"],

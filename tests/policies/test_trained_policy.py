@@ -227,7 +227,7 @@ def test_a_crafted_array_is_refused_in_one_line_before_it_takes_memory(saved, co
     [
         ([], ()),
         ("text", ()),
-        ({"format": 2}, ("format 2", "1")),
+        ({"format": 2, "domain_name": "kitchen", "task_name": "kettle", "task_kwargs": {}}, ("format 2", "1")),
         ({"episode": 0}, ("format",)),
         ({"format": [[]]}, ("format",)),
         ({"format": 1, "domain_name": ["x"]}, ("domain_name",)),

@@ -74,7 +74,7 @@ def test_the_digest_is_of_all_digits_of_all_arrays_but_pictures(played):
     ("arguments", "shown"),
     [
         (["--format=lerobot"], ["'lerobot'", "--dataset=me/"]),
-        (["--format=hdf5"], ["hdf5", "minari, lerobot"]),
+        (["--format=hdf5"], ["hdf5", "minari", "lerobot"]),
         (["--format=lerobot", "--dataset=me/kettle", '--task_kwargs={"obs_type": "goal"}'], ["obs_type", "'goal'"]),
     ],
 )
@@ -103,7 +103,7 @@ def test_datasets_are_found_where_lerobot_has_them(monkeypatch, tmp_path, refusa
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "own"))
     assert home() == tmp_path / "own"
     assert home(tmp_path) == tmp_path
-    assert f"{tmp_path}/own" in refusal(replay, "me/nothing")
+    assert "me/nothing" in refusal(replay, "me/nothing")
 
 
 def test_a_dataset_of_another_program_has_no_seeds(tmp_path, refusal):

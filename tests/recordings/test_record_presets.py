@@ -29,7 +29,7 @@ def record_set(run, tmp_path):
 @pytest.mark.parametrize("preset", suite.DOMAINS["kitchen"].resolve("recording"))
 def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
     chosen = suite.DOMAINS["kitchen"].resolve("recording")[preset]
-    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).with_preset
+    settings = RecordSettings(output=tmp_path, preset=preset, seed=3).resolved
     assert (settings.task_name, settings.policy, settings.seed) == (chosen["task_name"], chosen["policy"], 3)
     assert settings.task_kwargs == chosen.get("task_kwargs", {})
 

@@ -24,8 +24,7 @@ def strict(task, **options):
 
 
 def within(success, achieved, **options):
-    achieved = np.asarray(achieved, np.float64)
-    return success.within(achieved, success.goals.distances(achieved), **options)
+    return success.within(np.asarray(achieved, np.float64), **options)
 
 
 @pytest.mark.parametrize(
