@@ -5,9 +5,9 @@ python tests/tools/walks.py REVISION        measures that revision of this repos
 python tests/tools/walks.py --list=step     lists the files and functions that a walk enters, in order of first entry
 
 A walk is a call whose project files are counted: those below the root of the tree in which Python code runs. Calls are
-counted that enter another file than the project file that they come from. The walks `step` and `vector_step` are one
-control step after two others. The walk `recording` is kitchen-record, with what it imports, in a process in which a
-vectorised environment has made a step.
+counted that enter another file than the project file that they come from. The walks `step`, `vector_step`, `reward` and
+`masked_reset` are one call after two others. The walks `recording` and `flag` are kitchen-record and kitchen-rollout,
+with what they import, in a process in which a vectorised environment has made a step.
 """
 
 import argparse
@@ -114,21 +114,51 @@ def vector_step() -> Callable[[], object]:
     return lambda: environments.step(np.zeros((4, 9)))
 
 
-STEPS = {"step": step, "vector_step": vector_step}
-WALKS = (*STEPS, "recording")
+def reward() -> Callable[[], object]:
+    """Makes a single kitchen with a dense reward; returns its step."""
+    import gymnasium
+
+    environment = gymnasium.make(ENV_ID, reward="dense")
+    environment.reset(seed=0)
+    return lambda: environment.step(np.zeros(9))
+
+
+def masked_reset() -> Callable[[], object]:
+    """Makes four kitchens in a vector; returns the reset of one of them, in which its layout varies."""
+    import gymnasium
+
+    environments = gymnasium.make_vec(
+        ENV_ID, 4, vectorization_mode="vector_entry_point", num_threads=1, variations="layout"
+    )
+    environments.reset(seed=0)
+    return lambda: environments.reset(options={"reset_mask": np.arange(4) == 1})
+
+
+# Calls in one process that are traced the third time.
+CALLS = {"step": step, "vector_step": vector_step, "reward": reward, "masked_reset": masked_reset}
+# Commands that are traced with what they import.
+COMMANDS = {
+    "recording": ("kitchen-record", *RECORDING),
+    "flag": ("kitchen-rollout", "--control_mode=ee_delta_pose", "--num_episodes=1", "--max_episode_steps=2"),
+}
+WALKS = (*CALLS, *COMMANDS)
+# Walks that `measure` counts; the others follow the answers of docs/development/design.md.
+MEASURED = ("step", "vector_step", "recording")
 
 
 def trace(tree: Path, name: str) -> Walk:
     """Traces a walk in this process, which has not imported the suite yet."""
     trees.use(tree)
     tracer = Tracer(tree)
-    if name == "recording":
+    if name in COMMANDS:
         vector_step()()
         with tempfile.TemporaryDirectory() as folder, tracer.tracing():
-            own = (f"--output={folder}/runs", f"--data_path={folder}/datasets")
-            trees.run_command(tree, "kitchen-record", *RECORDING, *own)
+            own = (f"--output={folder}/runs",)
+            if name == "recording":
+                own += (f"--data_path={folder}/datasets",)
+            trees.run_command(tree, *COMMANDS[name], *own)
         return tracer.walk
-    run = STEPS[name]()
+    run = CALLS[name]()
     run()
     run()
     with tracer.tracing():
@@ -191,7 +221,7 @@ def walk(tree: Path, name: str) -> Walk:
 
 def measure(tree: Path) -> dict[str, int]:
     """Returns all measures of a tree by name."""
-    walks = {name: walk(tree, name) for name in WALKS}
+    walks = {name: walk(tree, name) for name in MEASURED}
     return {
         **{f"files of the walk {name}": len(each.files) for name, each in walks.items()},
         **{f"calls between files of the walk {name}": each.crossings for name, each in walks.items()},
