@@ -233,7 +233,7 @@ def load(
             raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
     check_not_fixed(domain_name, task_name, task_kwargs or {})
     arguments = {**task, **(task_kwargs or {})}
-    environment = DOMAINS[domain_name].load(**arguments, environment_kwargs=environment_kwargs)
+    environment = find_domain(domain_name).load(**arguments, environment_kwargs=environment_kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
 

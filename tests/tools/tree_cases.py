@@ -248,7 +248,7 @@ def play_dm_env(
         "state": environment.get_state(),
         "metrics": json.dumps(environment.task.episode_metrics),
         "instructions": environment.task.instructions,
-        "variation": environment.task.variations.values,
+        "variation": _variation_values(environment.task),
         "random": environment.random_state.uniform(size=3),
     }
     return {**stacked(rows), **flat("", {**constants, **end})}
@@ -266,17 +266,30 @@ def _row(environment: Any, timestep: Any) -> dict[str, Any]:
     }
 
 
+# Both trees are played: tasks of 9955c49 have these themselves, later ones have them as components.
+
+
+def _variation_values(task: Any) -> dict[str, np.ndarray]:
+    return task.variations.values if hasattr(task, "variations") else task.variation_values
+
+
+def _request_variation(task: Any, names: Sequence[str], values: Options) -> None:
+    if hasattr(task, "variations"):
+        task.variations.follow(task.variations.request(names, values))
+    else:
+        task.request_variation(task.variation_request(names, values))
+
+
 def play_request(domain: str, task: str, *, names: Sequence[str], values: Options, **task_kwargs: Any) -> Arrays:
     """Plays an episode with requested variations."""
     from kitchen_suite import suite
 
     environment = suite.load(domain, task, {"random": 1, "visuals": False, **task_kwargs})
-    request = environment.task.variations.request(names, values)
-    environment.task.variations.follow(request)
+    _request_variation(environment.task, names, values)
     rows = []
     for _ in range(2):
         rows += [flat("", _row(environment, environment.reset()))]
-        rows += [flat("", {"values": environment.task.variations.values})]
+        rows += [flat("", {"values": _variation_values(environment.task)})]
     return stacked(rows)
 
 
@@ -357,7 +370,11 @@ def play_requested_tasks() -> Arrays:
 
     environment = suite.load("kitchen", "random_3", {"random": 1, "visuals": False})
     task = environment.task
-    task.requests.follow(task.requests.checked({"requested_tasks": ["kettle", "top burner"]}))
+    asked = {"requested_tasks": ["kettle", "top burner"]}
+    if hasattr(task, "requests"):
+        task.requests.follow(task.requests.checked(asked))
+    else:
+        task.request_reset(task.reset_request(asked))
     rows = [flat("", _row(environment, environment.reset())) for _ in range(3)]
     task.task_weights = np.arange(7.0) + 1.0
     rows += [flat("", _row(environment, environment.reset())) for _ in range(3)]
