@@ -90,7 +90,7 @@ class BenchmarkJob:
 
 def find_cases(domain_name: str) -> BenchmarkDomain:
     """Returns the benchmark cases of a domain."""
-    benchmark = suite.DOMAINS[checks.choice(domain_name, suite.DOMAINS, "domain_name")].benchmark
+    benchmark = suite.find_domain(domain_name).benchmark
     if benchmark is None:
         names = [domain.name for domain in suite.DOMAINS.values() if domain.benchmark]
         raise ValueError(f"domain {domain_name!r} has no benchmark; choose from {names}")
