@@ -14,9 +14,8 @@ import numpy as np
 
 from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
 from kitchen_suite.domains.kitchen import KITCHEN
-from kitchen_suite.domains.microwave_table import MICROWAVE_TABLE
-from kitchen_suite.domains.open_cabinet import OPEN_CABINET
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment

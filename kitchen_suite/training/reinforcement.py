@@ -16,10 +16,9 @@ from kitchen_suite import checks, suite
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
-from kitchen_suite.training.hyperparameters import Hyperparameters
+from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
 from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
 from kitchen_suite.training.learner import PPOLearner
-from kitchen_suite.training.recipes import find_recipe
 from kitchen_suite.training.seed_run import Training
 
 

@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.goals import GoalSet, Progress
+from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, current
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
 from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
-from kitchen_suite.tasks.success import Success
 
 
 class KitchenState(NamedTuple):

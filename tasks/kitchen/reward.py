@@ -19,9 +19,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.goals import GoalSet, Success
 from kitchen_suite.tasks.mdp import RewardTerm
-from kitchen_suite.tasks.success import Success
 
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1

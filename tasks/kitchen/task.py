@@ -12,24 +12,15 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
-from kitchen_suite.tasks.goals import Progress
+from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
-from kitchen_suite.tasks.kitchen.goals import (
-    GOALS,
-    INITIAL_QPOS,
-    OUT_OF_REACH,
-    THRESHOLD,
-    Start,
-    build_goals,
-    starts,
-)
+from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import KitchenObservables, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests, checked_in_turn, checked_limit
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter, may_be_done
-from kitchen_suite.tasks.success import Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values

@@ -19,8 +19,7 @@ from kitchen_suite.entities import build_kitchen_scene, build_microwave_table_sc
 from kitchen_suite.gymnasium_env import FrankaMicrowaveTableEnv
 from kitchen_suite.policies import experts
 from kitchen_suite.tasks import GOALS, KitchenTask, MicrowaveTableTask
-from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.recipes import Recipe
+from kitchen_suite.training.hyperparameters import Hyperparameters, Recipe
 
 # A record over the kitchen's classes, one of whose tasks has the name of one of the kitchen's.
 OWN = dataclasses.replace(

@@ -8,8 +8,8 @@ import pytest
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import train
+from kitchen_suite.training.hyperparameters import find_recipe
 from kitchen_suite.training.learner import PPOLearner
-from kitchen_suite.training.recipes import find_recipe
 
 pytestmark = pytest.mark.clients
 

@@ -21,12 +21,7 @@ from kitchen_suite.policies.experts.kitchen_layout import (
     requested_in,
     scene,
 )
-from kitchen_suite.policies.experts.kitchen_skills import (
-    FIXED_SKILLS,
-    SKILLS,
-    STRICT_SKILLS,
-    left_door_skill,
-)
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS, left_door_skill
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
@@ -36,11 +31,11 @@ from kitchen_suite.policies.experts.trajectories import (
     plan_retreat,
 )
 from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.goals import StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.observation import AMPLITUDES, SLICES
 from kitchen_suite.tasks.kitchen.task import KitchenTask
-from kitchen_suite.tasks.success import StrictSuccess, Thresholds, make_success
 
 # A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
 _UNDONE = 1.2

@@ -14,7 +14,19 @@ OPEN_CABINET = Domain(
     task_id="KitchenSuite/{}-v1",
     env="kitchen_suite.gymnasium_env.cabinets:FrankaOpenCabinetEnv",
     vector_env="kitchen_suite.vector_env.cabinets:FrankaOpenCabinetVectorEnv",
-    training="kitchen_suite.training.recipes:OPEN_CABINET",
+    training="kitchen_suite.training.hyperparameters:OPEN_CABINET_RECIPE",
     expert="kitchen_suite.policies.experts.open_cabinet:DrawerExpert",
     benchmark="kitchen_suite.benchmarks.open_cabinet:OPEN_CABINET",
+)
+
+
+MICROWAVE_TABLE = Domain(
+    "microwave_table",
+    scene="kitchen_suite.entities:build_microwave_table_scene",
+    task="kitchen_suite.tasks:MicrowaveTableTask",
+    tasks=MappingProxyType({"open": MappingProxyType({})}),
+    env_id="KitchenSuite/FrankaMicrowaveTable-v1",
+    episode_steps=500,
+    env="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
+    vector_env="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
 )
