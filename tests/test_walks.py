@@ -4,12 +4,13 @@ import walks
 
 # A change that needs a higher ceiling raises it here, and says why.
 CEILINGS = {
-    "files of the walk step": 23,
-    "files of the walk vector_step": 22,
-    "files of the walk recording": 106,
-    "members of KitchenTask": 128,
-    "files of source": 298,
-    "lines of source": 31_800,
+    "files of the walk step": 15,
+    "files of the walk vector_step": 13,
+    "files of the walk recording": 72,
+    "members of KitchenTask": 60,
+    "classes of KitchenTask": 4,
+    "files of source": 173,
+    "lines of source": 29_500,
 }
 
 
