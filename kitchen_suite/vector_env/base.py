@@ -210,7 +210,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         mask = vector_checks.reset_mask(options, self.num_envs, task.requests.options)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        requests = vector_checks.variation_requests(options, task, mask)
+        requests = vector_checks.variation_requests(options, task.variations, mask)
         own_requests = vector_checks.task_requests(options, task, mask)
         with self._all_or_nothing():
             self._episodes.request(requests, own_requests)

@@ -262,7 +262,8 @@ def _row(environment: Any, timestep: Any) -> dict[str, Any]:
         **timestep._replace(observation=observation)._asdict(),
         **physics,
         "order": list(observation),
-        "terms": getattr(environment.task, "reward_terms", None),
+        # That of microwave_table came after 9955c49.
+        "terms": None if domain == "microwave_table" else environment.task.reward_terms,
     }
 
 
@@ -491,12 +492,15 @@ def play_vectorised(
         rows.append(_named("step", environments.step(act())))
     if mode == "Disabled":
         environments.reset()
+        running = np.full(count, True)
         for left in (3, 2, 1):
-            some = environments.unwrapped.step_some(act(), np.arange(count) < left)
+            mask = running & (np.arange(count) < left)
+            if not mask.any():
+                break
+            some = environments.unwrapped.step_some(act(), mask)
+            running &= ~(some[2] | some[3])
             # Observations and infos of the others have no meaning.
-            rows.append(
-                {name: part[:left] for name, part in _named("some", some).items() if part.shape[:1] == (count,)}
-            )
+            rows.append({name: part[mask] for name, part in _named("some", some).items() if part.shape[:1] == (count,)})
     constants = {
         "instruction": list(environments.unwrapped.instruction),
         "action_space": repr(environments.action_space),
