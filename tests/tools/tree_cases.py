@@ -263,7 +263,9 @@ def _row(environment: Any, timestep: Any) -> dict[str, Any]:
         **physics,
         "order": list(observation),
         # That of microwave_table came after 9955c49.
-        "terms": None if domain == "microwave_table" else environment.task.reward_terms,
+        "terms": getattr(environment.task, "reward_terms", None)
+        if environment.task.domain_name != "microwave_table"
+        else None,
     }
 
 
