@@ -1,4 +1,4 @@
-"""Goals of objects, distances from them, and the completion of tasks.
+"""Goals of objects, distances from them, success by thresholds or tolerances, and the completion of tasks.
 
 The functions work on arrays of shape `(..., n)`: one environment has no leading axis, a batch has one or more.
 """

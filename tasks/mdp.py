@@ -1,4 +1,4 @@
-"""The interface of the tasks' Markov decision processes, which single and vectorised environments call alike."""
+"""Markov decision processes of tasks, and the physics of one episode or of many, which they read and control."""
 
 import abc
 import functools

@@ -1,4 +1,4 @@
-"""MuJoCo sensors from which a task's features are read with one array index."""
+"""MuJoCo sensors that a task adds to its scene, and indices of a scene's joints and goals."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The domain `open_cabinet`: a drawer of a cabinet is to be opened."""
+"""The domains of a drawer or a door to be opened: `open_cabinet` and `microwave_table`."""
 
 from types import MappingProxyType
 

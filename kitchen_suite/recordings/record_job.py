@@ -1,4 +1,4 @@
-"""The work of `kitchen-record`."""
+"""The work of `kitchen-record`, and the presets of demonstrations."""
 
 import collections
 import contextlib

@@ -1,4 +1,4 @@
-"""Hyperparameters of PPO, with defaults for each domain."""
+"""Hyperparameters of PPO, and the recipe of each domain: its defaults, where they are not the general ones."""
 
 import dataclasses
 import math

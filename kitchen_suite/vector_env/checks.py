@@ -1,4 +1,4 @@
-"""Checks of the arguments of vectorised environments."""
+"""Checks of the arguments of vectorised environments, and infos and states with a leading axis."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

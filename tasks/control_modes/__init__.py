@@ -2,7 +2,7 @@
 
 | name                | action | module         |
 |---------------------|--------|----------------|
-| `joint_offset`      | 8      | `joint_offset` |
+| `joint_offset`      | 8      | `joints`       |
 | `joint_position`    | 8      | `joints`       |
 | `joint_delta`       | 8      | `joints`       |
 | `ee_delta_position` | 4      | `end_effector` |

@@ -1,4 +1,4 @@
-"""Control modes of the joints: absolute targets, and changes of the last targets."""
+"""Control modes of the joints: offsets from positions, absolute targets, and changes of the last targets."""
 
 from typing import Any, NamedTuple
 

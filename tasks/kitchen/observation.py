@@ -1,4 +1,4 @@
-"""The kitchen's observation as composer observables: 59 noisy numbers in four parts, then the goals."""
+"""The kitchen's observation, its noise and its sensors: 59 noisy numbers in four parts, then the goals."""
 
 import collections
 import functools

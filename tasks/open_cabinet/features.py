@@ -1,4 +1,4 @@
-"""Physics features of robot, handle and drawer, from which observation and reward are computed."""
+"""Physics features of robot, handle and drawer, from which observation and reward are computed, and their sensors."""
 
 import functools
 from collections.abc import Mapping
