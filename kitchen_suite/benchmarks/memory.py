@@ -1,6 +1,7 @@
 """Measures memory: of each further environment, and in the course of a long run."""
 
 import concurrent.futures
+import functools
 import itertools
 import multiprocessing
 import resource
@@ -15,13 +16,6 @@ from tqdm import tqdm
 from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, DrawActions, VectorEnvFactory
 from kitchen_suite.benchmarks.speed import throughput
 from kitchen_suite.rendering import gl
-
-
-def prepare() -> None:
-    """Imports dm_control without a GL library, and lets Ctrl-C, which the command reports, end the process silently."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    gl.prepare(rendering=False)
-
 
 _MEBIBYTE = 2**20
 _SOAK_SAMPLES = 20
@@ -38,6 +32,8 @@ def resident_memory() -> float:
 
 def memory_in_use(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
     """Returns the memory that this process holds with vectorised environments that have made a few steps [MiB]."""
+    # Ctrl-C, which the command reports, ends the process silently.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     environments = build(num_envs, 1)
     environments.reset()
     for actions in draw_actions(np.random.default_rng(0), (5, num_envs)):
@@ -58,7 +54,8 @@ def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs
     executor = concurrent.futures.ProcessPoolExecutor(
         1,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=prepare,
+        # Before dm_control is imported with the function that is submitted.
+        initializer=functools.partial(gl.prepare, rendering=False),
     )
     with executor:
         return executor.submit(memory_in_use, build, draw_actions, num_envs).result()

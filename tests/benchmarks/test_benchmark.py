@@ -147,8 +147,8 @@ def test_bad_flags_end_with_code_2(flag, capsys):
     assert "kitchen-benchmark:" in capsys.readouterr().err
 
 
-def test_an_old_or_misspelt_flag_gets_the_one_that_is_meant(capsys):
-    for flag, meant in {"steps": "max_episode_steps", "environments": "num_envs", "round": "rounds"}.items():
+def test_a_misspelt_flag_gets_the_one_that_is_meant(capsys):
+    for flag, meant in {"steps": "num_steps", "num_env": "num_envs", "round": "rounds"}.items():
         assert benchmark.main([f"--{flag}=1"]) == 2
         assert f"there is no flag --{flag} (did you mean --{meant}?)" in capsys.readouterr().err
 

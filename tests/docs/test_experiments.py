@@ -245,9 +245,9 @@ def run(script, monkeypatch, *arguments, fails=()):
     done = []
 
     def play(command, check):
-        (policy, protocol, *_) = (flag.partition("=")[2] for flag in command[3:])
+        (policy, protocol, *_) = (flag.partition("=")[2] for flag in command[4:])
         done.append((policy, protocol, "--resume" in command))
-        status = evaluate.main([*command[3:], "--num_episodes=2", "--max_episode_steps=1"])
+        status = evaluate.main([*command[4:], "--num_episodes=2", "--max_episode_steps=1"])
         if status or (policy, protocol) in fails:
             raise RuntimeError
 
