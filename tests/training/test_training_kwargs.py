@@ -9,7 +9,6 @@ import pytest
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import train
 from kitchen_suite.training.hyperparameters import find_recipe
-from kitchen_suite.training.learner import PPOLearner
 
 pytestmark = pytest.mark.clients
 
@@ -108,6 +107,8 @@ def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
+    from kitchen_suite.training.learner import PPOLearner
+
     PPOLearner(environments, job.training.config, 0).start(0)
     # The steps 2 and 5 of six: the next one ends an episode.
     *_, infos = environments.step(np.zeros(environments.action_space.shape))
