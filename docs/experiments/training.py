@@ -91,7 +91,7 @@ def command(run: Run, folder: Path) -> list[str]:
     domain = next(domain for domain, each in suite.ALL_TASKS if each == task)
     arguments = [f"--domain_name={domain}", f"--task_name={task}", f"--output={output}", f"--seed={seed}"]
     resume = ["--resume"] if (output / "training.json").exists() else []
-    return [sys.executable, "-m", "kitchen_suite.cli.train", *arguments, "--restarts=0", *FLAGS.get(name, ()), *resume]
+    return [sys.executable, "-m", "kitchen_suite", "train", *arguments, "--restarts=0", *FLAGS.get(name, ()), *resume]
 
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def ship(folder: Path) -> None:
         if rows := [row for row in read() if row["task"] == task]:
             best = max(rows, key=lambda row: (min(row["success"]), sum(row["success"]), -row["seed"]))
             with suite.load("kitchen", task, {"visuals": False}) as environment:
-                name = environment.task.policy_key
+                name = environment.task.policy_inputs.names[0]
             shutil.copyfile(folder / f"{task}_{best['seed']}" / "policy.npz", SHIPPED / f"{name}.npz")
 
 

@@ -1,7 +1,6 @@
 """The pages of the site's reference: every public name, from its docstring, and the help of every command."""
 
 import ast
-import configparser
 import contextlib
 import importlib
 import importlib.util
@@ -9,6 +8,7 @@ import io
 from pathlib import Path
 
 import kitchen_suite
+from kitchen_suite.cli import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,18 +55,10 @@ def _index() -> str:
 
 
 def _commands() -> str:
-    setup = configparser.RawConfigParser()
-    setup.read(ROOT / "setup.cfg", encoding="utf-8")
-    scripts = setup["options.entry_points"]["console_scripts"].strip().splitlines()
     sections = ["# Commands", "The output of each command with `--help`."]
-    for name, _, target in (line.partition(" = ") for line in scripts):
-        sections.append(f"## {name}\n\n```text\n{_help_of(target)}```")
+    mains = {"kitchen-suite": commands.main, **{each.name: each.main for each in commands.COMMANDS.values()}}
+    for name, main in mains.items():
+        with contextlib.redirect_stdout(io.StringIO()) as output:
+            main(["--help"])
+        sections.append(f"## {name}\n\n```text\n{output.getvalue()}```")
     return "\n\n".join(sections) + "\n"
-
-
-def _help_of(target: str) -> str:
-    """Returns the help of a command, whose entry point is `module:function`."""
-    module = importlib.import_module(target.partition(":")[0])
-    with contextlib.redirect_stdout(io.StringIO()) as output:
-        module.main(["--help"])
-    return output.getvalue()

@@ -44,8 +44,8 @@ def length_of(environments):
 def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(job_of):
     job = job_of(*KETTLE)
     trained, evaluated = job.training.environments, job._evaluation_environments
-    assert set(task_of(trained).mdp.reward_terms.terms) == {"approach", "progress", "completion"}
-    assert set(task_of(evaluated).mdp.reward_terms.terms) == {"completion"}
+    assert set(task_of(trained).mdp.rewards) == {"approach", "progress", "completion"}
+    assert set(task_of(evaluated).mdp.rewards) == {"completion"}
     assert task_of(trained).root_entity.mjcf_model.option.flag.sleep == "enable"
     assert task_of(evaluated).root_entity.mjcf_model.option.flag.sleep != "enable"
     # Both have the same length, and the spaces of the policy.
