@@ -60,7 +60,6 @@ class PhysicsSimulation:
         self._data = physics.data.ptr
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
-        del order
         return getattr(self._data, field)[columns]
 
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
@@ -175,7 +174,6 @@ class ActionMode(abc.ABC):
           A function of the observed state `(n,)` and the other mode's action, with the same targets of the robot's
           actuators; None if there is none.
         """
-        del mode
         return None
 
     def start(self, simulation: Simulation) -> Any:
@@ -289,7 +287,6 @@ class MDP(abc.ABC, Generic[Reading, State]):
 
     def truncates(self, state: State) -> NDArray[np.bool_] | bool:
         """Returns whether `(...)` the last step truncated the episode, whatever its time limit; by default never."""
-        del state
         return False
 
     @abc.abstractmethod

@@ -174,7 +174,6 @@ class ExtraObservables:
         return self._wanted[name].combine(values[..., indices[0].start : indices[-1].stop])
 
     def _observe(self, name: str, physics: mjcf.Physics) -> NDArray[np.float64]:
-        del physics
         return self._part(name, self._sensors.read(self._simulation))
 
 

@@ -281,7 +281,6 @@ def render_frames() -> None:
         hand, base = tracking.end_effector_pose(environment), tracking.base_pose(environment)
 
         def draw(physics: Any, scene: Any, shown: Any = (base, hand)) -> None:
-            del physics
             for position, orientation in shown:
                 for axis in range(3):
                     add_arrow(scene, position, position + rotations.rotated(orientation, 0.35 * np.eye(3)[axis]), axis)

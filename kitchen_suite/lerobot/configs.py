@@ -77,7 +77,6 @@ class SuiteEnvConfig(EnvConfig):
 
         Threads step them, whatever `use_async_envs`.
         """
-        del use_async_envs
         each = [self._make(spec, n_envs) for spec in self._specs()]
         return {self.domain_name: dict(enumerate(each))}
 

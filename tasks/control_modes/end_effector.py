@@ -135,7 +135,6 @@ class EndEffectorMode(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], PoseCommand]:
-        del state, draw
         action = np.minimum(np.maximum(action, -1.0), 1.0)
         asked = self._asked(simulation, command, action)
         position, orientation = self._arm.pose(simulation)
@@ -154,7 +153,6 @@ class EndEffectorMode(ActionMode):
 
     def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
         """Returns what the next control step starts from, given the commands before and after this one."""
-        del command
         return held
 
 
@@ -198,7 +196,6 @@ class EndEffectorDeltaPosition(_DeltaMode):
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
-        del robot
         return unit_spec(["x", "y", "z", "gripper"])
 
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
@@ -230,7 +227,6 @@ class EndEffectorDeltaPose(_DeltaMode):
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
-        del robot
         return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
 
     def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
@@ -246,7 +242,6 @@ class EndEffectorPose(EndEffectorMode):
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Position x, y, z within 1 m of the base, quaternion w, x, y, z, gripper: +1 closed, -1 open; in [-1, 1]."""
-        del robot
         return unit_spec(["x", "y", "z", "quaternion_w", *(f"quaternion_{axis}" for axis in "xyz"), "gripper"])
 
     def check(self, action: NDArray[np.float64]) -> None:

@@ -52,7 +52,6 @@ class JointOffset(ActionMode):
         self.draws = self.gripper == "sampled"
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
-        del timestep
         self._joint_qpos = columns(physics.bind(robot.joints).qposadr)
 
     def spec(self, robot: Franka) -> specs.Array:
@@ -69,7 +68,6 @@ class JointOffset(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], tuple[()]]:
-        del state
         positions = simulation.read("qpos", self._joint_qpos)
         target = np.empty(positions.shape)
         target[..., :7] = arm_target(positions[..., :7], action[..., :7])
@@ -174,7 +172,6 @@ class JointPosition(ActionMode):
         return specs.BoundedArray(low.shape, np.float64, minimum=low, maximum=high, name="\t".join(names))
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
-        del physics, timestep
         spec = self.spec(robot)
         self._low, self._high = spec.minimum, spec.maximum
 
@@ -186,7 +183,6 @@ class JointPosition(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], tuple[()]]:
-        del simulation, state, draw
         target = np.minimum(np.maximum(action, self._low), self._high)
         return np.concatenate([target, target[..., -1:]], axis=-1), command
 
@@ -250,7 +246,6 @@ class JointDelta(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], JointCommand]:
-        del state, draw
         servos, action = self._servos, np.minimum(np.maximum(action, -1.0), 1.0)
         present = servos.positions(simulation)
         # A joint that stands beyond its limit may stay there.

@@ -62,7 +62,6 @@ class JointVelocity(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], tuple[()]]:
-        del simulation, draw
         positions = feedback_positions(state, self.feedback)
         target = position_target(positions, action, velocity_scale=self.velocity_scale, timestep=CONTROL_TIMESTEP)
         return target, command
@@ -108,7 +107,6 @@ class JointPosition(ActionMode):
         action: NDArray[np.float64],
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], tuple[()]]:
-        del simulation, draw
         positions, step = feedback_positions(state, self.feedback), VELOCITY_LIMIT * CONTROL_TIMESTEP
         near = np.minimum(np.maximum(action, positions - step), positions + step)
         return np.minimum(np.maximum(near, POSITION_LOW), POSITION_HIGH), command

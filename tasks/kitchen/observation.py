@@ -70,7 +70,6 @@ class AddNoise:
 
     def __call__(self, observation: NDArray, random_state: np.random.RandomState | None = None) -> NDArray:
         """Returns the noisy observation; draws nothing."""
-        del random_state
         return observation + self._noise
 
 
@@ -213,5 +212,4 @@ class KitchenObservables:
 
 
 def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:
-    del physics
     return value

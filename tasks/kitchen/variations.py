@@ -44,7 +44,6 @@ def done_parameter(scene: Scene, tasks: Callable[[], Mapping[str, Goal]]) -> Par
     elements = tuple(joint for task in tasks() for joint in joints[task])
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        del elements
         goals = tasks()
         for task, is_done in zip(DEFAULT_TASKS, value > 0.5, strict=True):
             if is_done and task in goals:

@@ -150,11 +150,9 @@ class OpenCabinetObservables:
         self._noisy = clipped(values + noise) if self._is_noisy else self._clean
 
     def _part(self, indices: slice, physics: mjcf.Physics) -> NDArray[np.float32]:
-        del physics
         return self._clean[indices]
 
     def _noisy_part(self, indices: slice, clean: NDArray, random_state: np.random.RandomState) -> NDArray[np.float32]:
-        del clean, random_state
         return self._noisy[indices]
 
 

@@ -173,7 +173,6 @@ class Cloning(Method):
         self.network = TorchNetwork(inputs, outputs, width=config.width, blocks=config.blocks)
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        del step
         return torch.nn.functional.l1_loss(self.network(inputs), chunks)
 
 
@@ -191,7 +190,6 @@ class Flow(Method):
         self._flow_steps = config.flow_steps
 
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        del step
         noise, time = torch.randn_like(chunks), torch.rand(len(chunks), 1)
         between = torch.lerp(noise, chunks, time)
         features = torch.as_tensor(time_features(time.numpy()))
