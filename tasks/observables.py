@@ -277,9 +277,6 @@ class Pictures:
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
 
 
-NO_PICTURES = Pictures()
-
-
 def _flags(kind: str) -> dict[str, bool]:
     return {} if kind == "pixels" else {kind: True}
 

@@ -368,7 +368,7 @@ class SuiteTask(composer.Task):
         return tree.map_structure(np.array, self.state._asdict())
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
-        """Sets what `_saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
+        """Sets what `saved_state` returned; raises a ValueError, with nothing changed, where it does not fit."""
         self.set_mdp_state(type(self.state)(**{name: state[name] for name in self.state._fields}))
 
     @abc.abstractmethod

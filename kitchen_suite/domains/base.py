@@ -52,7 +52,7 @@ class Domain:
       env: entry point of the class of the Gymnasium environment. By default that of the suite's domain whose task the
         domain's task extends, otherwise `SuiteEnv`.
       vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
-      training: entry point of the `training.recipes.Recipe`; None for the general defaults.
+      training: entry point of the `training.hyperparameters.Recipe`; None for the general defaults.
       recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
       evaluation: entry point of the `evaluation.protocols.DomainProtocols`; None for the general protocols alone.
       expert: entry point of the class of the scripted expert, a `policies.experts.Expert`; None if there is none.

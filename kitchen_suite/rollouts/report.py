@@ -14,7 +14,7 @@ WIDTH = 100  # Characters in a line.
 _GAP = "  "
 _UNBROKEN = "\N{NO-BREAK SPACE}"
 
-# Value of a metric of `tasks.base.Metrics`.
+# Value of a metric of `tasks.task.Metrics`.
 _Metric = bool | float | dict[str, int]
 
 

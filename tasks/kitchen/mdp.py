@@ -140,7 +140,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         )
 
     def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
-        """Returns the state before the first step of an episode that asks for some tasks; see `requested`."""
+        """Returns the state before the first step of an episode that asks for some tasks; see `requests.requested_order`."""
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
     @property

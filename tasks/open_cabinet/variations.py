@@ -119,7 +119,7 @@ class Randomization:
 
         Args:
           value: a `Randomization`, None for no randomization, a key of `PRESETS`, or variations by attribute, where
-            JSON may describe distributions (see `variations.parse`).
+            JSON may describe distributions (see `distributions.parse`).
 
         Raises:
           TypeError: it is something else, or a number is of the wrong type.

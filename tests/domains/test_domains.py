@@ -80,8 +80,8 @@ def test_a_domain_without_benchmark_says_so(capsys):
 class GentleTask(MicrowaveTableTask):
     """A user's task; another reset makes it one."""
 
-    def _reset_physics(self, physics, random_state):
-        super()._reset_physics(physics, random_state)
+    def reset_physics(self, physics, random_state):
+        super().reset_physics(physics, random_state)
         physics.bind(self.scene.joints("microwave")).qpos = -0.1
 
 
