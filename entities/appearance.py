@@ -21,6 +21,12 @@ from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
 
 _MATERIAL, _GEOM = mujoco.mjtObj.mjOBJ_MATERIAL, mujoco.mjtObj.mjOBJ_GEOM
 
+_FOLDER = "kitchen_assets/textures"
+
+# Materials of fronts and worktops, and of walls.
+_SATIN: Mapping[str, Any] = MappingProxyType({"specular": 0.2, "shininess": 0.3})
+_MATT: Mapping[str, Any] = MappingProxyType({"specular": 0.0, "shininess": 0.0})
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Texture:
@@ -169,13 +175,6 @@ def _texture(surface: Surface) -> Quantity:
     return Quantity(
         read=read, write=write, model_fields=("geom_matid",), visual=True, choices=1 + len(surface.textures)
     )
-
-
-_FOLDER = "kitchen_assets/textures"
-
-# Materials of fronts and worktops, and of walls.
-_SATIN: Mapping[str, Any] = MappingProxyType({"specular": 0.2, "shininess": 0.3})
-_MATT: Mapping[str, Any] = MappingProxyType({"specular": 0.0, "shininess": 0.0})
 
 
 def _picture(name: str, file: str, **material: Any) -> Texture:

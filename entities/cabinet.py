@@ -29,6 +29,23 @@ _LEAST, _GREATEST = 1e-6, 1e10
 # Tolerance for rounding errors in sums of sizes [m].
 _ROUNDING = 1e-9
 
+DRAWERS = ("top", "bottom")
+DOORS = ("left", "right")
+
+# Colours of the materials: red, green and blue from 0 to 1.
+COLORS: Mapping[str, Vector] = MappingProxyType(
+    {
+        "carcass": (0.80, 0.79, 0.76),
+        "front": (0.36, 0.47, 0.53),
+        "tray": (0.72, 0.58, 0.42),
+        "metal": (0.80, 0.80, 0.82),
+    }
+)
+
+# `solimpfriction` of slides and hinges. With MuJoCo's default of 0.9 a drawer creeps by 1 mm in a second under 2 N,
+# which is less than its dry friction.
+_STIFF_FRICTION = (0.99, 0.999, 0.001)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CabinetConfig:
@@ -132,24 +149,6 @@ def _check_field(name: str, value: Any, default: float | tuple[float, ...]) -> N
         else:
             if not _LEAST <= checks.number(number, what, positive=True) <= _GREATEST:
                 raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {value!r}")
-
-
-DRAWERS = ("top", "bottom")
-DOORS = ("left", "right")
-
-# Colours of the materials: red, green and blue from 0 to 1.
-COLORS: Mapping[str, Vector] = MappingProxyType(
-    {
-        "carcass": (0.80, 0.79, 0.76),
-        "front": (0.36, 0.47, 0.53),
-        "tray": (0.72, 0.58, 0.42),
-        "metal": (0.80, 0.80, 0.82),
-    }
-)
-
-# `solimpfriction` of slides and hinges. With MuJoCo's default of 0.9 a drawer creeps by 1 mm in a second under 2 N,
-# which is less than its dry friction.
-_STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
 class Cabinet(Prop):

@@ -13,6 +13,9 @@ from kitchen_suite import checks
 
 Elements = tuple[mjcf.Element, ...]
 
+# Number of positions of a free joint.
+_FREE = 7
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Quantity:
@@ -162,10 +165,6 @@ SLIDING_FRICTION = Quantity(
     model_fields=("geom_friction",),
     non_negative=True,
 )
-
-
-# Number of positions of a free joint.
-_FREE = 7
 
 
 def displacement(

@@ -20,6 +20,13 @@ from kitchen_suite.entities.parameters import (
     pose_parameters,
 )
 
+# Number of each burner as value of the parameter; on the first one the kettle stands by default.
+BURNERS = ("bottom_left", "bottom_right", "top_right", "top_left")
+
+# Displacement of the kettle from the first burner to each of them [m]: the differences between the positions of the
+# burners in `xml/oven.xml`.
+DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.441, 0.0), (0.003, 0.441, 0.0)])
+
 
 class Prop(assets.NamedEntity):
     """An object with a fixed list of joints.
@@ -39,14 +46,6 @@ class Prop(assets.NamedEntity):
     def handles(self) -> tuple[mjcf.Element, ...]:
         """The sites at its handles, knobs and switches."""
         return tuple(self.mjcf_model.find_all("site", exclude_attachments=True))
-
-
-# Number of each burner as value of the parameter; on the first one the kettle stands by default.
-BURNERS = ("bottom_left", "bottom_right", "top_right", "top_left")
-
-# Displacement of the kettle from the first burner to each of them [m]: the differences between the positions of the
-# burners in `xml/oven.xml`.
-DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.441, 0.0), (0.003, 0.441, 0.0)])
 
 
 def _read_burner(physics: mjcf.Physics, joints: Elements) -> ArrayLike:

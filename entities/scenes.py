@@ -20,6 +20,9 @@ from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
 
+# Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
+_SLEEP_TOLERANCE = 1e-8
+
 
 class SiteArena(assets.NamedEntity, composer.Arena):
     """Floor, lights, cameras, and a site at the pose of each entity.
@@ -146,9 +149,6 @@ class Scene:
         by_joint = dict(zip(observed, elements, strict=True))
         return np.concatenate([by_joint[joint] for joint in wanted])
 
-
-# Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
-_SLEEP_TOLERANCE = 1e-8
 
 # In the order in which their joints are observed.
 _PROPS: tuple[type[kitchen_props.KitchenProp], ...] = (

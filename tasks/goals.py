@@ -19,6 +19,15 @@ from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.instructions import checked, joined
 
+# Names of the criteria, the default first.
+CRITERIA = ("original", "strict")
+
+# Tolerances of `strict`: of a joint [rad, m], and of a free object's position [m] and tilt [rad].
+_JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}
+_POSITION_TOLERANCE, _TILT_TOLERANCE = 0.03, 0.2
+
+Thresholds = float | Mapping[str, float]
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Goal:
@@ -227,16 +236,6 @@ class GoalSet:
     def distances(self, achieved: NDArray, desired: NDArray | None = None) -> NDArray[np.float64]:
         """Returns distances `(..., n)` of the tasks' values `(..., k)` from their goals, or from others `(..., k)`."""
         return goal_distances(achieved, self.desired if desired is None else desired, self.starts)
-
-
-# Names of the criteria, the default first.
-CRITERIA = ("original", "strict")
-
-# Tolerances of `strict`: of a joint [rad, m], and of a free object's position [m] and tilt [rad].
-_JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}
-_POSITION_TOLERANCE, _TILT_TOLERANCE = 0.03, 0.2
-
-Thresholds = float | Mapping[str, float]
 
 
 class Success(abc.ABC):

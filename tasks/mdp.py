@@ -20,13 +20,21 @@ RewardTerm = Callable[[Any, NDArray[np.float64], Any], NDArray[np.float64]]
 """A term of a reward: takes the MDP's state before a control step, the action `(..., k)`, and the state after it, and
 returns `(...)`."""
 
+Columns = NDArray[np.int64] | slice
+
+Reading = TypeVar("Reading")
+Reading_co = TypeVar("Reading_co", covariant=True)
+State = TypeVar("State", bound=tuple)
+
+# Stands for the draw of an action mode that draws nothing: the median of U(0, 1).
+MEDIAN = 0.5
+
+_NO_DRAWS = np.zeros(0)
+
 
 def total(terms: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     """Returns the reward `(...)`, the sum of its terms."""
     return functools.reduce(operator.add, terms.values())
-
-
-Columns = NDArray[np.int64] | slice
 
 
 class Simulation(Protocol):
@@ -87,17 +95,6 @@ class BatchSimulation:
         if name not in self._fields:
             self._fields[name] = self._batch.bind(name)
         return self._fields[name]
-
-
-Reading = TypeVar("Reading")
-Reading_co = TypeVar("Reading_co", covariant=True)
-State = TypeVar("State", bound=tuple)
-
-
-# Stands for the draw of an action mode that draws nothing: the median of U(0, 1).
-MEDIAN = 0.5
-
-_NO_DRAWS = np.zeros(0)
 
 
 class Sensors(Protocol[Reading_co]):

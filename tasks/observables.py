@@ -17,6 +17,14 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import PhysicsSimulation, Simulation
 from kitchen_suite.tasks.sensors import FeatureSensors
 
+# Kinds of pictures, by the argument of `MJCFCamera` that asks for one.
+KINDS = ("pixels", "depth", "segmentation")
+
+DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
+
+# Arguments of tasks that are settings of pictures.
+SETTINGS = ("cameras", "image_size", "depth", "segmentation")
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ExtraObservable:
@@ -184,15 +192,6 @@ def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str,
     unique = checks.unique_names(names, "extra_observables")
     wanted = [checks.choice(name, choices, "extra observable") for name in unique]
     return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
-
-
-# Kinds of pictures, by the argument of `MJCFCamera` that asks for one.
-KINDS = ("pixels", "depth", "segmentation")
-
-DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
-
-# Arguments of tasks that are settings of pictures.
-SETTINGS = ("cameras", "image_size", "depth", "segmentation")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -28,6 +28,12 @@ from kitchen_suite.tasks.variations.variations import Variations
 # Number of axes of an observed picture.
 _PICTURE_AXES = 3
 
+# Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
+Metrics = dict[str, bool | float | dict[str, int]]
+
+# Colour of objects that the task counts as a success.
+SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolicyInputs:
@@ -89,10 +95,6 @@ class PolicyInputs:
         return np.concatenate([flat[..., : self.state_size], *(asked.get(name, none) for name in tasks)], axis=-1)
 
 
-# Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
-Metrics = dict[str, bool | float | dict[str, int]]
-
-
 class Completions(NamedTuple):
     """The tasks of an episode that asks for several.
 
@@ -151,10 +153,6 @@ class ResetRequests:
           arrays: the episode's `observation/...` and `info/...` arrays with a leading axis of `T + 1`.
         """
         return {}
-
-
-# Colour of objects that the task counts as a success.
-SUCCESS_RGBA = (0.25, 0.75, 0.3, 1.0)
 
 
 class SuiteTask(composer.Task):

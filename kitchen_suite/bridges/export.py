@@ -102,6 +102,20 @@ Control mode `{control_mode}`: {meaning}
 {licences}
 """
 
+XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE = (
+    "scene.xml",
+    "scene.mjb",
+    "state.npz",
+    "scene.json",
+    "README.md",
+)
+
+# Folder of meshes and textures, beside the XML.
+_ASSETS = "assets"
+
+# Name of the keyframe with the start of the episode, for viewers.
+_KEYFRAME = "start"
+
 
 def page(record: Mapping[str, Any]) -> str:
     """Returns the page of a scene with given metadata, those of its JSON file."""
@@ -118,21 +132,6 @@ def page(record: Mapping[str, Any]) -> str:
         cameras=", ".join(f"`{camera}`" for camera in record["cameras"]),
         licences="\n".join(f"- {each['of']}: {each['source']}; {each['licence']}" for each in record["licences"]),
     )
-
-
-XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE = (
-    "scene.xml",
-    "scene.mjb",
-    "state.npz",
-    "scene.json",
-    "README.md",
-)
-
-# Folder of meshes and textures, beside the XML.
-_ASSETS = "assets"
-
-# Name of the keyframe with the start of the episode, for viewers.
-_KEYFRAME = "start"
 
 
 class ExportJob:

@@ -17,6 +17,18 @@ _Reader = Callable[[mujoco.MjModel, int], _Attributes]
 # Attributes that give an orientation in place of a quaternion.
 _ORIENTATIONS = ("axisangle", "euler", "xyaxes", "zaxis")
 
+# Texts and their addresses, which say where files lay, and keyframes: no physics and no image depends on them.
+_LEFT_OUT = re.compile(r"names|names_map|paths|text_.*|.*_pathadr|name_\w+adr|key_.*")
+
+# Fields that only images depend on, and statistics, which viewers use.
+_VISUAL = re.compile(r"(cam|light|mat|mesh_tex|skin|tex)_.*|\w+_(matid|rgba)|bvh_aabb|(vis|stat)\..*")
+
+# Frames of the inertia of bodies, without effect where there is no mass.
+_INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
+
+# Structures of numbers within a model.
+_PARTS = ("opt", "stat", "vis")
+
 
 def _row(field: str, attribute: str) -> _Reader:
     """Returns a reader of a row of a field."""
@@ -133,19 +145,6 @@ def _set(element: Any, attributes: _Attributes, *, inertial: bool) -> None:
         material = element.root.root_model.find("material", attributes["material"])
         attributes = {"material": material}
     element.set_attributes(**attributes)
-
-
-# Texts and their addresses, which say where files lay, and keyframes: no physics and no image depends on them.
-_LEFT_OUT = re.compile(r"names|names_map|paths|text_.*|.*_pathadr|name_\w+adr|key_.*")
-
-# Fields that only images depend on, and statistics, which viewers use.
-_VISUAL = re.compile(r"(cam|light|mat|mesh_tex|skin|tex)_.*|\w+_(matid|rgba)|bvh_aabb|(vis|stat)\..*")
-
-# Frames of the inertia of bodies, without effect where there is no mass.
-_INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
-
-# Structures of numbers within a model.
-_PARTS = ("opt", "stat", "vis")
 
 
 class Difference(NamedTuple):

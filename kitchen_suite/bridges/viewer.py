@@ -17,6 +17,12 @@ from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
+# Greatest time between two readings of the panel [s].
+_IDLE = 0.05
+
+# Errors of a choice in the panel, of the policy, or of physics that diverges (a RuntimeError); they are shown there.
+_ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
+
 
 class ViewerPanel:
     """Widgets of the panel. Their callbacks run in threads of viser's, so they only put commands into the queue.
@@ -138,13 +144,6 @@ class ViewerPanel:
         domain = self._domain.value
         self._task.options = tuple(suite.TASKS_BY_DOMAIN[domain])
         self._task.value = suite.default_task(domain)
-
-
-# Greatest time between two readings of the panel [s].
-_IDLE = 0.05
-
-# Errors of a choice in the panel, of the policy, or of physics that diverges (a RuntimeError); they are shown there.
-_ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
 class Viewer:

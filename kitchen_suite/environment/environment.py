@@ -25,6 +25,12 @@ from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.task import SuiteTask
 
+PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
+
+# Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
+_BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
+
 
 class Physics(mjcf.Physics):
     """`mjcf.Physics` that keeps the scenes it renders.
@@ -66,13 +72,6 @@ class Physics(mjcf.Physics):
         # Not in the constructor, which copies do without.
         self._cameras: dict[tuple[int, int, int | str], Camera] = {}
         super()._reload_from_data(data)
-
-
-PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
-
-# Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
-_BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
 
 
 class PhysicsState:

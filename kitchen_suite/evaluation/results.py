@@ -22,6 +22,9 @@ _TAIL = (1.0 + CONFIDENCE) / 2.0
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
 
+# Decimals of the scores; those beyond would differ between versions of SciPy.
+_DECIMALS = 6
+
 
 def rate(verdicts: ArrayLike) -> tuple[float, Interval]:
     """Returns the share of true verdicts `(n,)`, and its interval by Wilson's method.
@@ -88,10 +91,6 @@ def order_entropy(asked: NDArray[np.bool_], steps: NDArray[np.int64]) -> float:
     _, counts = np.unique(sequences, axis=0, return_counts=True)
     shares = counts / counts.sum()
     return abs(float((shares * np.log2(shares)).sum()))
-
-
-# Decimals of the scores; those beyond would differ between versions of SciPy.
-_DECIMALS = 6
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,9 @@ from scipy.special import expit
 # Added to the variance in the normalisation of layers, as in PyTorch.
 _EPSILON = 1e-5
 
+# Bound of standardised inputs.
+CLIP = 10.0
+
 
 class Linear(NamedTuple):
     """An affine map.
@@ -150,10 +153,6 @@ def checked(array: NDArray, name: str) -> NDArray[np.float32]:
     if array.dtype != np.float32 or not np.isfinite(array).all():
         raise ValueError(f"{name} must be of finite numbers of float32, not {array.dtype}")
     return array
-
-
-# Bound of standardised inputs.
-CLIP = 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

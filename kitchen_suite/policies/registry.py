@@ -36,6 +36,9 @@ PolicyBuilder = Callable[..., Policy]
 # Packages that the extra `experts` installs.
 _EXPERT_PACKAGES = ("daqp", "mink")
 
+# Characters of a policy with options; there is room for the path of a file.
+_MAX_LENGTH = 5_000
+
 
 class PolicyError(ValueError):
     """A policy could not be built, raised an exception, or returned a bad action."""
@@ -181,9 +184,6 @@ POLICIES: Mapping[str, PolicySource] = MappingProxyType(
     }
 )
 """The policies that a name alone selects, such as `random`; each is called to build one."""
-
-# Characters of a policy with options; there is room for the path of a file.
-_MAX_LENGTH = 5_000
 
 
 def find(name: str, *, digest: str | None = None) -> PolicyBuilder:

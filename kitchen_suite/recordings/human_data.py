@@ -47,6 +47,13 @@ _SUFFIXES = (".hdf5", ".h5")
 # Rounding of float32.
 _ROUNDING = 1e-6
 
+# Any number of the seven tasks is asked; episodes go on after their last completion.
+_TASK = "all"
+_TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
+
+# Stands for the policy in the recording.
+_POLICY = "human"
+
 
 class Demonstration(NamedTuple):
     """A recorded episode.
@@ -297,14 +304,6 @@ def _observation(task: KitchenTask, state: KitchenState, observed: NDArray[np.fl
 def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
     info = task.mdp.info(state)
     return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
-
-
-# Any number of the seven tasks is asked; episodes go on after their last completion.
-_TASK = "all"
-_TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
-
-# Stands for the policy in the recording.
-_POLICY = "human"
 
 
 class ConvertJob:

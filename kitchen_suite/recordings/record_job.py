@@ -24,6 +24,18 @@ from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 
+_DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
+
+# Four tasks always in the same order; four of the seven in an order drawn for each episode; and one to seven of them,
+# in the order that suits the expert. Noise on its actions and poses makes all episodes differ.
+KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "fixed_order": {"task_name": "complete", "policy": _DEMONSTRATOR},
+        "random_order": {"task_name": "random_4", "task_kwargs": {"tasks_in_turn": True}, "policy": _DEMONSTRATOR},
+        "goal_conditioned": {"task_name": "all", "task_kwargs": {"tasks_per_episode": [1, 7]}, "policy": _DEMONSTRATOR},
+    }
+)
+
 
 class PhysicsDivergedError(Exception):
     """The physics diverged in some episodes, which are missing from the recording."""
@@ -155,16 +167,3 @@ def _with_format(settings: RecordSettings) -> RecordSettings:
 def _types(metrics: Metrics) -> dict[str, type]:
     """Returns the type of each metric by name."""
     return {name: type(value) for name, value in metrics.items()}
-
-
-_DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
-
-# Four tasks always in the same order; four of the seven in an order drawn for each episode; and one to seven of them,
-# in the order that suits the expert. Noise on its actions and poses makes all episodes differ.
-KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {
-        "fixed_order": {"task_name": "complete", "policy": _DEMONSTRATOR},
-        "random_order": {"task_name": "random_4", "task_kwargs": {"tasks_in_turn": True}, "policy": _DEMONSTRATOR},
-        "goal_conditioned": {"task_name": "all", "task_kwargs": {"tasks_per_episode": [1, 7]}, "policy": _DEMONSTRATOR},
-    }
-)

@@ -14,6 +14,9 @@ import numpy as np
 
 from kitchen_suite import checks, files
 
+if TYPE_CHECKING:
+    from dm_control import mjcf
+
 # Number of faces of a light mesh. Frames with 800 and with 1,400 faces for each link of the robot take the same time.
 MAX_FACES = 1_400
 
@@ -25,6 +28,12 @@ _PACKAGES = ("fast-simplification", "trimesh")
 
 # A binary STL file has a header with the number of faces in its last four bytes, and then 50 bytes for each face.
 _HEADER, _FACE = 84, 50
+
+RENDER_QUALITIES = ("high", "fast")
+
+# Faces around a cylinder, capsule or sphere, faces along it, and squares along each side of a box, of `fast`. With
+# MuJoCo's own, 28, 16 and 4, these shapes have most of a scene's faces beside the robot's.
+_NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 
 def missing_packages() -> list[str]:
@@ -108,16 +117,6 @@ def _version(package: str) -> str | None:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None
-
-
-if TYPE_CHECKING:
-    from dm_control import mjcf
-
-RENDER_QUALITIES = ("high", "fast")
-
-# Faces around a cylinder, capsule or sphere, faces along it, and squares along each side of a box, of `fast`. With
-# MuJoCo's own, 28, 16 and 4, these shapes have most of a scene's faces beside the robot's.
-_NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:

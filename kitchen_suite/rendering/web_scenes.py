@@ -98,10 +98,6 @@ def _scene_class() -> Any:
     return Scene
 
 
-if TYPE_CHECKING:
-    from dm_control import mjcf
-
-
 class SceneRecorder(contextlib.ExitStack):
     """Records episodes, also of models that change from episode to episode; a context manager."""
 

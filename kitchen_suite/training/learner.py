@@ -27,6 +27,13 @@ _LEAST_WEIGHT = 0.05
 # Number of episodes of a task over which its success is averaged.
 _MEMORY = 50
 
+# Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
+# squared error of a few large actions would dominate the loss.
+_ACTION_LIMIT = 5.0
+
+# Of cloning.
+_BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
+
 
 class TaskBalance:
     """Sets the weights with which tasks are drawn: 1.05 minus their recent success.
@@ -63,13 +70,6 @@ class TaskBalance:
         self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
         each = {name: completed[ended & asked[:, column], column] for column, name in enumerate(self._names)}
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
-
-
-# Bound of cloned actions, in units of the action scale. Beyond it, servos and gripper are saturated, and the
-# squared error of a few large actions would dominate the loss.
-_ACTION_LIMIT = 5.0
-
-_BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 
 def clone(

@@ -12,6 +12,9 @@ from kitchen_suite.training.hyperparameters import Hyperparameters
 # Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
 _LAST_LAYER_SCALE = 0.01
 
+# Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
+_FROZEN_COUNT = 1e15
+
 
 class GaussianPolicy(torch.nn.Module):
     """Gaussian policy: the mean is computed by a network, the standard deviations do not depend on the observation.
@@ -90,10 +93,6 @@ def build_network(sizes: Sequence[int]) -> torch.nn.Sequential:
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [torch.nn.Linear(inputs, outputs), torch.nn.ELU()]
     return torch.nn.Sequential(*layers[:-1])
-
-
-# Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
-_FROZEN_COUNT = 1e15
 
 
 class RunningScaler(torch.nn.Module):

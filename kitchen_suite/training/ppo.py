@@ -14,6 +14,15 @@ from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.training.hyperparameters import Hyperparameters
 from kitchen_suite.training.networks import GaussianPolicy, RunningScaler, build_network
 
+# Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
+_LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
+
+# Added to the standard deviation of advantages.
+_LEAST_DEVIATION = 1e-8
+
+# Added to the standard deviation of returns.
+_VALUE_EPSILON = 1e-8
+
 
 class Batch:
     """Control steps of all environments, time first.
@@ -70,16 +79,6 @@ def advantages(
         last = errors[step] + discount * gae_lambda * goes_on[step] * last
         estimates[step] = last
     return estimates
-
-
-# Bounds of adapted learning rates, the factor of an adaptation, and how far beyond the target the divergence must be.
-_LEARNING_RATES, _RATE_FACTOR, _TOLERANCE = (1e-6, 1e-2), 1.5, 2.0
-
-# Added to the standard deviation of advantages.
-_LEAST_DEVIATION = 1e-8
-
-# Added to the standard deviation of returns.
-_VALUE_EPSILON = 1e-8
 
 
 class Agent:

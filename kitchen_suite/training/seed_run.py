@@ -24,6 +24,14 @@ from kitchen_suite.training.evaluation import evaluate
 from kitchen_suite.training.learner import Learner
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
+POLICY_FILE = "policy.npz"
+
+# First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
+_TRAINING_SEEDS = 1_000_000_000
+EVALUATION_SEEDS = 500_000_000
+
+HEADING = "seed        steps  minutes     return  progress  success"
+
 
 class Training(abc.ABC):
     """The settings of a run as its algorithm reads them, and the environments or demonstrations that it learns from.
@@ -49,15 +57,6 @@ class Training(abc.ABC):
 
     def close(self) -> None:  # noqa: B027
         """Closes the environments that are trained in."""
-
-
-POLICY_FILE = "policy.npz"
-
-# First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
-_TRAINING_SEEDS = 1_000_000_000
-EVALUATION_SEEDS = 500_000_000
-
-HEADING = "seed        steps  minutes     return  progress  success"
 
 
 class StopReason(enum.Enum):

@@ -23,6 +23,17 @@ _LEAST_RESPONSE, _RESPONSE_STEPS = 0.05, 1.25
 # Rate at which the null space of the end effector's pose returns to the posture of the reset [1/s].
 _POSTURE_RATE = 0.25
 
+FRAMES = ("base", "hand")
+
+# Greatest distance of the commanded pose from the actual one [m, rad]: nothing winds up against obstacles.
+COMMAND_DISTANCE, COMMAND_ANGLE = 0.08, 0.3
+
+# Greatest distance of a commanded position from the robot's base along each axis [m].
+REACH = 1.0
+
+# Least norm of a commanded quaternion.
+_LEAST_NORM = 1e-6
+
 
 class Arm:
     """Kinematics of the arm in a compiled scene, for one simulation or many.
@@ -83,18 +94,6 @@ class Arm:
         )
         # All joints then move with the same time constant, and the end effector on a straight line.
         return servos.target(simulation, present + servos.lag / self._response * step)
-
-
-FRAMES = ("base", "hand")
-
-# Greatest distance of the commanded pose from the actual one [m, rad]: nothing winds up against obstacles.
-COMMAND_DISTANCE, COMMAND_ANGLE = 0.08, 0.3
-
-# Greatest distance of a commanded position from the robot's base along each axis [m].
-REACH = 1.0
-
-# Least norm of a commanded quaternion.
-_LEAST_NORM = 1e-6
 
 
 class PoseCommand(NamedTuple):

@@ -25,6 +25,11 @@ _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 # Targets of both fingers [m].
 GRIPPER_CLOSED, GRIPPER_OPEN = float(JOINT_LOW[7]), float(JOINT_HIGH[7])
 
+ARM_SIZE = 7
+
+# Greatest distance of a target from its joint [rad]: nothing winds up against obstacles.
+TARGET_DISTANCE = 0.3
+
 
 class JointOffset(ActionMode):
     """`joint_offset`: offsets of the seven joints from their present positions, and log odds of closing the gripper.
@@ -106,9 +111,6 @@ def gripper_target(action: NDArray[np.float64] | float, draw: NDArray[np.float64
     return np.where(draw < closing_probability(action), GRIPPER_CLOSED, GRIPPER_OPEN)
 
 
-ARM_SIZE = 7
-
-
 class ArmServos:
     """Joint positions of the arm, and the targets of its servos.
 
@@ -151,10 +153,6 @@ class Gripper:
         """Returns the targets `(..., 2)` of both fingers [m] for an action `(..., 1)` in [-1, 1]."""
         middle, half = (self.closed + self.open) / 2.0, (self.closed - self.open) / 2.0
         return np.repeat(middle + half * action, 2, axis=-1)
-
-
-# Greatest distance of a target from its joint [rad]: nothing winds up against obstacles.
-TARGET_DISTANCE = 0.3
 
 
 class JointPosition(ActionMode):

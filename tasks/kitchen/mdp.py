@@ -14,6 +14,17 @@ from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, Tas
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
 from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
 
+# Names of the terms of the sparse reward, which follow from the completions and are not saved.
+_SPARSE = REWARDS["sparse"].keys()
+
+_NESTED = ("progress", "shaping", "terms", "shares")
+
+# First part of the names of infos from which a dense reward can be computed for other goals.
+REWARD_STATE = "reward_state"
+
+# First part of the name of the info on the tasks that a step could complete, where they are asked in turn.
+ATTEMPTED = "attempted_tasks"
+
 
 class KitchenState(NamedTuple):
     """State of an episode after a control step.
@@ -49,10 +60,6 @@ class KitchenState(NamedTuple):
         return self.progress.completions
 
 
-# Names of the terms of the sparse reward, which follow from the completions and are not saved.
-_SPARSE = REWARDS["sparse"].keys()
-
-
 def as_dict(state: KitchenState) -> dict[str, Any]:
     """Returns a state as nested dicts of fresh arrays, without the parts that are None or follow from others."""
     fields = state._asdict()
@@ -74,16 +81,6 @@ def from_dict(arrays: Mapping[str, Any]) -> KitchenState:
     progress = Progress(**parts["progress"])
     terms = {"completion": np.add.reduce(progress.completions, axis=-1, dtype=np.float64)}
     return KitchenState(**{"terms": terms, **parts, "progress": progress})
-
-
-_NESTED = ("progress", "shaping", "terms", "shares")
-
-
-# First part of the names of infos from which a dense reward can be computed for other goals.
-REWARD_STATE = "reward_state"
-
-# First part of the name of the info on the tasks that a step could complete, where they are asked in turn.
-ATTEMPTED = "attempted_tasks"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -140,7 +137,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         )
 
     def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
-        """Returns the state before the first step of an episode that asks for some tasks; see `requests.requested_order`."""
+        """Returns the state before the first step of an episode that asks for tasks; see `requests.requested_order`."""
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
     @property

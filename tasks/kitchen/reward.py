@@ -25,6 +25,8 @@ from kitchen_suite.tasks.mdp import RewardTerm
 # Least initial distance [rad, m] that shares are relative to: a hand or an object that starts near has come far.
 _LEAST_DISTANCE = 0.1
 
+_APPROACH_WEIGHT, _PROGRESS_WEIGHT = 0.25, 0.75
+
 
 class Shaping(NamedTuple):
     """Positions and shares on which the rewards of a step depend beside its achieved goals.
@@ -173,8 +175,6 @@ def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDA
     with np.errstate(invalid="ignore"):
         return np.fmax(1.0 - distances / np.maximum(initial, _LEAST_DISTANCE), 0.0)
 
-
-_APPROACH_WEIGHT, _PROGRESS_WEIGHT = 0.25, 0.75
 
 # The terms are functions of the state before a step, its action, and the state after it; see `tasks.mdp.RewardTerm`.
 # They read `completions` and, of a dense reward, `shares` of the latter alone, so that goals can be relabelled.

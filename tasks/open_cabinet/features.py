@@ -32,6 +32,8 @@ FEATURE_INDICES: Mapping[str, slice | int] = MappingProxyType(
 )
 FEATURES_SIZE = 36
 
+_HEIGHT = slice(2, 3)
+
 
 def scalars(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns values `(...)`; a 0-d array becomes a scalar, with which numpy computes several times as fast."""
@@ -130,9 +132,6 @@ class Features:
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Returns copies of all parts by name, from which `Features.of` makes equal features."""
         return {name: np.array(self.values[..., index]) for name, index in FEATURE_INDICES.items()}
-
-
-_HEIGHT = slice(2, 3)
 
 
 class OpenCabinetSensors(FeatureSensors):

@@ -13,6 +13,9 @@ from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSenso
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import succeeds, terminates
 
+PHYSICS_TIMESTEP = 0.005  # [s]
+CONTROL_TIMESTEP = 0.01  # [s]
+
 
 class OpenCabinetState(NamedTuple):
     """State of an episode after a control step.
@@ -45,10 +48,6 @@ class OpenCabinetState(NamedTuple):
     def is_success(self) -> NDArray[np.bool_]:
         """`(...)`, whether the drawer is open by 0.3 m or more now."""
         return succeeds(Features(self.features).drawer_position)
-
-
-PHYSICS_TIMESTEP = 0.005  # [s]
-CONTROL_TIMESTEP = 0.01  # [s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

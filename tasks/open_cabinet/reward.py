@@ -38,6 +38,16 @@ _SPEED_LIMIT = 5.0
 # Greatest change of an action that enters the reward: any finite action is legal, but its square may overflow.
 _CHANGE_LIMIT = 1e150
 
+# Greatest distance from the bar's centre at which it may be held [m].
+_GRIP_ALONG = 0.03
+
+# Gap between a pad and the bar at which `Grip.holding` is halved [m]. With the exploration noise of a policy the joint
+# offsets shake the bar between closed fingers by some millimetres.
+_HALF_HELD = 0.001
+
+# Direction of the bar in its handle's frame.
+_BAR_AXIS = np.array([1.0, 0.0, 0.0])
+
 
 def approach(features: Features) -> NDArray[np.float64]:
     """`10 * (1 - tanh(d / 0.1))`, `d` the distance from gripper to handle [m]."""
@@ -108,17 +118,6 @@ def _choose(
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
     """Whether `(...)` a drawer is open by 0.3 m or more."""
     return np.greater_equal(drawer_position, SUCCESS_OPENING)
-
-
-# Greatest distance from the bar's centre at which it may be held [m].
-_GRIP_ALONG = 0.03
-
-# Gap between a pad and the bar at which `Grip.holding` is halved [m]. With the exploration noise of a policy the joint
-# offsets shake the bar between closed fingers by some millimetres.
-_HALF_HELD = 0.001
-
-# Direction of the bar in its handle's frame.
-_BAR_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 class Grip(NamedTuple):

@@ -18,6 +18,11 @@ from kitchen_suite.entities.parameters import Quantity
 
 Variation = Any
 
+# In the order in which tables list them.
+GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
+
+SPLITS = ("seen", "held_out")
+
 
 class Choice(variation.Variation):
     """Draws one of several values, numbers or vectors, each with the same probability."""
@@ -252,11 +257,6 @@ def _check_range(arrays: list[NDArray[np.float64]], quantity: Quantity, what: st
     if quantity.non_negative and any((array < 0).any() for array in arrays):
         raise ValueError(f"{what} must be non-negative, got {[array.tolist() for array in arrays]}")
 
-
-# In the order in which tables list them.
-GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
-
-SPLITS = ("seen", "held_out")
 
 Distribution = Bands | Choice
 

@@ -19,6 +19,12 @@ CLEARANCE_TOLERANCE = 0.004
 # Geoms whose coordinates differ by less have not moved [m; elements of rotation matrices].
 _UNMOVED = 1e-6
 
+# Distance from a handle at which it counts as reached [m].
+REACH_TOLERANCE = 0.005
+
+# Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
+_FIRST_STEPS, _STEPS = 200, 15
+
 
 class Clearance:
     """Depths of the colliding geoms of entities in those of other entities.
@@ -93,13 +99,6 @@ def _owners(scene: Scene, physics: mjcf.Physics) -> NDArray[np.int64]:
     for body, parent in enumerate(physics.model.body_parentid):
         owners[body] = numbers.get(body, owners[parent])
     return owners
-
-
-# Distance from a handle at which it counts as reached [m].
-REACH_TOLERANCE = 0.005
-
-# Greatest numbers of steps in the default layout, from the robot's start, and from there in another one.
-_FIRST_STEPS, _STEPS = 200, 15
 
 
 class Reach:

@@ -34,6 +34,25 @@ from kitchen_suite.tasks.control_modes.joints import (
 from kitchen_suite.tasks.kitchen import action as kitchen_action
 from kitchen_suite.tasks.mdp import ActionMode
 
+# Distances of the hand from its target beyond which it does not follow [m, rad].
+_MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
+
+# Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
+_SPEED_RESERVE = 0.9
+
+# Greatest speeds of the hand in `ee_pose`, and angular speed in `ee_delta_position` [m/s, rad/s]: the defaults of the
+# modes that have speeds.
+_LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
+
+# Distance of a joint from its target beyond which it does not follow [rad].
+_MAX_LAG = 0.25
+
+# The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
+_VELOCITY_SCALE = 2.0
+
+# Gripper logit at which the gripper closes almost surely.
+_CLOSE_LOGIT = 50.0
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ArmModel:
@@ -121,17 +140,6 @@ class ActionEncoder(abc.ABC):
 def gripper_action(fingers: float) -> float:
     """Returns the gripper's element of an action for an opening of each finger [m]: +1 closed, -1 open."""
     return 1.0 - 2.0 * fingers / OPEN
-
-
-# Distances of the hand from its target beyond which it does not follow [m, rad].
-_MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
-
-# Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
-_SPEED_RESERVE = 0.9
-
-# Greatest speeds of the hand in `ee_pose`, and angular speed in `ee_delta_position` [m/s, rad/s]: the defaults of the
-# modes that have speeds.
-_LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
 
 
 class _Pose(NamedTuple):
@@ -260,16 +268,6 @@ class DeltaPoseEncoder(_DeltaEncoder):
         turn = rotations.difference(pose.orientation, self._commanded.orientation)
         rotation = rotations.rotated(rotations.inverse(self._axes()), turn) / self._turn
         return np.append(super()._encode_pose(pose), rotation)
-
-
-# Distance of a joint from its target beyond which it does not follow [rad].
-_MAX_LAG = 0.25
-
-# The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
-_VELOCITY_SCALE = 2.0
-
-# Gripper logit at which the gripper closes almost surely.
-_CLOSE_LOGIT = 50.0
 
 
 class JointEncoder(ActionEncoder):

@@ -40,6 +40,30 @@ from kitchen_suite.tasks.kitchen.task import KitchenTask
 # A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
 _UNDONE = 1.2
 
+# A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
+# than it is.
+_DONE = 0.98
+# With strict tolerances: distance from the goal, in tolerances, below which objects are moved more slowly, and the
+# least share of the speed.
+_SLOW_DISTANCE, _LEAST_PACE = 8.0, 0.12
+# Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
+_SETTLE_STEPS = 6
+
+# Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
+_DECIMALS = 2
+
+# Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
+_TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
+
+# Share of the arc of a door with which its task is completed.
+_ENOUGH_OF_ARC = 0.8
+
+_ROBOT = SLICES[0]
+_SIZE = AMPLITUDES.size
+
+# Joint positions in free space from which the arm starts again after a failure [rad].
+_HOME = INITIAL_QPOS[ARM]
+
 
 class TaskQueue:
     """Tasks that remain to be done; the first one is the current one.
@@ -75,31 +99,6 @@ class TaskQueue:
     def restart_undone(self, distances: Mapping[str, float]) -> None:
         """Adds the completed tasks that have come undone, once no others remain."""
         self._remaining = [task for task in self.tasks if distances[task] > _UNDONE]
-
-
-# A task is done when its distance is below this fraction of the threshold; noise may make the distance look smaller
-# than it is.
-_DONE = 0.98
-# With strict tolerances: distance from the goal, in tolerances, below which objects are moved more slowly, and the
-# least share of the speed.
-_SLOW_DISTANCE, _LEAST_PACE = 8.0, 0.12
-# Control steps from the end of a trajectory to the failure of its task: an object that is pushed lags behind the hand.
-_SETTLE_STEPS = 6
-
-# Trajectories are shared by object positions that are equal to this number of decimals [rad, m].
-_DECIMALS = 2
-
-# Angles by which the hand is turned about the vertical until the poses of a skill are in reach [rad].
-_TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
-
-# Share of the arc of a door with which its task is completed.
-_ENOUGH_OF_ARC = 0.8
-
-_ROBOT = SLICES[0]
-_SIZE = AMPLITUDES.size
-
-# Joint positions in free space from which the arm starts again after a failure [rad].
-_HOME = INITIAL_QPOS[ARM]
 
 
 class KitchenExpert(Expert):

@@ -24,6 +24,21 @@ POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop 
 
 _OBSERVABLES = frozenset((BASE, *POSES.values()))
 
+_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
+_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
+# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
+# first-order lag.
+_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
+
+# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
+# the torque of gravity.
+_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
+
+# Fraction of the hand's error that the control modes of the end effector remove in a control step.
+_HAND_RESPONSE = 0.55
+
+_, _, _OBJECTS, _ = SLICES
+
 
 class ObservedLayout:
     """Reads the poses among the extra observables of an observation.
@@ -81,20 +96,6 @@ def _pose(values: NDArray[np.float64]) -> mink.SE3:
     return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=values[3:]).normalize(), values[:3])
 
 
-_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
-_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
-# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
-# first-order lag.
-_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
-
-# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
-# the torque of gravity.
-_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
-
-# Fraction of the hand's error that the control modes of the end effector remove in a control step.
-_HAND_RESPONSE = 0.55
-
-
 @functools.cache
 def arm_model() -> ArmModel:
     """The arm in the kitchen, shared by all instances."""
@@ -106,9 +107,6 @@ def arm_model() -> ArmModel:
         joint_speed=_JOINT_SPEED,
         timestep=CONTROL_TIMESTEP,
     )
-
-
-_, _, _OBJECTS, _ = SLICES
 
 
 @functools.cache

@@ -14,6 +14,15 @@ from vector_quantize_pytorch import ResidualVQ
 from kitchen_suite.policies import networks
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, ImitatedPolicy, TokenPolicy, time_features
 
+# Encoder and decoder of chunks are small beside the network that predicts codes.
+_CODER_WIDTH, _CODER_BLOCKS = 128, 1
+
+# Decay of the exponential moving averages of code vectors.
+_CODE_DECAY = 0.99
+
+# Factor of the distance of encoded chunks from their codes.
+_COMMITMENT = 0.25
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ImitationHyperparameters:
@@ -118,16 +127,6 @@ class TorchNetwork(torch.nn.Module):
         """Returns the network as it is now, in numpy."""
         arrays = {f"network.{name}": tensor.detach().clone().numpy() for name, tensor in self.state_dict().items()}
         return networks.ResidualNetwork.take(arrays, "network")
-
-
-# Encoder and decoder of chunks are small beside the network that predicts codes.
-_CODER_WIDTH, _CODER_BLOCKS = 128, 1
-
-# Decay of the exponential moving averages of code vectors.
-_CODE_DECAY = 0.99
-
-# Factor of the distance of encoded chunks from their codes.
-_COMMITMENT = 0.25
 
 
 class Method(torch.nn.Module, abc.ABC):
