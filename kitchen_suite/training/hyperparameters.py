@@ -1,4 +1,4 @@
-"""Hyperparameters of PPO and of imitation, and the recipe of each domain: its defaults, where they are not the general ones."""
+"""Hyperparameters of PPO and of imitation, and the recipe of each domain: its own defaults."""
 
 import dataclasses
 import math
