@@ -43,8 +43,12 @@ from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
 from kitchen_suite.tasks.open_cabinet.task import INSTRUCTIONS as DRAWER_INSTRUCTIONS
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, Distribution
-from kitchen_suite.training.hyperparameters import Hyperparameters
-from kitchen_suite.training.imitation.methods import FlowHyperparameters, ImitationHyperparameters, TokenHyperparameters
+from kitchen_suite.training.hyperparameters import (
+    FlowHyperparameters,
+    Hyperparameters,
+    ImitationHyperparameters,
+    TokenHyperparameters,
+)
 
 DOCS = Path(__file__).resolve().parent.parent
 _MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)

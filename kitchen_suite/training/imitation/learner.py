@@ -16,9 +16,9 @@ from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
 from kitchen_suite.settings import TrainSettings
-from kitchen_suite.training.hyperparameters import checked_changes
+from kitchen_suite.training.hyperparameters import ImitationHyperparameters, checked_changes
 from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
-from kitchen_suite.training.imitation.methods import METHODS, ImitationHyperparameters, Method
+from kitchen_suite.training.imitation.methods import METHODS, Method
 from kitchen_suite.training.learner import Learner
 from kitchen_suite.training.seed_run import Training
 from kitchen_suite.vector_env.base import SuiteVectorEnv
