@@ -132,7 +132,7 @@ def test_workers_that_always_die_end_the_command(run):
 def test_an_error_of_a_policy_in_a_worker_is_reported_in_one_line(run, command):
     status, _, err = run(command, "--output=runs", WORKERS, "--num_episodes=3", "--policy=my_policies:broken")
     assert status == 2
-    assert err.startswith(f"kitchen-{command.__name__.rpartition('.')[2]}: policy 'my_policies:broken' raised KeyError")
+    assert err.startswith(f"{command.name}: policy 'my_policies:broken' raised KeyError")
     assert err.count("\n") == 1
 
 
