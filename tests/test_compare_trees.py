@@ -1,4 +1,4 @@
-"""What the comparison of two trees finds."""
+"""Differences that the comparison of two trees finds."""
 
 import pickle
 import re

@@ -225,7 +225,7 @@ def progress_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArr
 
 
 def completion_gain(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
-    """What is left of the potential's greatest value, 1, for each task that the step completes."""
+    """The rest of the potential up to its greatest value, 1, for each task that the step completes."""
     shares = after.shares
     paid = _APPROACH_WEIGHT * shares.previous_approach + _PROGRESS_WEIGHT * shares.previous_progress
     return _summed(np.where(shares.completed & ~shares.previously_completed, 1.0 - paid, 0.0))
