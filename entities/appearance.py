@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import cabinet, franka
 from kitchen_suite.entities.assets import Vector
-from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
+from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 
 _MATERIAL, _GEOM = mujoco.mjtObj.mjOBJ_MATERIAL, mujoco.mjtObj.mjOBJ_GEOM
 
@@ -74,10 +74,10 @@ class Surface:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Colour; number of the texture, 0 for that of the built scene, if there are several."""
-        color = Parameter(name=f"{self.prefix}color", unit="1", quantity=_color(self), elements=())
+        color = Parameter(name=f"{self.prefix}color", unit="1", type=_color(self), elements=())
         if not self.textures:
             return (color,)
-        return color, Parameter(name=f"{self.prefix}texture", unit="1", quantity=_texture(self), elements=())
+        return color, Parameter(name=f"{self.prefix}texture", unit="1", type=_texture(self), elements=())
 
 
 def add_variants(root: mjcf.RootElement, surfaces: Iterable[Surface]) -> None:
@@ -131,7 +131,7 @@ class _Ids:
         return found
 
 
-def _color(surface: Surface) -> Quantity:
+def _color(surface: Surface) -> ParameterType:
     names = (*surface.materials, *surface.variants)
     materials, by_shade = _Ids(_MATERIAL, names), _geoms_by_shade(surface)
 
@@ -150,7 +150,7 @@ def _color(surface: Surface) -> Quantity:
                 rgba[ids, :3] = shade * value
 
     fields = (*(["mat_rgba"] if names else []), *(["geom_rgba"] if surface.geoms else []))
-    return Quantity(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
+    return ParameterType(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
 
 
 def _geoms_by_shade(surface: Surface) -> dict[float, _Ids]:
@@ -160,7 +160,7 @@ def _geoms_by_shade(surface: Surface) -> dict[float, _Ids]:
     return {shade: _Ids(_GEOM, group) for shade, group in names.items()}
 
 
-def _texture(surface: Surface) -> Quantity:
+def _texture(surface: Surface) -> ParameterType:
     own, variants = _Ids(_MATERIAL, surface.materials), _Ids(_MATERIAL, surface.variants)
 
     def read(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
@@ -172,7 +172,7 @@ def _texture(surface: Surface) -> Quantity:
             matid = physics.model.ptr.geom_matid
             matid[np.isin(matid, own(physics))] = numbers[int(value) - 1]
 
-    return Quantity(
+    return ParameterType(
         read=read, write=write, model_fields=("geom_matid",), visual=True, choices=1 + len(surface.textures)
     )
 

@@ -91,7 +91,7 @@ class Franka(assets.NamedEntity):
         arm, servos = self.joints[:count], self.actuators[:count]
         return (
             # Coefficient of the first colliding geom of each finger.
-            Parameter(name=f"{owner}/pad_friction", unit="1", quantity=SLIDING_FRICTION, elements=pads),
+            Parameter(name=f"{owner}/pad_friction", unit="1", type=SLIDING_FRICTION, elements=pads),
             displacement(f"{owner}/joint_offset", arm, unit="rad"),
             scale(f"{owner}/gain_scale", GAIN_SCALE, servos),
             scale(f"{owner}/damping_scale", DAMPING_SCALE, arm),

@@ -18,7 +18,7 @@ _FREE = 7
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Quantity:
+class ParameterType:
     """A kind of parameter: the values that it takes, and how they are read from and written to a compiled scene.
 
     Attributes:
@@ -42,7 +42,7 @@ class Quantity:
     derived: bool = False
 
     def checked(self, value: Any, name: str) -> NDArray[np.float64]:
-        """Returns a value as an array of the quantity's shape; `name` is for messages.
+        """Returns a value as an array of this shape; `name` is for messages.
 
         Raises:
           TypeError: it does not hold real numbers.
@@ -68,35 +68,35 @@ class Quantity:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A quantity of certain elements of a scene.
+    """A number, or a vector, of certain elements of a scene that may differ from episode to episode.
 
     Attributes:
       name: owner first, such as `cabinet/drawer_top_friction`.
       unit: of its values.
-      quantity: kind of the parameter.
+      type: kind of the parameter.
       elements: MJCF elements, all of which get the same value.
     """
 
     name: str
     unit: str
-    quantity: Quantity
+    type: ParameterType
     elements: Elements
 
     def get(self, physics: mjcf.Physics) -> NDArray[np.float64]:
-        """Returns the present value, in the quantity's shape."""
-        return np.array(self.quantity.read(physics, self.elements), np.float64)
+        """Returns the present value, in the shape of its type."""
+        return np.array(self.type.read(physics, self.elements), np.float64)
 
     def set(self, physics: mjcf.Physics, value: NDArray[np.float64]) -> None:
         """Sets a checked value; what MuJoCo derives from it is not updated."""
-        self.quantity.write(physics, self.elements, value)
+        self.type.write(physics, self.elements, value)
 
 
 def pose_parameters(entity: composer.Entity) -> tuple[Parameter, ...]:
     """Returns the offset and the yaw of an entity that stands upright, attached without a free joint."""
     owner, frame = entity.mjcf_model.model, (mjcf.get_attachment_frame(entity.mjcf_model),)
     return (
-        Parameter(name=f"{owner}/offset", unit="m", quantity=POSITION_OFFSET, elements=frame),
-        Parameter(name=f"{owner}/yaw", unit="rad", quantity=YAW, elements=frame),
+        Parameter(name=f"{owner}/offset", unit="m", type=POSITION_OFFSET, elements=frame),
+        Parameter(name=f"{owner}/yaw", unit="rad", type=YAW, elements=frame),
     )
 
 
@@ -104,8 +104,8 @@ def joint_parameters(name: str, joint: mjcf.Element) -> tuple[Parameter, ...]:
     """Returns dry friction and damping of a slide or hinge; their names start with `name`, which includes the owner."""
     force, damping = ("N", "N s/m") if joint.type == "slide" else ("N m", "N m s/rad")
     return (
-        Parameter(name=f"{name}_friction", unit=force, quantity=JOINT_FRICTION, elements=(joint,)),
-        Parameter(name=f"{name}_damping", unit=damping, quantity=JOINT_DAMPING, elements=(joint,)),
+        Parameter(name=f"{name}_friction", unit=force, type=JOINT_FRICTION, elements=(joint,)),
+        Parameter(name=f"{name}_damping", unit=damping, type=JOINT_DAMPING, elements=(joint,)),
     )
 
 
@@ -134,9 +134,9 @@ def _write_yaw(physics: mjcf.Physics, elements: Elements, value: NDArray[np.floa
     physics.bind(elements[0]).quat = quaternion / np.linalg.norm(quaternion)
 
 
-def _joint_quantity(attribute: str, model_field: str) -> Quantity:
+def _joint_parameter_type(attribute: str, model_field: str) -> ParameterType:
     """Returns the kind of a non-negative attribute of joints that all their degrees of freedom share."""
-    return Quantity(
+    return ParameterType(
         read=lambda physics, joints: getattr(physics.bind(joints), attribute)[0],
         write=lambda physics, joints, value: setattr(physics.bind(joints), attribute, value),
         model_fields=(model_field,),
@@ -150,16 +150,16 @@ def _write_sliding_friction(physics: mjcf.Physics, geoms: Elements, value: NDArr
 
 
 # Translation from the built position, in the frame of the parent.
-POSITION_OFFSET = Quantity(read=_read_offset, write=_write_offset, model_fields=("body_pos",), shape=(3,))
+POSITION_OFFSET = ParameterType(read=_read_offset, write=_write_offset, model_fields=("body_pos",), shape=(3,))
 
 # Rotation about the z axis of the parent.
-YAW = Quantity(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
+YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))
 
-JOINT_FRICTION = _joint_quantity("frictionloss", "dof_frictionloss")
-JOINT_DAMPING = _joint_quantity("damping", "dof_damping")
+JOINT_FRICTION = _joint_parameter_type("frictionloss", "dof_frictionloss")
+JOINT_DAMPING = _joint_parameter_type("damping", "dof_damping")
 
 # Coefficient of sliding friction of geoms; a contact has the greater one of its two geoms' coefficients.
-SLIDING_FRICTION = Quantity(
+SLIDING_FRICTION = ParameterType(
     read=lambda physics, geoms: physics.bind(geoms[0]).friction[0],
     write=_write_sliding_friction,
     model_fields=("geom_friction",),
@@ -187,8 +187,10 @@ def displacement(
         if followers:
             physics.bind(elements[count:]).qpos += ratio * value
 
-    quantity = Quantity(read=lambda physics, elements: np.zeros(shape), write=write, model_fields=(), shape=shape)
-    return Parameter(name=name, unit=unit, quantity=quantity, elements=(*joints, *followers))
+    parameter_type = ParameterType(
+        read=lambda physics, elements: np.zeros(shape), write=write, model_fields=(), shape=shape
+    )
+    return Parameter(name=name, unit=unit, type=parameter_type, elements=(*joints, *followers))
 
 
 def _displace_freely(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
@@ -203,7 +205,7 @@ def _displace_freely(physics: mjcf.Physics, elements: Elements, value: NDArray[n
 
 
 # Displacement of a free joint from where an episode starts: x and y [m], and rotation about the vertical [rad].
-FREE_DISPLACEMENT = Quantity(
+FREE_DISPLACEMENT = ParameterType(
     read=lambda physics, elements: np.zeros(3), write=_displace_freely, model_fields=(), shape=(3,)
 )
 
@@ -212,14 +214,14 @@ def _one(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
     return 1.0
 
 
-def _scale(attribute: str, model_field: str) -> Quantity:
+def _scale(attribute: str, model_field: str) -> ParameterType:
     """Returns the factor of an attribute of elements, relative to the built scene."""
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
         bound = physics.bind(elements)
         setattr(bound, attribute, getattr(bound, attribute) * value)
 
-    return Quantity(read=_one, write=write, model_fields=(model_field,), non_negative=True)
+    return ParameterType(read=_one, write=write, model_fields=(model_field,), non_negative=True)
 
 
 def _scale_sliding_friction(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
@@ -245,17 +247,17 @@ DAMPING_SCALE = _scale("damping", "dof_damping")
 FRICTION_SCALE = _scale("frictionloss", "dof_frictionloss")
 
 # Factor of the coefficients of sliding friction of geoms.
-SLIDING_FRICTION_SCALE = Quantity(
+SLIDING_FRICTION_SCALE = ParameterType(
     read=_one, write=_scale_sliding_friction, model_fields=("geom_friction",), non_negative=True
 )
 
 # Factor of the gains of position servos.
-GAIN_SCALE = Quantity(
+GAIN_SCALE = ParameterType(
     read=_one, write=_scale_gains, model_fields=("actuator_gainprm", "actuator_biasprm"), non_negative=True
 )
 
 # Mass of a body [kg], with inertia in proportion.
-MASS = Quantity(
+MASS = ParameterType(
     read=lambda physics, elements: physics.bind(elements[0]).mass,
     write=_write_mass,
     model_fields=("body_mass", "body_inertia"),
@@ -264,9 +266,9 @@ MASS = Quantity(
 )
 
 
-def scale(name: str, quantity: Quantity, elements: Sequence[mjcf.Element]) -> Parameter:
+def scale(name: str, parameter_type: ParameterType, elements: Sequence[mjcf.Element]) -> Parameter:
     """Returns a factor of what the built scene has, 1 by default."""
-    return Parameter(name=name, unit="1", quantity=quantity, elements=tuple(elements))
+    return Parameter(name=name, unit="1", type=parameter_type, elements=tuple(elements))
 
 
 def door_parameters(owner: str, joints: Sequence[mjcf.Element]) -> tuple[Parameter, ...]:

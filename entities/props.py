@@ -13,7 +13,7 @@ from kitchen_suite.entities.parameters import (
     MASS,
     Elements,
     Parameter,
-    Quantity,
+    ParameterType,
     built_position,
     displacement,
     door_parameters,
@@ -62,7 +62,7 @@ def _write_burner(physics: mjcf.Physics, joints: Elements, value: NDArray[np.flo
 
 
 # The burner on which a free object stands; writing it moves the object from the first burner.
-BURNER = Quantity(read=_read_burner, write=_write_burner, model_fields=(), choices=len(BURNERS))
+BURNER = ParameterType(read=_read_burner, write=_write_burner, model_fields=(), choices=len(BURNERS))
 
 
 class KitchenProp(Prop):
@@ -220,7 +220,7 @@ class Kettle(KitchenProp):
             return ()
         owner, body = self.mjcf_model.model, self.mjcf_model.find("body", "kettle")
         return (
-            Parameter(name=f"{owner}/pose", unit="m, m, rad", quantity=FREE_DISPLACEMENT, elements=self.joints),
-            Parameter(name=f"{owner}/burner", unit="index", quantity=BURNER, elements=self.joints),
-            Parameter(name=f"{owner}/mass", unit="kg", quantity=MASS, elements=(body,)),
+            Parameter(name=f"{owner}/pose", unit="m, m, rad", type=FREE_DISPLACEMENT, elements=self.joints),
+            Parameter(name=f"{owner}/burner", unit="index", type=BURNER, elements=self.joints),
+            Parameter(name=f"{owner}/mass", unit="kg", type=MASS, elements=(body,)),
         )

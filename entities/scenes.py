@@ -182,7 +182,7 @@ class KitchenArena(SiteArena):
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of every arena, and the offset of the pedestal, with which the robot moves."""
         pedestal = self._mjcf_root.find("body", "pedestal")
-        offset = Parameter(name="pedestal/offset", unit="m", quantity=POSITION_OFFSET, elements=(pedestal,))
+        offset = Parameter(name="pedestal/offset", unit="m", type=POSITION_OFFSET, elements=(pedestal,))
         return (*super().parameters, offset)
 
     def enable_sleep(self) -> None:

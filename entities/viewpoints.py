@@ -8,7 +8,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
+from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 
 
 def light_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
@@ -23,12 +23,12 @@ def light_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
     room = tuple(light for light in lights if light.root is root)
     others = (light for light in lights if light.root is not root)
     return (
-        Parameter(name="light/brightness", unit="1", quantity=BRIGHTNESS, elements=room),
-        Parameter(name="light/warmth", unit="1", quantity=WARMTH, elements=room),
-        Parameter(name="light/ambient", unit="1", quantity=AMBIENT, elements=room[:1]),
-        Parameter(name="light/rotation", unit="rad", quantity=LIGHT_ROTATION, elements=room),
+        Parameter(name="light/brightness", unit="1", type=BRIGHTNESS, elements=room),
+        Parameter(name="light/warmth", unit="1", type=WARMTH, elements=room),
+        Parameter(name="light/ambient", unit="1", type=AMBIENT, elements=room[:1]),
+        Parameter(name="light/rotation", unit="rad", type=LIGHT_ROTATION, elements=room),
         *(
-            Parameter(name=f"{light.full_identifier}_brightness", unit="1", quantity=BRIGHTNESS, elements=(light,))
+            Parameter(name=f"{light.full_identifier}_brightness", unit="1", type=BRIGHTNESS, elements=(light,))
             for light in others
         ),
     )
@@ -54,9 +54,9 @@ def camera_prefix(camera: str) -> str:
 def _of_camera(camera: mjcf.Element) -> tuple[Parameter, ...]:
     prefix, elements = camera_prefix(camera.full_identifier), (camera,)
     return (
-        Parameter(name=f"{prefix}offset", unit="m", quantity=CAMERA_OFFSET, elements=elements),
-        Parameter(name=f"{prefix}rotation", unit="rad", quantity=CAMERA_ROTATION, elements=elements),
-        Parameter(name=f"{prefix}fovy", unit="deg", quantity=FIELD_OF_VIEW, elements=elements),
+        Parameter(name=f"{prefix}offset", unit="m", type=CAMERA_OFFSET, elements=elements),
+        Parameter(name=f"{prefix}rotation", unit="rad", type=CAMERA_ROTATION, elements=elements),
+        Parameter(name=f"{prefix}fovy", unit="deg", type=FIELD_OF_VIEW, elements=elements),
     )
 
 
@@ -109,7 +109,7 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 # Factor of the diffuse and specular colours of lights.
-BRIGHTNESS = Quantity(
+BRIGHTNESS = ParameterType(
     read=lambda physics, lights: 1.0,
     write=_write_brightness,
     model_fields=("light_diffuse", "light_specular"),
@@ -118,10 +118,12 @@ BRIGHTNESS = Quantity(
 )
 
 # Relative surplus of red, and lack of blue, in the diffuse colours of lights; negative for cold light.
-WARMTH = Quantity(read=lambda physics, lights: 0.0, write=_write_warmth, model_fields=("light_diffuse",), visual=True)
+WARMTH = ParameterType(
+    read=lambda physics, lights: 0.0, write=_write_warmth, model_fields=("light_diffuse",), visual=True
+)
 
 # Grey light from all sides, added to that of the built scene; 1 lights a white surface fully.
-AMBIENT = Quantity(
+AMBIENT = ParameterType(
     read=lambda physics, lights: 0.0,
     write=_write_ambient,
     model_fields=("light_ambient",),
@@ -130,7 +132,7 @@ AMBIENT = Quantity(
 )
 
 # Rotation vector in the world frame, by which the directions of lights are turned.
-LIGHT_ROTATION = Quantity(
+LIGHT_ROTATION = ParameterType(
     read=lambda physics, lights: np.zeros(3),
     write=_write_light_rotation,
     model_fields=("light_dir",),
@@ -139,7 +141,7 @@ LIGHT_ROTATION = Quantity(
 )
 
 # Translation from the built position, in the frame of the parent body.
-CAMERA_OFFSET = Quantity(
+CAMERA_OFFSET = ParameterType(
     read=lambda physics, cameras: np.zeros(3),
     write=_write_camera_offset,
     model_fields=("cam_pos",),
@@ -148,7 +150,7 @@ CAMERA_OFFSET = Quantity(
 )
 
 # Rotation vector from the built orientation, in the camera's frame: x is right, y up, z backwards.
-CAMERA_ROTATION = Quantity(
+CAMERA_ROTATION = ParameterType(
     read=lambda physics, cameras: np.zeros(3),
     write=_write_camera_rotation,
     model_fields=("cam_quat",),
@@ -157,7 +159,7 @@ CAMERA_ROTATION = Quantity(
 )
 
 # Vertical field of view.
-FIELD_OF_VIEW = Quantity(
+FIELD_OF_VIEW = ParameterType(
     read=lambda physics, cameras: physics.bind(cameras[0]).fovy,
     write=_write_field_of_view,
     model_fields=("cam_fovy",),

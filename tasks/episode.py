@@ -12,20 +12,20 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.parameters import Parameter, Quantity
+from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.tasks.mdp import MDP, Simulation
 
 ACTION_DELAY = "sensing/action_delay"
 
 # No field of the physics has these values; the task reads them.
-_SCALE = Quantity(read=lambda *_: 1.0, write=lambda *_: None, model_fields=(), non_negative=True)
-_DELAY = Quantity(read=lambda *_: 0.0, write=lambda *_: None, model_fields=(), non_negative=True)
+_SCALE = ParameterType(read=lambda *_: 1.0, write=lambda *_: None, model_fields=(), non_negative=True)
+_DELAY = ParameterType(read=lambda *_: 0.0, write=lambda *_: None, model_fields=(), non_negative=True)
 
 
 def sensing_parameters(noise_parts: Mapping[str, slice]) -> tuple[Parameter, ...]:
     """Returns factors of parts of the observation noise, and whether actions are delayed by a control step, 0 or 1."""
-    scales = tuple(Parameter(name=f"sensing/{part}", unit="1", quantity=_SCALE, elements=()) for part in noise_parts)
-    return (*scales, Parameter(name=ACTION_DELAY, unit="control steps", quantity=_DELAY, elements=()))
+    scales = tuple(Parameter(name=f"sensing/{part}", unit="1", type=_SCALE, elements=()) for part in noise_parts)
+    return (*scales, Parameter(name=ACTION_DELAY, unit="control steps", type=_DELAY, elements=()))
 
 
 class Sensing(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.parameters import Elements, Parameter, Quantity
+from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import Goal
@@ -49,14 +49,14 @@ def done_parameter(scene: Scene, tasks: Callable[[], Mapping[str, Goal]]) -> Par
             if is_done and task in goals:
                 physics.bind(joints[task]).qpos = goals[task].value
 
-    quantity = Quantity(
+    parameter_type = ParameterType(
         read=lambda physics, elements: np.zeros(len(DEFAULT_TASKS)),
         write=write,
         model_fields=(),
         shape=(len(DEFAULT_TASKS),),
         non_negative=True,
     )
-    return Parameter(name=DONE, unit="0 or 1", quantity=quantity, elements=elements)
+    return Parameter(name=DONE, unit="0 or 1", type=parameter_type, elements=elements)
 
 
 _UNDONE, _ALL_DONE = np.zeros(7), np.ones(7)

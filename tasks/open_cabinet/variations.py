@@ -11,7 +11,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities import parameters as kinds
 from kitchen_suite.entities.cabinet import DOORS, DRAWERS
-from kitchen_suite.entities.parameters import Quantity
+from kitchen_suite.entities.parameters import ParameterType
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Draw
@@ -77,7 +77,7 @@ VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, 
 
 
 # Kinds of the parameters by attribute of `Randomization`, in the order in which they are drawn.
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+QUANTITIES: Mapping[str, ParameterType] = MappingProxyType(
     {
         "cabinet_offset": kinds.POSITION_OFFSET,
         "cabinet_yaw": kinds.YAW,

@@ -14,7 +14,7 @@ from dm_control.composer.variation import distributions
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.parameters import Quantity
+from kitchen_suite.entities.parameters import ParameterType
 
 Variation = Any
 
@@ -145,14 +145,14 @@ DISTRIBUTIONS: Mapping[str, _Distribution] = MappingProxyType(
 )
 
 
-def parse(value: Any, quantity: Quantity, name: str) -> Variation:
+def parse(value: Any, parameter_type: ParameterType, name: str) -> Variation:
     """Returns the variation that JSON describes; constants and composer variations are returned as they are.
 
     Args:
       value: `{"uniform": [low, high]}` or another one of `DISTRIBUTIONS` with the list of its arguments, or
-        `{"choice": [value, value, ...]}`. Arguments are numbers, or lists with the quantity's shape. A list may hold
+        `{"choice": [value, value, ...]}`. Arguments are numbers, or lists with the parameter's shape. A list may hold
         distributions for some of its elements.
-      quantity: kind of the parameter.
+      parameter_type: kind of the parameter.
       name: of the parameter, for messages.
 
     Raises:
@@ -160,12 +160,12 @@ def parse(value: Any, quantity: Quantity, name: str) -> Variation:
       ValueError: an unknown distribution, the wrong number of arguments, a wrong shape, or numbers out of range.
     """
     if isinstance(value, Mapping):
-        return _distribution(value, quantity.shape, quantity, name)
+        return _distribution(value, parameter_type.shape, parameter_type, name)
     if not isinstance(value, list | tuple):
         return value
     if is_constant(value):
-        quantity.checked([0.0 if isinstance(part, Mapping) else part for part in value], name)
-    return tuple(_distribution(part, (), quantity, name) if isinstance(part, Mapping) else part for part in value)
+        parameter_type.checked([0.0 if isinstance(part, Mapping) else part for part in value], name)
+    return tuple(_distribution(part, (), parameter_type, name) if isinstance(part, Mapping) else part for part in value)
 
 
 def is_constant(value: Variation) -> bool:
@@ -174,12 +174,12 @@ def is_constant(value: Variation) -> bool:
     return not any(callable(part) for part in parts)
 
 
-def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
-    """Checks a constant, or the extremes of a bounded distribution; returns whether all draws then fit a quantity.
+def draws_fit(each: Variation, parameter_type: ParameterType, name: str) -> bool:
+    """Checks a constant, or the extremes of a bounded distribution; returns whether all draws then fit it.
 
     Args:
       each: a variation.
-      quantity: kind of the parameter.
+      parameter_type: kind of the parameter.
       name: of the parameter, for messages.
 
     Returns:
@@ -190,21 +190,21 @@ def draws_fit(each: Variation, quantity: Quantity, name: str) -> bool:
       ValueError: a constant or an extreme has the wrong shape, is not finite, or is negative where it must not be.
     """
     if is_constant(each):
-        quantity.checked(each, name)
+        parameter_type.checked(each, name)
         return False
     if isinstance(each, Choice):
         extremes = [*each.values]
-    elif isinstance(each, Bands) and quantity.choices is None:
+    elif isinstance(each, Bands) and parameter_type.choices is None:
         extremes = [each.low, each.high]
     else:
         return False
     for extreme in extremes:
-        quantity.checked(extreme, name)
+        parameter_type.checked(extreme, name)
     return True
 
 
 def _distribution(
-    value: Mapping[str, Any], shape: tuple[int, ...], quantity: Quantity, name: str
+    value: Mapping[str, Any], shape: tuple[int, ...], parameter_type: ParameterType, name: str
 ) -> variation.Variation:
     """Returns the distribution with values of a given shape that JSON describes; raises as `parse`."""
     if len(value) != 1:
@@ -216,20 +216,20 @@ def _distribution(
         raise ValueError(f"{what} must have a list of numbers, got {arguments!r}")
     arrays = [_argument(argument, shape, what) for argument in arguments]
     if kind == "choice":
-        _check_range(arrays, quantity, what)
+        _check_range(arrays, parameter_type, what)
         return Choice(np.array(arrays))
-    return _of_arguments(DISTRIBUTIONS[kind], arrays, quantity, what)
+    return _of_arguments(DISTRIBUTIONS[kind], arrays, parameter_type, what)
 
 
 def _of_arguments(
-    distribution: _Distribution, arrays: list[NDArray[np.float64]], quantity: Quantity, what: str
+    distribution: _Distribution, arrays: list[NDArray[np.float64]], parameter_type: ParameterType, what: str
 ) -> variation.Variation:
     """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
     shown = [array.tolist() for array in arrays]
     if len(arrays) != len(distribution.arguments):
         raise ValueError(f"{what} must have {' and '.join(distribution.arguments)}, got {shown}")
     if distribution.ordered:
-        _check_range(arrays, quantity, what)
+        _check_range(arrays, parameter_type, what)
         if (arrays[0] > arrays[1]).any():
             raise ValueError(f"{what} must have a low that is not above its high, got {shown}")
     with np.errstate(invalid="ignore"):
@@ -253,8 +253,8 @@ def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float
     return np.broadcast_to(checks.vector(array.ravel(), array.size, what).reshape(array.shape), shape)
 
 
-def _check_range(arrays: list[NDArray[np.float64]], quantity: Quantity, what: str) -> None:
-    if quantity.non_negative and any((array < 0).any() for array in arrays):
+def _check_range(arrays: list[NDArray[np.float64]], parameter_type: ParameterType, what: str) -> None:
+    if parameter_type.non_negative and any((array < 0).any() for array in arrays):
         raise ValueError(f"{what} must be non-negative, got {[array.tolist() for array in arrays]}")
 
 

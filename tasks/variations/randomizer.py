@@ -78,10 +78,10 @@ class Randomizer:
         self._fitting = {
             name
             for name, draw in self._draws.items()
-            if distributions.draws_fit(draw.variation, draw.parameter.quantity, draw.label)
+            if distributions.draws_fit(draw.variation, draw.parameter.type, draw.label)
         }
         self._physics, model = physics, physics.model.ptr
-        is_derived = any(parameter.quantity.derived for parameter in self._parameters.values())
+        is_derived = any(parameter.type.derived for parameter in self._parameters.values())
         self._scratch = mujoco.MjData(model) if is_derived else None
         fields = (field for field in (*self.model_fields, *self.visual_fields) if field not in DERIVED_FIELDS)
         self._built = {field: np.array(getattr(model, field)) for field in fields}
@@ -96,19 +96,19 @@ class Randomizer:
     @property
     def model_fields(self) -> tuple[str, ...]:
         """Fields of MuJoCo's model that a reset may change and on which the physics of an episode depends."""
-        physical = [each.quantity for each in self._parameters.values() if not each.quantity.visual]
+        physical = [each.type for each in self._parameters.values() if not each.type.visual]
         derived = DERIVED_FIELDS if any(quantity.derived for quantity in physical) else ()
         return _union((*(quantity.model_fields for quantity in physical), derived))
 
     @property
     def displacements(self) -> tuple[str, ...]:
         """Names of the parameters that change no field of the model."""
-        return tuple(name for name, parameter in self._parameters.items() if not parameter.quantity.model_fields)
+        return tuple(name for name, parameter in self._parameters.items() if not parameter.type.model_fields)
 
     @property
     def visual_fields(self) -> tuple[str, ...]:
         """Further fields of MuJoCo's model that a reset may change, on which only images depend."""
-        quantities = (parameter.quantity for parameter in self._parameters.values())
+        quantities = (parameter.type for parameter in self._parameters.values())
         return _union(quantity.model_fields for quantity in quantities if quantity.visual)
 
     def draw(self, random_state: np.random.RandomState) -> Values:
@@ -125,8 +125,7 @@ class Randomizer:
     def checked(self, values: Mapping[str, NDArray]) -> Values:
         """Returns values of parameters that `set` accepts; raises as `draw`."""
         return {
-            name: self._parameters[name].quantity.checked(value, self._draws[name].label)
-            for name, value in values.items()
+            name: self._parameters[name].type.checked(value, self._draws[name].label) for name, value in values.items()
         }
 
     def set(self, values: Mapping[str, NDArray[np.float64]]) -> None:

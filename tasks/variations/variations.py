@@ -278,7 +278,7 @@ def _parsed(
     names = [checks.choice(name, rows, "variation") for name in wanted]
     if absent := [name for name in names if wanted[name] is None]:
         raise TypeError(f"variation's {absent[0]} must be a distribution or a constant, got None")
-    return {name: distributions.parse(wanted[name], offered[name].quantity, f"variation's {name}") for name in names}
+    return {name: distributions.parse(wanted[name], offered[name].type, f"variation's {name}") for name in names}
 
 
 def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation]) -> set[str]:

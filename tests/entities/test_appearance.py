@@ -36,7 +36,7 @@ class Room:
         self.physics = mjcf.Physics.from_mjcf_model(root)
         self.model = self.physics.model.ptr
         self.parameters = {parameter.name: parameter for parameter in scene.arena.parameters}
-        fields = {field for parameter in self.parameters.values() for field in parameter.quantity.model_fields}
+        fields = {field for parameter in self.parameters.values() for field in parameter.type.model_fields}
         self.built = {field: getattr(self.model, field).copy() for field in fields}
         names = {self.physics.model.id2name(i, "camera") for i in range(self.model.ncam)}
         self.cameras = [camera for camera in CAMERAS if camera in names]
@@ -51,7 +51,7 @@ class Room:
         self.restore()
         for name, value in values.items():
             parameter = self.parameters[name]
-            parameter.set(self.physics, parameter.quantity.checked(value, name))
+            parameter.set(self.physics, parameter.type.checked(value, name))
         self.physics.forward()
 
     def changed_fields(self):
@@ -96,8 +96,8 @@ def test_defaults_leave_the_model_as_it_is(name, visuals):
     room.restore()
     for parameter in room.parameters.values():
         value = parameter.get(room.physics)
-        assert value.shape == parameter.quantity.shape
-        parameter.set(room.physics, parameter.quantity.checked(value, parameter.name))
+        assert value.shape == parameter.type.shape
+        parameter.set(room.physics, parameter.type.checked(value, parameter.name))
     assert not room.changed_fields()
 
 
@@ -109,8 +109,8 @@ def test_scenes_without_visuals_offer_the_same_parameters_and_values(name):
     assert list(with_visuals.parameters) == list(without.parameters)
     for key, parameter in with_visuals.parameters.items():
         other = without.parameters[key]
-        assert parameter.quantity.visual == other.quantity.visual
-        assert parameter.quantity.shape == other.quantity.shape
+        assert parameter.type.visual == other.type.visual
+        assert parameter.type.shape == other.type.shape
         np.testing.assert_allclose(other.get(without.physics), parameter.get(with_visuals.physics), rtol=1e-7)
 
 
@@ -146,7 +146,7 @@ def test_values_can_be_read_back(room):
 
 @pytest.mark.parametrize("value", [-1, 5, 0.5, np.nan])
 def test_a_texture_that_does_not_exist_is_refused(kitchen, value):
-    quantity = kitchen.parameters["floor/texture"].quantity
+    quantity = kitchen.parameters["floor/texture"].type
     with refused(ValueError, "floor/texture", "0", "4"):
         quantity.checked(value, "floor/texture")
 

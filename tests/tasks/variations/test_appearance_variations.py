@@ -39,7 +39,7 @@ def table(environment):
 def parameters(environment):
     """Returns the parameters of the arena on which only pictures depend, by name."""
     offered = environment.task.scene.arena.parameters
-    return {parameter.name: parameter for parameter in offered if parameter.quantity.visual}
+    return {parameter.name: parameter for parameter in offered if parameter.type.visual}
 
 
 @pytest.mark.parametrize("domain", SCENES)
@@ -55,7 +55,7 @@ def test_tables_vary_all_that_the_arena_offers_from_its_built_values(domain):
         bound = each.about(offered[each.name].get(env.physics))
         for split in SPLITS:
             drawn = bound.distribution(split)(random_state=np.random.RandomState(0))
-            offered[each.name].quantity.checked(drawn, each.name)
+            offered[each.name].type.checked(drawn, each.name)
 
 
 @pytest.mark.parametrize("domain", SCENES)

@@ -66,7 +66,7 @@ def test_a_scene_offers_every_parameter_of_its_layout(domain):
         for split in SPLITS:
             for seed in range(20):
                 value = varied.distribution(split)(random_state=np.random.RandomState(seed))
-                np.testing.assert_array_equal(parameter.quantity.checked(value, varied.name), value)
+                np.testing.assert_array_equal(parameter.type.checked(value, varied.name), value)
 
 
 def test_parameters_do_not_depend_on_visuals():
@@ -116,7 +116,7 @@ def test_the_kettle_stands_on_the_burner_that_was_set(kitchen):
 @pytest.mark.parametrize("value", [4, -1, 0.5, np.nan])
 def test_a_burner_that_does_not_exist_is_refused(kitchen, value):
     with refused(ValueError, "kettle/burner"):
-        kitchen.parameters["kettle/burner"].quantity.checked(value, "kettle/burner")
+        kitchen.parameters["kettle/burner"].type.checked(value, "kettle/burner")
 
 
 def test_an_object_that_is_not_in_a_scene_has_no_layout():
@@ -125,7 +125,7 @@ def test_an_object_that_is_not_in_a_scene_has_no_layout():
 
 
 def is_of_layout(parameter):
-    return bool({"body_pos", "body_quat"} & {*parameter.quantity.model_fields})
+    return bool({"body_pos", "body_quat"} & {*parameter.type.model_fields})
 
 
 def test_all_excluded_contacts_are_between_parts_of_the_robot():

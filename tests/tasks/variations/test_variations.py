@@ -10,7 +10,7 @@ from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.entities import parameters
-from kitchen_suite.entities.parameters import Parameter, Quantity
+from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.tasks.variations import distributions as variations
 from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer
 
@@ -18,14 +18,14 @@ NUMBER, POSITIVE = (parameters.YAW, parameters.JOINT_DAMPING)
 VECTOR = parameters.POSITION_OFFSET
 
 # Mass of a body; MuJoCo derives further fields from it.
-MASS = Quantity(
+MASS = ParameterType(
     read=lambda physics, bodies: physics.bind(bodies[0]).mass,
     write=lambda physics, bodies, value: setattr(physics.bind(bodies[0]), "mass", value),
     model_fields=("body_mass",),
     non_negative=True,
     derived=True,
 )
-COLOUR = Quantity(
+COLOUR = ParameterType(
     read=lambda physics, geoms: physics.bind(geoms[0]).rgba[:3],
     write=lambda physics, geoms, value: physics.bind(geoms[0]).rgba.__setitem__(slice(3), value),
     model_fields=("geom_rgba",),
@@ -47,7 +47,7 @@ def env_and_offered():
 
 def draw(scene, value, parameter="microwave/yaw", seed=0, times=200):
     env, offered = scene
-    parsed = variations.parse(json.loads(value), offered[parameter].quantity, "it")
+    parsed = variations.parse(json.loads(value), offered[parameter].type, "it")
     randomizer, random_state = randomizer_of(env, offered, {parameter: parsed}), np.random.RandomState(seed)
     return np.array([randomizer.draw(random_state)[parameter] for _ in range(times)])
 
@@ -131,8 +131,8 @@ def load_kitchen():
     offered = (
         *parameters.joint_parameters("microwave/door", door),
         *parameters.pose_parameters(microwave),
-        Parameter(name="microwave/door_mass", unit="kg", quantity=MASS, elements=(door.parent,)),
-        Parameter(name="microwave/colour", unit="1", quantity=COLOUR, elements=(geoms[0],)),
+        Parameter(name="microwave/door_mass", unit="kg", type=MASS, elements=(door.parent,)),
+        Parameter(name="microwave/colour", unit="1", type=COLOUR, elements=(geoms[0],)),
     )
     return env, {parameter.name: parameter for parameter in offered}
 
