@@ -143,7 +143,15 @@ class Stepper:
         sensing, ctrl = state.sensing, target
         if sensing is not None:
             ctrl, sensing = sensing.delayed(target), sensing._replace(target=target)
-        return state._replace(command=command, sensing=sensing, action=action, target=target), ctrl
+        # `_replace` takes twice as long, here and below.
+        return EpisodeState(
+            mdp=state.mdp,
+            command=command,
+            sensing=sensing,
+            variation=state.variation,
+            action=action,
+            target=target,
+        ), ctrl
 
     def observe(self, state: EpisodeState, reading: Any, draws: NDArray[np.float64]) -> EpisodeState:
         """Returns the state after the physics of the control step.
@@ -158,4 +166,11 @@ class Stepper:
         after = self.mdp.step(
             state.mdp, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
         )
-        return state._replace(mdp=after)
+        return EpisodeState(
+            mdp=after,
+            command=state.command,
+            sensing=state.sensing,
+            variation=state.variation,
+            action=state.action,
+            target=state.target,
+        )

@@ -142,7 +142,7 @@ class ActionMode(abc.ABC):
         """Arguments of the class, which modes keep as attributes of the same names."""
         return {argument: getattr(self, argument) for argument in inspect.signature(type(self)).parameters}
 
-    @property
+    @functools.cached_property
     def reads_derived(self) -> bool:
         """Whether control reads what MuJoCo derives from positions and velocities."""
         return self.stage != mujoco.mjtStage.mjSTAGE_NONE

@@ -62,17 +62,18 @@ def alignment(features: Features) -> NDArray[np.float64]:
 
 def orientation(features: Features) -> NDArray[np.float64]:
     """`cos(a)`, `a` the angle between gripper and handle frame; 1 whenever `opening` is positive."""
-    return _choose(features.is_held_open, 1.0, alignment(features))
+    return scalars(np.where(features.is_held_open, 1.0, alignment(features)))
 
 
 def grasp(features: Features, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
-    return _choose(features.handle_distance < _GRASP_DISTANCE, 100.0, -20.0) * (GRIPPER_OPEN - gripper)
+    return (120.0 * (features.handle_distance < _GRASP_DISTANCE) - 20.0) * (GRIPPER_OPEN - gripper)
 
 
 def opening(features: Features) -> NDArray[np.float64]:
     """`20 * (exp(o) - 1)`, `o` the drawer's position [m] in [0, 1]; 0 when `o > 0` and `d > 0.03`."""
-    return _choose(features.is_held_open, 20.0 * np.expm1(np.minimum(features.drawer_position, 1.0)), 0.0)
+    position = np.minimum(np.maximum(features.drawer_position, 0.0), 1.0)
+    return features.is_held_open * (20.0 * np.expm1(position))
 
 
 def straddling(features: Features) -> NDArray[np.float64]:
@@ -99,20 +100,14 @@ def effort(
 
 def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
-    return _choose(terminated, -10.0, 0.0)
+    # Not -10.0 * terminated, which may be -0.0.
+    return 0.0 - 10.0 * terminated
 
 
 def terminates(features: Features) -> NDArray[np.bool_]:
     """Whether `(...)` the gripper reaches behind the handle, or any of the nine joints moves too fast."""
     behind = scalars(features.handle_offset[..., 0]) > _REACH_LIMIT
     return behind | (np.maximum.reduce(np.abs(features.joint_velocities), axis=-1) > _SPEED_LIMIT)
-
-
-def _choose(
-    condition: NDArray[np.bool_], where_true: NDArray[np.float64] | float, elsewhere: NDArray[np.float64] | float
-) -> NDArray[np.float64]:
-    """Returns `(...)`, like `np.where`, but scalars where there is no axis."""
-    return scalars(np.where(condition, where_true, elsewhere))
 
 
 def succeeds(drawer_position: NDArray[np.float64] | float) -> NDArray[np.bool_]:
