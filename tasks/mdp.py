@@ -266,7 +266,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def observation(self, simulation: Simulation, state: State) -> NDArray:
         """Returns the flat observation `(..., m)` without goals, with its noise."""
 
-    def reward_terms(self, before: State, action: NDArray[np.float64], after: State) -> dict[str, NDArray[np.float64]]:
+    def reward_terms(self, before: State, action: NDArray[np.float64], after: Any) -> dict[str, NDArray[np.float64]]:
         """Returns the terms `(...)` of a step's reward by name; arguments as of `RewardTerm`."""
         return {name: term(before, action, after) for name, term in self.rewards.items()}
 

@@ -67,7 +67,7 @@ def orientation(features: Features) -> NDArray[np.float64]:
 
 def grasp(features: Features, gripper: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """`(100 if d < 0.025 else -20) * (0.04 - g)`, `g` the target of the fingers [m]."""
-    return (120.0 * (features.handle_distance < _GRASP_DISTANCE) - 20.0) * (GRIPPER_OPEN - gripper)
+    return (np.multiply(120.0, features.handle_distance < _GRASP_DISTANCE) - 20.0) * (GRIPPER_OPEN - gripper)
 
 
 def opening(features: Features) -> NDArray[np.float64]:
@@ -100,8 +100,8 @@ def effort(
 
 def termination(terminated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """`-10` on a step that terminates the episode."""
-    # Not -10.0 * terminated, which may be -0.0.
-    return 0.0 - 10.0 * terminated
+    # 0, not -0, elsewhere.
+    return 0.0 + np.multiply(-10.0, terminated)
 
 
 def terminates(features: Features) -> NDArray[np.bool_]:
