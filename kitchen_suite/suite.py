@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 
 from kitchen_suite import checks, lazy
-from kitchen_suite.domains.base import Domain
+from kitchen_suite.domains.base import GENERIC_ENV, GENERIC_VECTOR_ENV, Domain
 from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
 from kitchen_suite.domains.kitchen import KITCHEN
 
@@ -100,11 +100,12 @@ def _with_classes(domain: Domain) -> Domain:
     """Returns a domain with the Gymnasium classes of the domain whose task it extends, unless it has its own."""
     bases = inspect.getmro(domain.resolve("task"))
     others = [(bases.index(task), other) for other in DOMAINS.values() if (task := other.resolve("task")) in bases]
-    env, vector_env = "kitchen_suite.gymnasium_env.base:SuiteEnv", "kitchen_suite.vector_env.base:SuiteVectorEnv"
-    if others:
-        _, nearest = min(others, key=lambda pair: pair[0])
-        env, vector_env = str(nearest.env), str(nearest.vector_env)
-    return dataclasses.replace(domain, env=domain.env or env, vector_env=domain.vector_env or vector_env)
+    if not others:
+        return domain
+    _, nearest = min(others, key=lambda pair: pair[0])
+    classes = {"env": GENERIC_ENV, "vector_env": GENERIC_VECTOR_ENV}
+    taken = {name: getattr(nearest, name) for name, generic in classes.items() if getattr(domain, name) == generic}
+    return dataclasses.replace(domain, **taken)
 
 
 def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
@@ -124,7 +125,8 @@ def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
 
 
 for _domain in DOMAINS.values():
-    _register_ids(_domain, {})
+    # A class of its own knows the domain.
+    _register_ids(_domain, {"domain": _domain.name} if _domain.env == GENERIC_ENV else {})
 
 
 def _check_vectorised(env_id: str) -> None:

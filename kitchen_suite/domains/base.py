@@ -23,6 +23,10 @@ _SET_BY_THE_SUITE = ("self", "scene", "root")
 # Arguments of `Environment` that `Domain.load` sets.
 _SET_OF_ENVIRONMENT = ("task", "time_limit", "random_state")
 
+# Entry points of the classes for any domain.
+GENERIC_ENV = "kitchen_suite.gymnasium_env.base:SuiteEnv"
+GENERIC_VECTOR_ENV = "kitchen_suite.vector_env.base:SuiteVectorEnv"
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _ENV_ID = re.compile(r"[\w.-]+/[\w.-]+-v\d+")
 _ENTRY_POINT = re.compile(r"\w+(\.\w+)*:\w+")
@@ -49,8 +53,8 @@ class Domain:
       benchmark_tasks: names of the tasks that papers report; the first is the default task. Without any, the default is
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
-      env: entry point of the class of the Gymnasium environment. By default that of the suite's domain whose task the
-        domain's task extends, otherwise `SuiteEnv`.
+      env: entry point of the class of the Gymnasium environment. `register` replaces the default by that of the suite's
+        domain whose task the domain's task extends.
       vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
       training: entry point of the `training.hyperparameters.Recipe`; None for the general defaults.
       recording: entry point of the presets of `kitchen-record`: by name, the settings that they fix.
@@ -69,8 +73,8 @@ class Domain:
     task_id: str = ""
     benchmark_tasks: Collection[str] = ()
     replaceable: Collection[str] = ()
-    env: str | None = None
-    vector_env: str | None = None
+    env: str = GENERIC_ENV
+    vector_env: str = GENERIC_VECTOR_ENV
     training: str | None = None
     recording: str | None = None
     evaluation: str | None = None
