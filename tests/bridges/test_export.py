@@ -1,6 +1,7 @@
 """`kitchen-export`: a process with mujoco and numpy alone steps exported scenes exactly as the environments."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -72,6 +73,11 @@ def record(folder, domain, arguments, seed):
         np.savez(folder / "recorded.npz", controls=controls, states=states, substeps=substeps)
 
 
+def variables():
+    """Returns environment variables without the path of this checkout; those of an emulated processor are kept."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
 def exported(*arguments):
     assert export.main(["--output=scene", *arguments]) == 0
 
@@ -82,8 +88,7 @@ def test_mujoco_alone_steps_as_the_environment(domain, arguments, seed, tmp_path
     exported(f"--domain_name={domain}", f"--seed={seed}", f"--task_kwargs={json.dumps(arguments)}")
     printed = capsys.readouterr().out
     record(tmp_path, domain, arguments, seed)
-    # An environment of its own, without the path of this checkout.
-    output = subprocess.check_output([sys.executable, "-c", STEPPER], text=True, env={"PATH": ""})
+    output = subprocess.check_output([sys.executable, "-c", STEPPER], text=True, env=variables())
     differences = dict(line.split() for line in output.splitlines())
     assert float(differences["scene.mjb"]) == 0.0
     if not {"variations", "randomization"} & arguments.keys():
@@ -113,7 +118,7 @@ def test_a_folder_describes_its_scene(tmp_path, monkeypatch, capsys):
     page = (tmp_path / "scene" / "README.md").read_text()
     (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     for code in (block, block.replace("from_binary_path", "from_xml_path").replace("mjb", "xml")):
-        printed = subprocess.check_output([sys.executable, "-c", code], text=True, cwd="scene", env={"PATH": ""})
+        printed = subprocess.check_output([sys.executable, "-c", code], text=True, cwd="scene", env=variables())
         assert printed.count("[") == 1
 
     changed = mujoco.MjModel.from_xml_path("scene/scene.xml")
