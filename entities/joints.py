@@ -1,5 +1,7 @@
 """Joints: their addresses in a compiled model, and observables of their positions and velocities."""
 
+import functools
+import operator
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -44,19 +46,22 @@ def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[ND
     )
 
 
-class _JointState(observable.Observable):
-    """Elements of one of MuJoCo's state arrays that belong to some joints; copies, at the cost of one array index."""
+def _ranges(starts: NDArray[np.int64], widths: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.concatenate([start + np.arange(width) for start, width in zip(starts, widths, strict=True)])
 
-    _field: str
 
-    def __init__(self, joints: Callable[[], Sequence[mjcf.Element]]) -> None:
+class JointState(observable.Observable):
+    """Positions or velocities of some joints, joint by joint: copies, at the cost of one array index."""
+
+    def __init__(self, field: str, joints: Callable[[], Sequence[mjcf.Element]]) -> None:
         """Stores what to read.
 
         Args:
+          field: `qpos` or `qvel`.
           joints: returns the joints; called after a model was compiled, since attaching may give an entity joints.
         """
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
-        self._joints = joints
+        self._field, self._joints = field, joints
         # Indices into the state array, and the compiled model that they are valid for.
         self._model, self._indices = None, np.empty(0, np.int64)
 
@@ -65,35 +70,18 @@ class _JointState(observable.Observable):
             self._model = physics.model.ptr
             in_qpos, in_qvel = addresses(physics, self._joints())
             self._indices = in_qpos if self._field == "qpos" else in_qvel
-        indices, values = self._indices, getattr(physics.data, self._field)
-        return lambda: values[indices]
-
-
-class JointPositions(_JointState):
-    """Positions of some joints, joint by joint; read from qpos."""
-
-    _field = "qpos"
-
-
-class JointVelocities(_JointState):
-    """Velocities of some joints, joint by joint; read from qvel."""
-
-    _field = "qvel"
+        return functools.partial(operator.getitem, getattr(physics.data, self._field), self._indices)
 
 
 class JointObservables(composer.Observables):
     """Positions and velocities of an entity's joints; disabled by default."""
 
     @composer.observable
-    def joint_positions(self) -> JointPositions:
+    def joint_positions(self) -> JointState:
         """Positions, in the order of `joints`: `(n,)` float64, hinges [rad], slides [m]; qpos; noise by task."""
-        return JointPositions(lambda: self._entity.joints)
+        return JointState("qpos", lambda: self._entity.joints)
 
     @composer.observable
-    def joint_velocities(self) -> JointVelocities:
+    def joint_velocities(self) -> JointState:
         """Velocities, in the order of `joints`: `(n,)` float64, hinges [rad/s], slides [m/s]; qvel; noise by task."""
-        return JointVelocities(lambda: self._entity.joints)
-
-
-def _ranges(starts: NDArray[np.int64], widths: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.concatenate([start + np.arange(width) for start, width in zip(starts, widths, strict=True)])
+        return JointState("qvel", lambda: self._entity.joints)

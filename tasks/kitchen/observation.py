@@ -13,7 +13,7 @@ from dm_control.composer.observation import observable
 from numpy.typing import NDArray
 
 from kitchen_suite.entities import Scene
-from kitchen_suite.entities.joints import JointPositions, JointVelocities
+from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
@@ -189,13 +189,13 @@ class KitchenObservables:
         state = {
             f"{prefix}joint_positions": robot.joint_positions,
             f"{prefix}joint_velocities": robot.joint_velocities,
-            "object_positions": JointPositions(lambda: scene.object_joints),
-            "object_velocities": JointVelocities(lambda: scene.object_joints),
+            "object_positions": JointState("qpos", lambda: scene.object_joints),
+            "object_velocities": JointState("qvel", lambda: scene.object_joints),
         }
         for part, indices in zip(state.values(), SLICES, strict=True):
             part.corruptor = AddNoise(self.noise[indices])
         achieved = {
-            f"achieved_goal/{task}": JointPositions(functools.partial(goal.joints_in, scene))
+            f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
             for task, goal in zip(goals.tasks, goals.goals, strict=True)
         }
         desired = {
