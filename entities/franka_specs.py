@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -137,6 +137,66 @@ class FrankaSpec:
         return np.array([actuator.range for actuator in self.joint_actuators]).T.copy()
 
 
+def _links(
+    prefix: str, rows: Iterable[tuple[Vector, Attributes, Inertia, Limits, Limits, Attributes]]
+) -> tuple[Link, ...]:
+    """Returns links 1 to 7.
+
+    Args:
+      prefix: of the joints' names, before the number of the link.
+      rows: origin [m], rotation, inertia, joint range [rad], control range [rad], actuator parameters of each.
+    """
+    return tuple(
+        Link(
+            pos=pos,
+            rotation=rotation,
+            inertia=inertia,
+            actuator=JointActuator(joint=f"{prefix}{number}", range=limits, control_range=targets, **parameters),
+        )
+        for number, (pos, rotation, inertia, limits, targets, parameters) in enumerate(rows, start=1)
+    )
+
+
+def _finger(sign: int, inertia: Inertia, geoms: Iterable[Attributes], *, prefix: str, **parameters: float) -> Finger:
+    """Returns the left finger, `sign` 1, or the right one, `sign` -1.
+
+    Args:
+      sign: of the y axis along which it opens.
+      inertia: mass and its distribution.
+      geoms: attributes of its colliding geoms, with names that lack the side.
+      prefix: of the joint's name, before the number of the finger.
+      **parameters: of the actuator.
+    """
+    side, number = ("left", 1) if sign == 1 else ("right", 2)
+    travel = (0, 0.04)
+    return Finger(
+        side=side,
+        axis=(0, sign, 0),
+        inertia=inertia,
+        actuator=JointActuator(joint=f"{prefix}{number}", range=travel, control_range=travel, **parameters),
+        geoms=tuple({**geom, "name": f"{side}_finger_{geom['name']}"} for geom in geoms),
+    )
+
+
+_SHOULDER_SERVO = {"damping": 100.0, "gain": 870.0, "force": 87.0}
+_WRIST_SERVO = {"damping": 10.0, "gain": 120.0, "force": 12.0}
+_ROLL, _UNROLL = {"quat": (0.707107, -0.707107, 0.0, 0.0)}, {"quat": (0.707107, 0.707107, 0.0, 0.0)}
+
+_TURN_6, _TURN_7 = {"euler": (1.57, 0, 1.57)}, {"euler": (1.57, 0, 0.7854)}
+
+_KITCHEN_LINKS = _links(
+    "panda0_joint",
+    (
+        ((0, 0, 0.333), {}, Inertia(mass=2.7063), (-2.8973, 2.8973), (-2.9671, 2.9671), _SHOULDER_SERVO),
+        ((0, 0, 0), _ROLL, Inertia(mass=2.73046), (-1.7628, 1.7628), (-1.8326, 1.8326), _SHOULDER_SERVO),
+        ((0, -0.316, 0), _UNROLL, Inertia(mass=2.04104), (-2.8973, 2.8973), (-2.9671, 2.9671), _SHOULDER_SERVO),
+        ((0.0825, 0, 0), _UNROLL, Inertia(mass=2.08129), (-3.0718, -0.4), (-3.1416, 0), _SHOULDER_SERVO),
+        ((-0.0825, 0.384, 0), _ROLL, Inertia(mass=3.00049), (-2.8973, 2.8973), (-2.9671, 2.9671), _WRIST_SERVO),
+        ((0, 0, 0), _TURN_6, Inertia(mass=1.3235), (-1.6573, 2.1127), (-3.7525, 2.1817), _WRIST_SERVO),
+        ((0.088, 0, 0), _TURN_7, Inertia(mass=0.2), (-2.8973, 2.8973), (-2.9671, 2.9671), _WRIST_SERVO),
+    ),
+)
+
 # A finger collides with a box, and above it six pairs of crossed capsules that narrow towards the tip.
 # Radius [m], y of the near and of the far end [m], z [m] of each pair.
 _RUNGS = (
@@ -150,37 +210,15 @@ _RUNGS = (
 _RUNG_HALF_WIDTH = 0.009
 
 
-def _kitchen_links() -> tuple[Link, ...]:
-    turn, turn_back = {"quat": (0.707107, -0.707107, 0.0, 0.0)}, {"quat": (0.707107, 0.707107, 0.0, 0.0)}
-    shoulder = {"damping": 100.0, "gain": 870.0, "force": 87.0}
-    wrist = {"damping": 10.0, "gain": 120.0, "force": 12.0}
-    # pos [m], rotation, mass [kg], joint range [rad], control range [rad], actuator parameters
-    rows: tuple[tuple[Vector, Attributes, float, Limits, Limits, Attributes], ...] = (
-        ((0, 0, 0.333), {}, 2.7063, (-2.8973, 2.8973), (-2.9671, 2.9671), shoulder),
-        ((0, 0, 0), turn, 2.73046, (-1.7628, 1.7628), (-1.8326, 1.8326), shoulder),
-        ((0, -0.316, 0), turn_back, 2.04104, (-2.8973, 2.8973), (-2.9671, 2.9671), shoulder),
-        ((0.0825, 0, 0), turn_back, 2.08129, (-3.0718, -0.4), (-3.1416, 0), shoulder),
-        ((-0.0825, 0.384, 0), turn, 3.00049, (-2.8973, 2.8973), (-2.9671, 2.9671), wrist),
-        ((0, 0, 0), {"euler": (1.57, 0, 1.57)}, 1.3235, (-1.6573, 2.1127), (-3.7525, 2.1817), wrist),
-        ((0.088, 0, 0), {"euler": (1.57, 0, 0.7854)}, 0.2, (-2.8973, 2.8973), (-2.9671, 2.9671), wrist),
-    )
-    return tuple(
-        Link(
-            pos=pos,
-            rotation=rotation,
-            inertia=Inertia(mass=mass),
-            actuator=JointActuator(
-                joint=f"panda0_joint{number}", range=joint_range, control_range=control_range, **actuator
-            ),
-        )
-        for number, (pos, rotation, mass, joint_range, control_range, actuator) in enumerate(rows, start=1)
-    )
-
-
-def _kitchen_finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
-    rungs = tuple(
+def _kitchen_finger(sign: int) -> Finger:
+    inertial = {
+        "pos": (sign * -1.57863e-05, sign * 0.0118731, 0.0434103),
+        "quat": (0.705868, sign * 0.0310348, sign * -0.0314925, 0.706962),
+        "diaginertia": (6.57134e-05, 6.09611e-05, 1.09932e-05),
+    }
+    rungs = (
         {
-            "name": f"{side}_finger_rung_{number}{letter}",
+            "name": f"rung_{number}{letter}",
             "type": "capsule",
             "size": (radius,),
             "fromto": (_RUNG_HALF_WIDTH, sign * start, z, -_RUNG_HALF_WIDTH, sign * end, z),
@@ -189,46 +227,26 @@ def _kitchen_finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
         for letter, (start, end) in zip("ab", ((near, far), (far, near)), strict=True)
     )
     box = {
-        "name": f"{side}_finger_box",
+        "name": "box",
         "type": "box",
         "size": (0.0185, 0.012, 0.0175),
         "pos": (0, sign * 0.014, 0.015),
         "euler": (sign * 0.03, 0, 0),
     }
-    return (*rungs, box)
-
-
-def _kitchen_finger(side: str, number: int, sign: int) -> Finger:
-    inertial = {
-        "pos": (sign * -1.57863e-05, sign * 0.0118731, 0.0434103),
-        "quat": (0.705868, sign * 0.0310348, sign * -0.0314925, 0.706962),
-        "diaginertia": (6.57134e-05, 6.09611e-05, 1.09932e-05),
-    }
-    actuator = JointActuator(
-        joint=f"panda0_finger_joint{number}",
-        range=(0, 0.04),
-        damping=100,
-        armature=5,
-        gain=500,
-        force=70,
-        control_range=(0, 0.04),
+    inertia, servo = (
+        Inertia(mass=0.0927059, inertial=inertial),
+        {"damping": 100, "armature": 5, "gain": 500, "force": 70},
     )
-    return Finger(
-        side=side,
-        axis=(0, sign, 0),
-        inertia=Inertia(mass=0.0927059, inertial=inertial),
-        actuator=actuator,
-        geoms=_kitchen_finger_geoms(side, sign),
-    )
+    return _finger(sign, inertia, (*rungs, box), prefix="panda0_finger_joint", **servo)
 
 
 KITCHEN_FRANKA = FrankaSpec(
     base_inertia=Inertia(mass=2.91242),
-    links=_kitchen_links(),
+    links=_KITCHEN_LINKS,
     hand_inertia=Inertia(mass=0.81909),
     hand_pos=(0.0, 0.0, 0.107),
     hand_quat=(0.92388, 0.0, 0.0, -0.382683),
-    fingers=(_kitchen_finger("left", 1, 1), _kitchen_finger("right", 2, -1)),
+    fingers=(_kitchen_finger(1), _kitchen_finger(-1)),
     finger_pos=(0, 0, 0.1654),
     finger_scale=(1.75, 1, 1.75),
     finger_contact={
@@ -282,107 +300,50 @@ def _inertia(mass: float, centre: Vector, moments: tuple[float, ...]) -> Inertia
     return Inertia(mass=mass, inertial={"pos": centre, "fullinertia": moments})
 
 
-# Inertias of links 0 to 7.
-_INERTIAS = (
-    _inertia(
-        0.629769,
-        (-0.041018, -0.00014, 0.049974),
-        (0.00315, 0.00388, 0.004285, 8.2904e-07, 0.00015, 8.2299e-06),
-    ),
-    _inertia(
-        4.970684,
-        (0.003875, 0.002081, -0.04762),
-        (0.70337, 0.70661, 0.009117, -0.000139, 0.006772, 0.019169),
-    ),
-    _inertia(
-        0.646926,
-        (-0.003141, -0.02872, 0.003495),
-        (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704),
-    ),
-    _inertia(
-        3.228604,
-        (0.027518, 0.039252, -0.066502),
-        (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805),
-    ),
-    _inertia(
-        3.587895,
-        (-0.05317, 0.104419, 0.027454),
-        (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641),
-    ),
-    _inertia(
-        1.225946,
-        (-0.011953, 0.041065, -0.038437),
-        (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229),
-    ),
-    _inertia(
-        1.666555,
-        (0.060149, -0.014117, -0.010517),
-        (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341),
-    ),
-    _inertia(
-        0.735522,
-        (0.010517, -0.004252, 0.061597),
-        (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741),
-    ),
+# Mass, centre and moments of links 0 to 7; see `_inertia`.
+_INERTIAS = tuple(
+    _inertia(*row)
+    for row in (
+        (0.629769, (-0.041018, -0.00014, 0.049974), (0.00315, 0.00388, 0.004285, 8.2904e-07, 0.00015, 8.2299e-06)),
+        (4.970684, (0.003875, 0.002081, -0.04762), (0.70337, 0.70661, 0.009117, -0.000139, 0.006772, 0.019169)),
+        (0.646926, (-0.003141, -0.02872, 0.003495), (0.007962, 0.02811, 0.025995, -0.003925, 0.010254, 0.000704)),
+        (3.228604, (0.027518, 0.039252, -0.066502), (0.037242, 0.036155, 0.01083, -0.004761, -0.011396, -0.012805)),
+        (3.587895, (-0.05317, 0.104419, 0.027454), (0.025853, 0.019552, 0.028323, 0.007796, -0.001332, 0.008641)),
+        (1.225946, (-0.011953, 0.041065, -0.038437), (0.035549, 0.029474, 0.008627, -0.002117, -0.004037, 0.000229)),
+        (1.666555, (0.060149, -0.014117, -0.010517), (0.001964, 0.004354, 0.005433, 0.000109, -0.001158, 0.000341)),
+        (0.735522, (0.010517, -0.004252, 0.061597), (0.012516, 0.010027, 0.004815, -0.000428, -0.001196, -0.000741)),
+    )
 )
 _HAND_INERTIA = _inertia(0.73, (-0.01, 0.0, 0.03), (0.001, 0.0025, 0.0017, 0.0, 0.0, 0.0))
 _FINGER_INERTIA = _inertia(0.015, (0.0, 0.0, 0.0), (2.375e-06, 2.375e-06, 7.5e-07, 0.0, 0.0, 0.0))
 
 
-def _panda_links() -> tuple[Link, ...]:
-    return tuple(
-        Link(
-            pos=pos,
-            rotation=rotation,
-            inertia=inertia,
-            actuator=JointActuator(joint=f"joint{number}", range=joint_range, control_range=joint_range, **actuator),
-        )
-        for number, ((pos, rotation, joint_range, actuator), inertia) in enumerate(
-            zip(_KINEMATICS, _INERTIAS[1:], strict=True), start=1
-        )
-    )
-
-
-def _panda_finger_geoms(side: str, sign: int) -> tuple[Attributes, ...]:
-    """Returns the pad at the tip, and the shank between pad and hand."""
+def _panda_finger(sign: int) -> Finger:
+    """Returns a finger with a pad at its tip, and a shank between pad and hand."""
     pad = {
-        "name": f"{side}_finger_pad",
+        "name": "pad",
         "type": "box",
         "size": PAD_HALF_SIZE,
         "pos": (0, sign * PAD_HALF_SIZE[1], _TOOL_Z - _FINGER_Z),
     }
-    shank = {
-        "name": f"{side}_finger_shank",
-        "type": "box",
-        "size": (0.0105, 0.0055, 0.0175),
-        "pos": (0, sign * 0.0205, 0.0175),
-    }
-    return (pad, shank)
-
-
-def _panda_finger(side: str, number: int, sign: int) -> Finger:
-    actuator = JointActuator(
-        joint=f"finger_joint{number}",
-        range=(0, 0.04),
-        damping=5.0,
-        armature=0.1,
-        gain=1000.0,
-        velocity_gain=100.0,
-        force=100.0,
-        control_range=(0, 0.04),
-    )
-    return Finger(
-        side=side, axis=(0, sign, 0), inertia=_FINGER_INERTIA, actuator=actuator, geoms=_panda_finger_geoms(side, sign)
-    )
+    shank = {"name": "shank", "type": "box", "size": (0.0105, 0.0055, 0.0175), "pos": (0, sign * 0.0205, 0.0175)}
+    servo = {"damping": 5.0, "armature": 0.1, "gain": 1000.0, "velocity_gain": 100.0, "force": 100.0}
+    return _finger(sign, _FINGER_INERTIA, (pad, shank), prefix="finger_joint", **servo)
 
 
 PANDA = FrankaSpec(
     base_inertia=_INERTIAS[0],
-    links=_panda_links(),
+    links=_links(
+        "joint",
+        (
+            (pos, rotation, inertia, limits, limits, servo)
+            for (pos, rotation, limits, servo), inertia in zip(_KINEMATICS, _INERTIAS[1:], strict=True)
+        ),
+    ),
     hand_inertia=_HAND_INERTIA,
     hand_pos=(0.0, 0.0, _HAND_Z),
     hand_quat=_HAND_QUAT,
-    fingers=(_panda_finger("left", 1, 1), _panda_finger("right", 2, -1)),
+    fingers=(_panda_finger(1), _panda_finger(-1)),
     finger_pos=(0, 0, _HAND_Z + _FINGER_Z),
     finger_scale=(1, 1, 1),
     # Torsional friction about the contact normal keeps a bar from turning between the pads.
