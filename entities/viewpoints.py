@@ -3,10 +3,12 @@
 Offsets, rotations and factors are relative to the built scene: they are written to a model that has its built values.
 """
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 
@@ -43,7 +45,12 @@ def camera_parameters(root: mjcf.RootElement) -> tuple[Parameter, ...]:
     Args:
       root: of the scene's model, with all that is attached to it.
     """
-    return tuple(parameter for camera in root.find_all("camera") for parameter in _of_camera(camera))
+    types = (("offset", "m", CAMERA_OFFSET), ("rotation", "rad", CAMERA_ROTATION), ("fovy", "deg", FIELD_OF_VIEW))
+    return tuple(
+        Parameter(name=f"{camera_prefix(camera.full_identifier)}{name}", unit=unit, type=each, elements=(camera,))
+        for camera in root.find_all("camera")
+        for name, unit, each in types
+    )
 
 
 def camera_prefix(camera: str) -> str:
@@ -51,53 +58,50 @@ def camera_prefix(camera: str) -> str:
     return f"{camera}_camera_" if "/" in camera else f"camera/{camera}_"
 
 
-def _of_camera(camera: mjcf.Element) -> tuple[Parameter, ...]:
-    prefix, elements = camera_prefix(camera.full_identifier), (camera,)
-    return (
-        Parameter(name=f"{prefix}offset", unit="m", type=CAMERA_OFFSET, elements=elements),
-        Parameter(name=f"{prefix}rotation", unit="rad", type=CAMERA_ROTATION, elements=elements),
-        Parameter(name=f"{prefix}fovy", unit="deg", type=FIELD_OF_VIEW, elements=elements),
+def _relative(
+    *fields: str,
+    change: Callable[[NDArray, NDArray[np.float64]], NDArray],
+    default: ArrayLike = 0.0,
+    non_negative: bool = False,
+) -> ParameterType:
+    """Returns a kind of parameter by which lights or cameras differ from the built scene.
+
+    Args:
+      *fields: of MuJoCo's model.
+      change: returns the values of the elements in a field, given the built ones and the parameter's value.
+      default: value that changes nothing.
+      non_negative: whether negative values are refused.
+    """
+
+    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
+        if not elements:
+            return
+        ids, model = np.atleast_1d(physics.bind(elements).element_id), physics.model.ptr
+        for field in fields:
+            values = getattr(model, field)
+            values[ids] = change(values[ids], value)
+
+    return ParameterType(
+        read=lambda physics, elements: default,
+        write=write,
+        model_fields=fields,
+        shape=np.shape(default),
+        non_negative=non_negative,
+        visual=True,
     )
 
 
-def _ids(physics: mjcf.Physics, elements: Elements) -> NDArray[np.int64]:
-    return np.atleast_1d(physics.bind(elements).element_id) if elements else np.empty(0, np.int64)
+def _turned(directions: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    if rotation.any():
+        for direction in directions:
+            mujoco.mju_rotVecQuat(direction, direction.copy(), _quaternion(rotation))
+    return directions
 
 
-def _write_brightness(physics: mjcf.Physics, lights: Elements, value: NDArray[np.float64]) -> None:
-    ids, model = _ids(physics, lights), physics.model.ptr
-    model.light_diffuse[ids] *= value
-    model.light_specular[ids] *= value
-
-
-def _write_warmth(physics: mjcf.Physics, lights: Elements, value: NDArray[np.float64]) -> None:
-    physics.model.ptr.light_diffuse[_ids(physics, lights)] *= np.array([1 + value, 1.0, 1 - value])
-
-
-def _write_ambient(physics: mjcf.Physics, lights: Elements, value: NDArray[np.float64]) -> None:
-    physics.model.ptr.light_ambient[_ids(physics, lights)] += value
-
-
-def _write_light_rotation(physics: mjcf.Physics, lights: Elements, value: NDArray[np.float64]) -> None:
-    if not value.any():
-        return
-    turn, directions = _quaternion(value), physics.model.ptr.light_dir
-    for light in _ids(physics, lights).tolist():
-        mujoco.mju_rotVecQuat(directions[light], directions[light].copy(), turn)
-
-
-def _write_camera_offset(physics: mjcf.Physics, cameras: Elements, value: NDArray[np.float64]) -> None:
-    physics.model.ptr.cam_pos[_ids(physics, cameras)] += value
-
-
-def _write_camera_rotation(physics: mjcf.Physics, cameras: Elements, value: NDArray[np.float64]) -> None:
-    quaternions = physics.model.ptr.cam_quat
-    for camera in _ids(physics, cameras).tolist():
-        mujoco.mju_mulQuat(quaternions[camera], quaternions[camera].copy(), _quaternion(value))
-
-
-def _write_field_of_view(physics: mjcf.Physics, cameras: Elements, value: NDArray[np.float64]) -> None:
-    physics.bind(cameras).fovy = value
+def _turned_frames(quaternions: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    for quaternion in quaternions:
+        mujoco.mju_mulQuat(quaternion, quaternion.copy(), _quaternion(rotation))
+    return quaternions
 
 
 def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,55 +112,29 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     return quaternion
 
 
+def _write_field_of_view(physics: mjcf.Physics, cameras: Elements, value: NDArray[np.float64]) -> None:
+    physics.bind(cameras).fovy = value
+
+
 # Factor of the diffuse and specular colours of lights.
-BRIGHTNESS = ParameterType(
-    read=lambda physics, lights: 1.0,
-    write=_write_brightness,
-    model_fields=("light_diffuse", "light_specular"),
-    non_negative=True,
-    visual=True,
+BRIGHTNESS = _relative(
+    "light_diffuse", "light_specular", change=lambda colors, factor: colors * factor, default=1.0, non_negative=True
 )
 
 # Relative surplus of red, and lack of blue, in the diffuse colours of lights; negative for cold light.
-WARMTH = ParameterType(
-    read=lambda physics, lights: 0.0, write=_write_warmth, model_fields=("light_diffuse",), visual=True
-)
+WARMTH = _relative("light_diffuse", change=lambda colors, surplus: colors * np.array([1 + surplus, 1.0, 1 - surplus]))
 
 # Grey light from all sides, added to that of the built scene; 1 lights a white surface fully.
-AMBIENT = ParameterType(
-    read=lambda physics, lights: 0.0,
-    write=_write_ambient,
-    model_fields=("light_ambient",),
-    non_negative=True,
-    visual=True,
-)
+AMBIENT = _relative("light_ambient", change=lambda colors, grey: colors + grey, non_negative=True)
 
 # Rotation vector in the world frame, by which the directions of lights are turned.
-LIGHT_ROTATION = ParameterType(
-    read=lambda physics, lights: np.zeros(3),
-    write=_write_light_rotation,
-    model_fields=("light_dir",),
-    shape=(3,),
-    visual=True,
-)
+LIGHT_ROTATION = _relative("light_dir", change=_turned, default=np.zeros(3))
 
 # Translation from the built position, in the frame of the parent body.
-CAMERA_OFFSET = ParameterType(
-    read=lambda physics, cameras: np.zeros(3),
-    write=_write_camera_offset,
-    model_fields=("cam_pos",),
-    shape=(3,),
-    visual=True,
-)
+CAMERA_OFFSET = _relative("cam_pos", change=lambda positions, offset: positions + offset, default=np.zeros(3))
 
 # Rotation vector from the built orientation, in the camera's frame: x is right, y up, z backwards.
-CAMERA_ROTATION = ParameterType(
-    read=lambda physics, cameras: np.zeros(3),
-    write=_write_camera_rotation,
-    model_fields=("cam_quat",),
-    shape=(3,),
-    visual=True,
-)
+CAMERA_ROTATION = _relative("cam_quat", change=_turned_frames, default=np.zeros(3))
 
 # Vertical field of view.
 FIELD_OF_VIEW = ParameterType(
