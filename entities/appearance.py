@@ -115,7 +115,7 @@ def _source(texture: mjcf.Element) -> tuple[str, str]:
 
 
 class _Ids:
-    """Numbers of named elements in compiled scenes, each of which is searched once."""
+    """Numbers of named elements in compiled scenes; each scene is searched once."""
 
     def __init__(self, kind: mujoco.mjtObj, names: Sequence[str]) -> None:
         self._kind, self._names = kind, names
@@ -133,7 +133,11 @@ class _Ids:
 
 def _color(surface: Surface) -> ParameterType:
     names = (*surface.materials, *surface.variants)
-    materials, by_shade = _Ids(_MATERIAL, names), _geoms_by_shade(surface)
+    materials = _Ids(_MATERIAL, names)
+    geom_names: dict[float, list[str]] = {}
+    for name in surface.geoms:
+        geom_names.setdefault(surface.shades.get(name, 1.0), []).append(name)
+    by_shade = {shade: _Ids(_GEOM, group) for shade, group in geom_names.items()}
 
     def arrays(physics: mjcf.Physics) -> Iterator[tuple[NDArray, NDArray[np.int64], float]]:
         model = physics.model.ptr
@@ -151,13 +155,6 @@ def _color(surface: Surface) -> ParameterType:
 
     fields = (*(["mat_rgba"] if names else []), *(["geom_rgba"] if surface.geoms else []))
     return ParameterType(read=read, write=write, model_fields=fields, shape=(3,), non_negative=True, visual=True)
-
-
-def _geoms_by_shade(surface: Surface) -> dict[float, _Ids]:
-    names: dict[float, list[str]] = {}
-    for name in surface.geoms:
-        names.setdefault(surface.shades.get(name, 1.0), []).append(name)
-    return {shade: _Ids(_GEOM, group) for shade, group in names.items()}
 
 
 def _texture(surface: Surface) -> ParameterType:
@@ -183,27 +180,18 @@ def _picture(name: str, file: str, **material: Any) -> Texture:
 
 def _speckles(name: str, share: float, shade: float, **material: Any) -> Texture:
     """Returns white with a share of darker pixels."""
-    texture = {
-        "builtin": "flat",
-        "width": 256,
-        "height": 256,
-        "rgb1": (1, 1, 1),
-        "rgb2": (1, 1, 1),
-        "mark": "random",
-        "markrgb": (shade, shade, shade),
-        "random": share,
-    }
-    return Texture(name=name, texture=texture, material=material)
-
-
-def _plain(name: str, **material: Any) -> Texture:
-    texture = {"builtin": "flat", "width": 8, "height": 8, "rgb1": (1, 1, 1), "rgb2": (1, 1, 1)}
-    return Texture(name=name, texture=texture, material=material)
+    speckles = {"mark": "random", "markrgb": (shade, shade, shade), "random": share}
+    return Texture(name=name, texture={**_white(256), **speckles}, material=material)
 
 
 def _checks(name: str, shade: float, **material: Any) -> Texture:
-    texture = {"builtin": "checker", "width": 128, "height": 128, "rgb1": (1, 1, 1), "rgb2": (shade, shade, shade)}
-    return Texture(name=name, texture=texture, material=material)
+    """Returns white with darker squares."""
+    checks = {"builtin": "checker", "rgb2": (shade, shade, shade)}
+    return Texture(name=name, texture={**_white(128), **checks}, material=material)
+
+
+def _white(size: int) -> dict[str, Any]:
+    return {"builtin": "flat", "width": size, "height": size, "rgb1": (1, 1, 1), "rgb2": (1, 1, 1)}
 
 
 def _per_metre(repeats: float, **material: Any) -> dict[str, Any]:
@@ -280,7 +268,7 @@ KITCHEN = (
         color=(1, 1, 1),
         materials=("kettle/wood",),
         textures=(
-            _plain("plastic", specular=0.5, shininess=0.5),
+            Texture(name="plastic", texture=_white(8), material={"specular": 0.5, "shininess": 0.5}),
             _picture("metal", "metal1", specular=0.8, shininess=0.8),
             _speckles("cork", 0.4, 0.6, specular=0.1, shininess=0.1),
         ),

@@ -37,11 +37,7 @@ class NamedEntity(composer.Entity):
 
 
 def asset_dir() -> Path:
-    """Returns the folder of the Franka kitchen's assets in the installed gymnasium-robotics.
-
-    Raises:
-      FileNotFoundError: gymnasium-robotics is not installed, or has no such folder.
-    """
+    """Returns the folder of the Franka kitchen's assets; a FileNotFoundError without gymnasium-robotics."""
     spec = importlib.util.find_spec(_PACKAGE)
     for location in (spec.submodule_search_locations or ()) if spec else ():
         if (path := Path(location) / _ASSETS).is_dir():
@@ -60,9 +56,6 @@ def load_mjcf(name: str, *, visuals: bool = True) -> mjcf.RootElement:
       name: file name without its ending.
       visuals: `False` removes the visual geoms (see `remove_visuals`); `True` moves them to bodies of their own (see
         `split_visual_geoms`).
-
-    Raises:
-      FileNotFoundError: the file, or the package with the meshes and textures, is missing.
     """
     model = mjcf.from_xml_string((_XML_DIR / f"{name}.xml").read_text(encoding="utf-8"), model_dir=str(asset_dir()))
     if visuals:

@@ -197,11 +197,9 @@ class Cabinet(Prop):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Offset and yaw of the attached cabinet; friction, damping and displacement of drawers and doors."""
-        names = [joint.full_identifier.removesuffix("_joint") for joint in self.joints]
-        resistances = itertools.starmap(joint_parameters, zip(names, self.joints, strict=True))
-        units = ("m",) * len(DRAWERS) + ("rad",) * len(DOORS)
-        each = zip(names, self.joints, units, strict=True)
-        displacements = (displacement(name, (joint,), unit=unit) for name, joint, unit in each)
+        by_name = {joint.full_identifier.removesuffix("_joint"): joint for joint in self.joints}
+        resistances = itertools.starmap(joint_parameters, by_name.items())
+        displacements = (displacement(name, (joint,)) for name, joint in by_name.items())
         return (*pose_parameters(self), *itertools.chain.from_iterable(resistances), *displacements)
 
     def drawer_joint(self, drawer: str) -> mjcf.Element:
@@ -257,16 +255,8 @@ class Cabinet(Prop):
     def _add_drawer(self, drawer: str, height: float) -> None:
         config = self._config
         body = self._mjcf_root.worldbody.add("body", name=f"drawer_{drawer}", pos=(0, 0, height))
-        body.add(
-            "joint",
-            name=f"drawer_{drawer}_joint",
-            type="slide",
-            axis=(1, 0, 0),
-            range=(0, config.drawer_travel),
-            frictionloss=config.drawer_friction,
-            solimpfriction=_STIFF_FRICTION,
-            damping=config.drawer_damping,
-        )
+        resistance = {"frictionloss": config.drawer_friction, "damping": config.drawer_damping}
+        self._add_joint(body, type="slide", axis=(1, 0, 0), range=(0, config.drawer_travel), **resistance)
         for name, (pos, half_size, mass) in self._drawer_panels().items():
             material = "front" if name == "front" else "tray"
             self._add_box(body, f"drawer_{drawer}_{name}", pos, half_size, material, mass)
@@ -295,20 +285,15 @@ class Cabinet(Prop):
         (low, high), half_width = config.door_span, config.size[1] / 4 - DOOR_GAP
         hinge = (config.front - config.panel / 2, side * (config.size[1] / 2 - DOOR_GAP), (low + high) / 2)
         body = self._mjcf_root.worldbody.add("body", name=f"door_{door}", pos=hinge)
-        body.add(
-            "joint",
-            name=f"door_{door}_joint",
-            type="hinge",
-            axis=(0, 0, side),
-            range=(0, math.pi / 2),
-            frictionloss=config.door_friction,
-            solimpfriction=_STIFF_FRICTION,
-            damping=config.door_damping,
-        )
+        resistance = {"frictionloss": config.door_friction, "damping": config.door_damping}
+        self._add_joint(body, type="hinge", axis=(0, 0, side), range=(0, math.pi / 2), **resistance)
         half_size = (config.panel / 2, half_width, (high - low) / 2 - DOOR_GAP)
         self._add_box(body, f"door_{door}_panel", (0, -side * half_width, 0), half_size, "front", config.door_mass)
         reach = config.panel / 2 + config.handle_clearance + config.handle_radius
         self._add_handle(body, f"door_{door}", (reach, -side * (2 * half_width - 0.05), 0), upright=True)
+
+    def _add_joint(self, body: mjcf.Element, **attributes: Any) -> None:
+        body.add("joint", name=f"{body.name}_joint", solimpfriction=_STIFF_FRICTION, **attributes)
 
     def _add_box(
         self, body: mjcf.Element, name: str, pos: Vector, half_size: Vector, material: str, mass: float = 0.0

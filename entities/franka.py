@@ -92,7 +92,7 @@ class Franka(assets.NamedEntity):
         return (
             # Coefficient of the first colliding geom of each finger.
             Parameter(name=f"{owner}/pad_friction", unit="1", type=SLIDING_FRICTION, elements=pads),
-            displacement(f"{owner}/joint_offset", arm, unit="rad"),
+            displacement(f"{owner}/joint_offset", arm),
             scale(f"{owner}/gain_scale", GAIN_SCALE, servos),
             scale(f"{owner}/damping_scale", DAMPING_SCALE, arm),
         )

@@ -10,6 +10,7 @@ from dm_control import composer, mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.joints import joint_types
 
 Elements = tuple[mjcf.Element, ...]
 
@@ -42,12 +43,7 @@ class ParameterType:
     derived: bool = False
 
     def checked(self, value: Any, name: str) -> NDArray[np.float64]:
-        """Returns a value as an array of this shape; `name` is for messages.
-
-        Raises:
-          TypeError: it does not hold real numbers.
-          ValueError: it has the wrong shape, is not finite, or is negative where it must not be.
-        """
+        """Returns a value as an array; raises a TypeError or ValueError, which begins with `name`, if it is refused."""
         if not self.shape:
             return self._checked_number(value, name)
         array = checks.vector(value, self.shape[0], name)
@@ -168,14 +164,13 @@ SLIDING_FRICTION = ParameterType(
 
 
 def displacement(
-    name: str, joints: Sequence[mjcf.Element], *, unit: str, followers: Sequence[mjcf.Element] = (), ratio: float = 0.0
+    name: str, joints: Sequence[mjcf.Element], *, followers: Sequence[mjcf.Element] = (), ratio: float = 0.0
 ) -> Parameter:
     """Returns the displacement of slides or hinges from where an episode starts: a number, or one for each joint.
 
     Args:
       name: of the parameter.
-      joints: that are displaced.
-      unit: of the displacement.
+      joints: that are displaced; all slides, or all hinges.
       followers: joints that an equality constraint couples to these, one by one.
       ratio: displacement of a follower for one unit of its joint's.
     """
@@ -190,6 +185,7 @@ def displacement(
     parameter_type = ParameterType(
         read=lambda physics, elements: np.zeros(shape), write=write, model_fields=(), shape=shape
     )
+    unit = "m" if joint_types(joints)[0] == "slide" else "rad"
     return Parameter(name=name, unit=unit, type=parameter_type, elements=(*joints, *followers))
 
 
@@ -200,8 +196,8 @@ def _displace_freely(physics: mjcf.Physics, elements: Elements, value: NDArray[n
     position, quaternion = np.split(physics.data.ptr.qpos[start : start + _FREE], [3])
     position[:2] += x, y
     if yaw:
-        turn = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-        mujoco.mju_mulQuat(quaternion, turn, quaternion.copy())
+        rotation = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+        mujoco.mju_mulQuat(quaternion, rotation, quaternion.copy())
 
 
 # Displacement of a free joint from where an episode starts: x and y [m], and rotation about the vertical [rad].
@@ -210,18 +206,19 @@ FREE_DISPLACEMENT = ParameterType(
 )
 
 
-def _one(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-    return 1.0
-
-
 def _scale(attribute: str, model_field: str) -> ParameterType:
-    """Returns the factor of an attribute of elements, relative to the built scene."""
+    """Returns the factor of an attribute of joints, relative to the built scene."""
 
-    def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        bound = physics.bind(elements)
+    def write(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
+        bound = physics.bind(joints)
         setattr(bound, attribute, getattr(bound, attribute) * value)
 
-    return ParameterType(read=_one, write=write, model_fields=(model_field,), non_negative=True)
+    return _factor(write, model_field)
+
+
+def _factor(write: Callable[[mjcf.Physics, Elements, NDArray[np.float64]], None], *model_fields: str) -> ParameterType:
+    """Returns the kind of a parameter that is 1 in the built scene."""
+    return ParameterType(read=lambda physics, elements: 1.0, write=write, model_fields=model_fields, non_negative=True)
 
 
 def _scale_sliding_friction(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
@@ -247,14 +244,10 @@ DAMPING_SCALE = _scale("damping", "dof_damping")
 FRICTION_SCALE = _scale("frictionloss", "dof_frictionloss")
 
 # Factor of the coefficients of sliding friction of geoms.
-SLIDING_FRICTION_SCALE = ParameterType(
-    read=_one, write=_scale_sliding_friction, model_fields=("geom_friction",), non_negative=True
-)
+SLIDING_FRICTION_SCALE = _factor(_scale_sliding_friction, "geom_friction")
 
 # Factor of the gains of position servos.
-GAIN_SCALE = ParameterType(
-    read=_one, write=_scale_gains, model_fields=("actuator_gainprm", "actuator_biasprm"), non_negative=True
-)
+GAIN_SCALE = _factor(_scale_gains, "actuator_gainprm", "actuator_biasprm")
 
 # Mass of a body [kg], with inertia in proportion.
 MASS = ParameterType(

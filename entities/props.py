@@ -138,7 +138,7 @@ class Oven(KitchenProp):
         owner = self.mjcf_model.model
         knobs, burners = self.joints[::2], self.joints[1::2]
         return (
-            displacement(f"{owner}/knobs", knobs, unit="rad", followers=burners, ratio=1 / 174),
+            displacement(f"{owner}/knobs", knobs, followers=burners, ratio=1 / 174),
             door_parameters(owner, knobs)[0],
         )
 
@@ -157,7 +157,7 @@ class Hood(KitchenProp):
         switch, lamp = self.joints
         return (
             *super().parameters,
-            displacement(f"{owner}/switch", (switch,), unit="rad", followers=(lamp,), ratio=1 / 14),
+            displacement(f"{owner}/switch", (switch,), followers=(lamp,), ratio=1 / 14),
             *door_parameters(owner, (switch,)),
         )
 
@@ -171,8 +171,7 @@ class Cupboard(KitchenProp):
     def parameters(self) -> tuple[Parameter, ...]:
         """Offset and yaw; displacement of the doors at the start; factors of their damping and friction."""
         owner, count = self.mjcf_model.model, len(self.joints)
-        unit = "m" if self.joints[0].type == "slide" else "rad"
-        doors = displacement(f"{owner}/{'door' if count == 1 else 'doors'}", self.joints, unit=unit)
+        doors = displacement(f"{owner}/{'door' if count == 1 else 'doors'}", self.joints)
         return (*super().parameters, doors, *door_parameters(owner, self.joints))
 
 

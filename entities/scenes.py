@@ -54,13 +54,6 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         surfaces = (parameter for surface in self.surfaces for parameter in surface.parameters)
         return (friction, *surfaces, *viewpoints.light_parameters(root), *viewpoints.camera_parameters(root))
 
-    def prepare_appearance(self) -> None:
-        """Adds the textures from which a reset may choose; to be called before the scene is compiled.
-
-        Without visuals, it adds nothing.
-        """
-        appearance.add_variants(self._mjcf_root, self.surfaces)
-
     def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
         """Attaches an entity at the arena's site of the same name, and returns the attachment frame.
 
@@ -97,11 +90,7 @@ class Scene:
 
     @classmethod
     def furnish(cls, arena: SiteArena, robot: Franka, props: Iterable[Prop]) -> Self:
-        """Attaches a robot and props, in the order of observation, at the arena's sites of their names.
-
-        Raises:
-          ValueError: the arena lacks a site.
-        """
+        """Attaches a robot and props, in the order of observation, at the arena's sites of their names."""
         by_name = {prop.mjcf_model.model: prop for prop in props}
         arena.attach_at_site(robot)
         for prop in by_name.values():
@@ -111,9 +100,9 @@ class Scene:
     def prepare_appearance(self) -> None:
         """Adds the textures from which a reset may choose; to be called before the scene is compiled.
 
-        Physics and images stay the same to the bit until one is chosen.
+        Physics and images stay the same to the bit until one is chosen. Without visuals, it adds nothing.
         """
-        self.arena.prepare_appearance()
+        appearance.add_variants(self.arena.mjcf_model, self.arena.surfaces)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -127,15 +116,7 @@ class Scene:
         return tuple(joint for prop in self.props.values() for joint in prop.joints)
 
     def joints(self, prop: str, names: Sequence[str] | None = None) -> tuple[mjcf.Element, ...]:
-        """Returns joints of a prop.
-
-        Args:
-          prop: name of the prop.
-          names: names of the joints in the prop's own model; all of them when omitted.
-
-        Raises:
-          ValueError: an unknown name.
-        """
+        """Returns joints of a prop, all or those of some names in its own model; an unknown name is a ValueError."""
         joints = self.props[checks.choice(prop, self.props, "prop")].joints
         if names is None:
             return joints
