@@ -1,4 +1,7 @@
-"""Goals of objects, distances from them, success by thresholds or tolerances, and the completion of tasks.
+"""Goals of objects: in numbers and in words, distances from them, success, and the completion of tasks.
+
+The instructions of a task are a tuple of strings: first the task's sentence, then paraphrases of it. They are commands
+in lower case without a full stop. A task without a sentence has the empty tuple.
 
 The functions work on arrays of shape `(..., n)`: one environment has no leading axis, a batch has one or more.
 """
@@ -6,7 +9,7 @@ The functions work on arrays of shape `(..., n)`: one environment has no leading
 import abc
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, Self
 
 import mujoco
@@ -17,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.instructions import checked, joined
 
 # Names of the criteria, the default first.
 CRITERIA = ("original", "strict")
@@ -27,6 +29,31 @@ _JOINT_TOLERANCES = {"hinge": 0.05, "slide": 0.01}
 _POSITION_TOLERANCE, _TILT_TOLERANCE = 0.03, 0.2
 
 Thresholds = float | Mapping[str, float]
+
+# Between the sentences of several tasks.
+_SEPARATOR = ", then "
+
+# The same goal in every scene that has the microwave.
+OPEN_MICROWAVE = (
+    "open the microwave door",
+    "open the microwave",
+    "pull the door of the microwave open",
+    "swing the microwave door open",
+)
+
+
+def checked_instructions(instructions: object, owner: str) -> tuple[str, ...]:
+    """Returns instructions if they are a tuple of strings that are not empty; `owner` is for messages.
+
+    Raises:
+      TypeError: they are no tuple of strings.
+      ValueError: one is empty.
+    """
+    if not isinstance(instructions, tuple) or not all(isinstance(each, str) for each in instructions):
+        raise TypeError(f"instructions of {owner} must be a tuple of strings, got {instructions!r}")
+    if not all(each.strip() for each in instructions):
+        raise ValueError(f"instructions of {owner} must not be empty strings, got {instructions!r}")
+    return instructions
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,7 +65,7 @@ class Goal:
       joints: names of the joints in the prop's own model; None for all of its joints.
       value: goal positions, joint by joint [rad, m; a free joint: m and a quaternion w, x, y, z].
       start: positions of these joints at the start of an episode; those of the scene's initial state when None.
-      instructions: the task in words, a sentence and paraphrases of it; see `tasks.instructions`.
+      instructions: the task in words, a sentence and paraphrases of it.
       handle: name of the prop's site at which the robot moves it; the first of its handles when None.
     """
 
@@ -50,15 +77,11 @@ class Goal:
     handle: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks the instructions; raises as `instructions.checked`."""
-        checked(self.instructions, f"a goal of prop {self.prop!r}")
+        """Checks the instructions; raises as `checked_instructions`."""
+        checked_instructions(self.instructions, f"a goal of prop {self.prop!r}")
 
     def joints_in(self, scene: Scene) -> tuple[mjcf.Element, ...]:
-        """Returns the joints that the goal is set for.
-
-        Raises:
-          ValueError: the scene has no such prop, or its prop no such joint.
-        """
+        """Returns the joints that the goal is set for; raises a ValueError if the scene lacks one."""
         return scene.joints(self.prop, self.joints)
 
     def shares_joints(self, other: Self) -> bool:
@@ -68,11 +91,7 @@ class Goal:
         return self.prop == other.prop and not set(self.joints).isdisjoint(other.joints)
 
     def handle_in(self, scene: Scene) -> mjcf.Element:
-        """Returns the site at which the robot moves the prop.
-
-        Raises:
-          ValueError: the scene has no such prop, or its prop no such site.
-        """
+        """Returns the site at which the robot moves the prop; raises a ValueError if the scene lacks it."""
         handles = {site.name: site for site in scene.props[checks.choice(self.prop, scene.props, "prop")].handles}
         return handles[checks.choice(self.handle or next(iter(handles), ""), handles, f"handle of {self.prop!r}")]
 
@@ -202,17 +221,16 @@ class GoalSet:
             if np.abs(value).max() > mujoco.mjMAXVAL:
                 limit = f"{mujoco.mjMAXVAL:g}, the greatest position that MuJoCo simulates"
                 raise ValueError(f"goal of {name!r} must not exceed {limit}, got {value}")
-        return cls(
-            tasks=names,
-            goals=goals,
-            starts=np.cumsum([0, *sizes[:-1]]),
-            desired=np.concatenate(desired),
-        )
+        return cls(tasks=names, goals=goals, starts=np.cumsum([0, *sizes[:-1]]), desired=np.concatenate(desired))
 
-    @functools.cached_property
-    def instructions(self) -> tuple[str, ...]:
-        """Instructions of all tasks together, in configured order; see `instructions.joined`."""
-        return joined(goal.instructions for goal in self.goals)
+    def instructions(self, indices: Iterable[int]) -> tuple[str, ...]:
+        """Returns the instructions of several tasks together, in a given order.
+
+        The first joins the sentences, the next ones the first paraphrases, the second paraphrases and so on, as many as
+        every task has. Empty if a task has none.
+        """
+        each = (self.goals[index].instructions for index in indices)
+        return tuple(_SEPARATOR.join(sentences) for sentences in zip(*each, strict=False))
 
     def names(self, mask: NDArray[np.bool_]) -> list[str]:
         """Returns the tasks selected by a mask `(n,)`, in configured order."""

@@ -1,10 +1,15 @@
-"""Markov decision processes of tasks, and the physics of one episode or of many, which they read and control."""
+"""Markov decision processes of tasks, and how they read and control the physics of one episode or of many.
+
+A task has an `MDP`, the mathematics of its episodes; `Sensors`, which read a `Simulation` of the physics; and an
+`ActionMode`, which turns actions into targets of the actuators.
+"""
 
 import abc
+import dataclasses
 import functools
 import inspect
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import mujoco
@@ -15,6 +20,9 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.goals import GoalSet
 
 RewardTerm = Callable[[Any, NDArray[np.float64], Any], NDArray[np.float64]]
 """A term of a reward: takes the MDP's state before a control step, the action `(..., k)`, and the state after it, and
@@ -120,6 +128,98 @@ class Sensors(Protocol[Reading_co]):
         """Returns the present values, in fresh arrays `(..., k)`."""
 
 
+class FeatureSensors:
+    """Sensors that a task adds to its scene; each feature is read by one or more of them.
+
+    Attributes:
+      columns: `(k,)`, indices of the features in `sensordata`, end to end.
+      indices: slice of each feature among the columns, in the order in which features were added.
+      ctrl: columns of the robot's actuators in ctrl.
+    """
+
+    # Sensors are evaluated from the positions and velocities after the step.
+    stage = mujoco.mjtStage.mjSTAGE_VEL
+
+    def __init__(self, root: mjcf.RootElement, robot: Franka) -> None:
+        """Prepares to add sensors to the model of an arena, which is not yet compiled, with the robot that acts."""
+        self._sensors, self._robot = root.sensor, robot
+        self._by_feature: dict[str, tuple[list[mjcf.Element], slice]] = {}
+
+    def add_joints(self, feature: str, kind: str, joints: Iterable[mjcf.Element]) -> None:
+        """Adds a feature of some joints, such as `jointpos` or `jointvel`."""
+        self._by_feature[feature] = [self._add(kind, joint=joint) for joint in joints], slice(None)
+
+    def add_frame(self, feature: str, kind: str, element: mjcf.Element, part: slice = slice(None)) -> None:
+        """Adds a feature of a site, geom or body, such as `framepos` or `framequat`, or a part of its elements."""
+        # MuJoCo's "body" is the frame of the body's inertia.
+        frame = "xbody" if element.tag == "body" else element.tag
+        self._by_feature[feature] = [self._add(kind, objtype=frame, objname=element)], part
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks up all addresses in the compiled scene."""
+        found = []
+        for sensors, part in self._by_feature.values():
+            bound = physics.bind(sensors)
+            ranges = [np.arange(start, start + size)[part] for start, size in zip(bound.adr, bound.dim, strict=True)]
+            found.append(np.concatenate(ranges))
+        self.columns = np.concatenate(found)
+        stops = np.cumsum([each.size for each in found]).tolist()
+        sized = zip(self._by_feature, found, stops, strict=True)
+        self.indices = {name: slice(stop - each.size, stop) for name, each, stop in sized}
+        self.ctrl = columns(physics.bind(self._robot.actuators).element_id)
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Updates kinematics and sensors from the joint positions and velocities."""
+        model, data = physics.model.ptr, physics.data.ptr
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+    def read(self, simulation: Simulation) -> NDArray[np.float64]:
+        """Returns the present features' values `(..., k)`; the sensors must be up to date (see `refresh`)."""
+        # MDPs compute with columns.
+        return simulation.read("sensordata", self.columns, order="F")
+
+    def _add(self, kind: str, **attributes: Any) -> mjcf.Element:
+        return self._sensors.add(kind, name=f"feature_{len(self._sensors.all_children())}", **attributes)
+
+
+class SceneIndices:
+    """Indices of robot, objects and goals in MuJoCo's arrays; valid for one compiled model.
+
+    Attributes:
+      robot_qpos: `(9,)`, qpos of the robot's joints.
+      robot_qvel: `(9,)`, qvel of the robot's joints.
+      object_qpos: qpos of the objects' joints, in the order of observation; `(21,)` in the kitchen.
+      object_qvel: qvel of the objects' joints, in the order of observation; `(20,)` in the kitchen.
+      goal_qpos: `(k,)`, qpos that the goals are set for, end to end.
+      ctrl: `(9,)`, ctrl of the robot's actuators.
+    """
+
+    def __init__(self, scene: Scene, goals: GoalSet, physics: mjcf.Physics) -> None:
+        """Looks up all indices.
+
+        Raises:
+          ValueError: the scene lacks a prop or a joint of a goal, or a goal has not as many values as its joints.
+        """
+        self.robot_qpos, self.robot_qvel = addresses(physics, scene.robot.joints)
+        self.object_qpos, self.object_qvel = addresses(physics, scene.object_joints)
+        goal_qpos = [addresses(physics, goal.joints_in(scene))[0] for goal in goals.goals]
+        for task, goal, indices in zip(goals.tasks, goals.goals, goal_qpos, strict=True):
+            if indices.size != len(goal.value):
+                raise ValueError(f"goal of {task!r} must have {indices.size} values, got {goal.value}")
+        self.goal_qpos = np.concatenate(goal_qpos)
+        self.ctrl = physics.bind(scene.robot.actuators).element_id
+
+    def write(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
+        """Sets qpos and qvel to those of an observation: positions and velocities of robot, then of objects."""
+        qpos, qvel = physics.data.qpos, physics.data.qvel
+        parts = (qpos, self.robot_qpos), (qvel, self.robot_qvel), (qpos, self.object_qpos), (qvel, self.object_qvel)
+        stops = np.cumsum([indices.size for _, indices in parts])
+        for (field, indices), values in zip(parts, np.split(observation, stops[:-1]), strict=True):
+            field[indices] = values
+
+
 class ActionMode(abc.ABC):
     """Meaning of the action.
 
@@ -200,6 +300,13 @@ class ActionMode(abc.ABC):
         """
 
 
+def unit_spec(names: Sequence[str]) -> specs.BoundedArray:
+    """Returns the spec of an action with named elements in [-1, 1]."""
+    ones = np.ones(len(names))
+    return specs.BoundedArray(ones.shape, ones.dtype, minimum=-ones, maximum=ones, name="\t".join(names))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class MDP(abc.ABC, Generic[Reading, State]):
     """Settings of a task, and the mathematics of its episodes: control, next state, reward, observation, infos.
 

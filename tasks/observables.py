@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.mdp import PhysicsSimulation, Simulation
-from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.mdp import FeatureSensors, PhysicsSimulation, Simulation
 
 # Kinds of pictures, by the argument of `MJCFCamera` that asks for one.
 KINDS = ("pixels", "depth", "segmentation")

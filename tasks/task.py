@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
-from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.instructions import checked, draw
+from kitchen_suite.tasks.goals import GoalSet, checked_instructions
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures
 from kitchen_suite.tasks.variations.distributions import ParameterVariation
@@ -166,7 +165,7 @@ class SuiteTask(composer.Task):
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
-      instructions: the task in words: its sentence, then paraphrases of it; see `tasks.instructions`.
+      instructions: the task in words: its sentence, then paraphrases of it; see `tasks.goals`.
       scene: arena, robot and props.
       robot: the robot that acts.
       mdp: the task's settings, and the mathematics of an episode under them.
@@ -248,7 +247,7 @@ class SuiteTask(composer.Task):
           TypeError: the task's class sets `instructions` to something else than a tuple of strings.
           ValueError: it sets an empty string.
         """
-        return next(iter(checked(self.instructions, type(self).__name__)), "")
+        return next(iter(checked_instructions(self.instructions, type(self).__name__)), "")
 
     def draw_instruction(self, generator: np.random.Generator) -> str:
         """Returns one of the `instructions`, each with the same probability.
@@ -260,7 +259,11 @@ class SuiteTask(composer.Task):
           TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
           ValueError: the task has no instructions, or as of `instruction`.
         """
-        return draw(checked(self.instructions, type(self).__name__), generator)
+        if not isinstance(generator, np.random.Generator):
+            raise TypeError(f"generator must be a numpy.random.Generator, got {generator!r}")
+        if not (instructions := checked_instructions(self.instructions, type(self).__name__)):
+            raise ValueError("there are no instructions to draw from: the task has no sentence")
+        return instructions[generator.integers(len(instructions))]
 
     @property
     def state(self) -> Any:

@@ -13,8 +13,8 @@ from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
-from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, ArmServos, Gripper, unit_spec
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns
+from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, ArmServos, Gripper
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns, unit_spec
 
 # Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
 # Longer, and it lags behind; shorter, and the servos' torques reach their limits.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.franka import Franka
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns, unit_spec
 
 GRIPPER_MODES = ("sampled", "deterministic")
 
@@ -252,9 +252,3 @@ class JointDelta(ActionMode):
         positions = np.minimum(np.maximum(command.positions + self._step * action[..., :ARM_SIZE], low), high)
         fingers = self._gripper.target(action[..., ARM_SIZE:])
         return np.concatenate([servos.target(simulation, positions), fingers], axis=-1), JointCommand(positions)
-
-
-def unit_spec(names: list[str]) -> specs.BoundedArray:
-    """Returns the spec of an action with named elements in [-1, 1]."""
-    ones = np.ones(len(names))
-    return specs.BoundedArray(ones.shape, ones.dtype, minimum=-ones, maximum=ones, name="\t".join(names))

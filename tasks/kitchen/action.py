@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
-from kitchen_suite.tasks.control_modes.joints import unit_spec
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.mdp import ActionMode, Simulation
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, unit_spec
 
 PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]

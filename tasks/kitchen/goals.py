@@ -13,8 +13,7 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.scenes import JOINT_NAMES, in_observed_order
 from kitchen_suite.names import DEFAULT_TASKS, FURTHER_TASKS, REVERSES
-from kitchen_suite.tasks.goals import Goal, GoalSet
-from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
+from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 
 _ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
 _FINGERS = (0.0479267505, 0.0371350919)

@@ -12,7 +12,7 @@ from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, current
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
-from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
+from kitchen_suite.tasks.mdp import MDP, Simulation
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
 _SPARSE = REWARDS["sparse"].keys()
@@ -89,10 +89,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     Attributes:
       sensors: sensors of robot and objects.
-      action_mode: meaning of the action.
       goals: the tasks, with their goals.
-      rewards: the terms of the reward by name; see `kitchen.reward`.
-      goal_terms: names of those that can be computed for other goals; others are read from infos.
+      goal_terms: names of the terms of the reward that can be computed for other goals; others are read from infos.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
@@ -103,9 +101,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     """
 
     sensors: KitchenSensors
-    action_mode: ActionMode
     goals: GoalSet
-    rewards: Mapping[str, RewardTerm]
     goal_terms: Collection[str]
     noise_scale: NDArray[np.float64]
     success: Success

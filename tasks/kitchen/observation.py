@@ -18,8 +18,7 @@ from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
-from kitchen_suite.tasks.mdp import Simulation
-from kitchen_suite.tasks.sensors import SceneIndices
+from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
 # Amplitudes [rad, m, rad/s, m/s]. The reference takes them from a table for another scene, hence the lack of a pattern.
 _ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
-from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.mdp import MDP, FeatureSensors, RewardTerm, Simulation
 
 PHYSICS_TIMESTEP = 0.005  # [s]
 CONTROL_TIMESTEP = 0.01  # [s]
@@ -87,18 +86,14 @@ REWARDS: Mapping[str, RewardTerm] = MappingProxyType({"approach": approach, "ope
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MicrowaveTableMDP(MDP[NDArray[np.float64], MicrowaveTableState]):
-    """Settings of the task, and the mathematics of an episode under them.
+    """Settings of the task, and the mathematics of an episode under them; see `MDP` for those of all tasks.
 
     Attributes:
       sensors: sensors of robot, handle and door; see `task.MicrowaveTableTask`.
-      action_mode: meaning of the action.
-      rewards: the terms of the reward by name.
       threshold: distance from the goal below which the door counts as open [rad].
     """
 
     sensors: FeatureSensors
-    action_mode: ActionMode
-    rewards: Mapping[str, RewardTerm]
     threshold: float
 
     def initial_state(self, reading: NDArray[np.float64], draws: NDArray[np.float64]) -> MicrowaveTableState:

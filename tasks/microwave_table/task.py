@@ -15,9 +15,8 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
-from kitchen_suite.tasks.goals import Goal, GoalSet
-from kitchen_suite.tasks.instructions import OPEN_MICROWAVE
-from kitchen_suite.tasks.mdp import ActionMode
+from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
+from kitchen_suite.tasks.mdp import ActionMode, FeatureSensors, SceneIndices
 from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
@@ -27,7 +26,6 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     SIZE,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.sensors import FeatureSensors, SceneIndices
 from kitchen_suite.tasks.task import GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation, around, between, one_of

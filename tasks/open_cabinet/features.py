@@ -10,7 +10,7 @@ from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.entities import OpenCabinetScene
-from kitchen_suite.tasks.sensors import FeatureSensors
+from kitchen_suite.tasks.mdp import FeatureSensors
 
 # Greatest distance between gripper and handle at which the drawer counts as held open [m].
 _HOLD_DISTANCE = 0.03

@@ -25,7 +25,7 @@ from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, PolicyInputs, SuiteT
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
-# Instructions by drawer; see `tasks.instructions`.
+# Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "top": (
