@@ -1,7 +1,6 @@
 """Joints: their addresses in a compiled model, and observables of their positions and velocities."""
 
 import functools
-import operator
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -70,7 +69,7 @@ class JointState(observable.Observable):
             self._model = physics.model.ptr
             in_qpos, in_qvel = addresses(physics, self._joints())
             self._indices = in_qpos if self._field == "qpos" else in_qvel
-        return functools.partial(operator.getitem, getattr(physics.data, self._field), self._indices)
+        return functools.partial(getattr(physics.data, self._field).__getitem__, self._indices)
 
 
 class JointObservables(composer.Observables):

@@ -67,7 +67,7 @@ class KitchenObservations(observations.Observations):
         return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
 
     def _requests(self, state: KitchenState) -> NDArray[np.float64]:
-        return self._mdp.shown_mask(state).astype(np.float64)
+        return self._mdp.current_mask(state).astype(np.float64)
 
 
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):

@@ -252,7 +252,7 @@ def convert(task: KitchenTask, index: int, shown: Demonstration) -> tuple[Episod
     order = _completion_order(task, achieved)
     noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT]
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
-    state = mdp.asked(mdp.initial_state(readings[0], noise), order)
+    state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
     buffer = EpisodeBuffer(_observation(task, state, shown.observations[0]), _info(task, state, 0))
     for step, action in enumerate(shown.actions, start=1):
         reading = readings[step]
@@ -297,7 +297,7 @@ def _observation(task: KitchenTask, state: KitchenState, observed: NDArray[np.fl
         "observation": observed,
         "achieved_goal": goals.split(state.achieved),
         "desired_goal": goals.split(goals.desired),
-        REQUESTED: task.mdp.shown_mask(state).astype(np.float64),
+        REQUESTED: task.mdp.current_mask(state).astype(np.float64),
     }
 
 

@@ -63,7 +63,7 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         if name not in _WORDS or self._mdp.task_draw is None:
             return super()._each(name)
         instructions = [
-            self._task.requests.instructions_in(order) for order in self._mdp.shown_order(self._episodes.state.mdp)
+            self._task.requests.instructions_in(order) for order in self._mdp.current_order(self._episodes.state.mdp)
         ]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, current
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, next_in_turn
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
 from kitchen_suite.tasks.mdp import MDP, Simulation
 
@@ -132,7 +132,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             shaping=self.start_shaping(reading),
         )
 
-    def asked(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
+    def with_request(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
         """Returns the state before the first step of an episode that asks for tasks; see `requests.requested_order`."""
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
@@ -143,21 +143,21 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             return ""
         return "_in_turn" if self.tasks_in_turn or self.task_draw.most == 1 else "_random"
 
-    def shown_mask(self, state: KitchenState) -> NDArray[np.bool_]:
+    def current_mask(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` are asked at present."""
-        order = self.shown_order(state)
+        order = self.current_order(state)
         return np.full(state.distances.shape, True) if order is None else order >= 0
 
-    def shown_order(self, state: KitchenState) -> NDArray[np.int64] | None:
+    def current_order(self, state: KitchenState) -> NDArray[np.int64] | None:
         """Returns the order `(..., n)` of the tasks that are asked at present; None if every episode asks for all."""
         order = state.requested_order
         if not self.tasks_in_turn or order is None:
             return order
-        return np.where(current(order, state.progress.completed), order, -1)
+        return np.where(next_in_turn(order, state.progress.completed), order, -1)
 
     def _attempted(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` the next step may complete, or has completed before."""
-        shown = self.shown_mask(state)
+        shown = self.current_mask(state)
         return shown | state.progress.completed if self.tasks_in_turn else shown
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:

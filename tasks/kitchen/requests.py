@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.instructions import joined
 from kitchen_suite.tasks.task import ResetRequests
 
 # Option of a reset, observation and info.
@@ -37,12 +36,7 @@ class TaskDraw:
 
     @classmethod
     def make(cls, value: object, count: int) -> Self:
-        """Makes the draw of some of `count` tasks; `value` is a number, or a pair of the least and greatest number.
-
-        Raises:
-          TypeError: the value is no integer and no pair of integers.
-          ValueError: a number is below 1 or above `count`, or the least is above the greatest.
-        """
+        """Makes the draw of some of `count` tasks; `value` is a number, or a pair of the least and greatest number."""
         name = "tasks_per_episode"
         bounds = value if isinstance(value, list | tuple) else (value, value)
         if len(bounds) != 2:
@@ -73,28 +67,6 @@ class TaskDraw:
         return order_of(chosen[np.argsort(place[chosen], kind="stable")], weights.size)
 
 
-def checked_in_turn(tasks_in_turn: object, tasks_per_episode: object) -> bool:
-    """Returns the argument `tasks_in_turn`.
-
-    Raises:
-      TypeError: it is no bool.
-      ValueError: it is true, but every episode asks for all tasks.
-    """
-    if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
-        raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
-    return bool(tasks_in_turn)
-
-
-def checked_limit(max_task_steps: int | None) -> int | None:
-    """Returns the argument `max_task_steps`.
-
-    Raises:
-      TypeError: it is no integer.
-      ValueError: it is less than 1.
-    """
-    return None if max_task_steps is None else checks.integer(max_task_steps, "max_task_steps", minimum=1)
-
-
 def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Returns the order `(count,)` that asks for the tasks of some indices, in their sequence."""
     order = np.full(count, -1)
@@ -102,7 +74,7 @@ def order_of(indices: Sequence[int] | NDArray[np.int64], count: int) -> NDArray[
     return order
 
 
-def current(order: NDArray[np.int64], completed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def next_in_turn(order: NDArray[np.int64], completed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Returns which task `(..., n)` of an order is next: the first that is not `completed`; the last one if all are."""
     places = np.where((order >= 0) & ~completed, order, order.shape[-1])
     place: NDArray[np.int64] = np.minimum(places.min(axis=-1), order.max(axis=-1))
@@ -115,13 +87,9 @@ def in_order(order: NDArray[np.int64]) -> list[int]:
 
 
 def checked_order(order: NDArray[np.int64], count: int, name: str) -> NDArray[np.int64]:
-    """Returns an order of `count` tasks; `name` is for messages.
-
-    Raises:
-      ValueError: it has another shape, asks for no task, or has not one task for each place.
-    """
-    asked = np.sort(order[order >= 0]) if order.shape == (count,) else np.zeros(0)
-    if not asked.size or not np.array_equal(asked, np.arange(asked.size)) or order.min() < -1:
+    """Returns an order of `count` tasks, or raises a ValueError if it is none; `name` is for messages."""
+    places = np.sort(order[order >= 0]) if order.shape == (count,) else np.zeros(0)
+    if not places.size or not np.array_equal(places, np.arange(places.size)) or order.min() < -1:
         raise ValueError(f"{name} must hold the place of each of {count} tasks, from 0, or -1, got {order}")
     return order
 
@@ -132,10 +100,6 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
     Args:
       value: names of tasks, in the order asked; or a mask `(n,)` of bools, with the configured order.
       tasks: the `n` configured tasks.
-
-    Raises:
-      TypeError: the value is neither.
-      ValueError: there is no task, one is unknown or repeated, or the mask has the wrong shape.
     """
     if isinstance(value, np.ndarray):
         if value.dtype != bool:
@@ -148,12 +112,7 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
 
 
 def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
-    """Returns the weights `(n,)` of tasks, given by task, where those left out have 1, or as a vector.
-
-    Raises:
-      TypeError: they are no numbers.
-      ValueError: an unknown task, another number of weights, or one that is negative or not finite.
-    """
+    """Returns the weights `(n,)` of tasks, given by task, where those left out have 1, or as a vector."""
     name = "task_weights"
     if isinstance(value, Mapping):
         by_task: dict[str, Any] = {checks.choice(task, tasks, f"{name} of task"): each for task, each in value.items()}
@@ -226,19 +185,20 @@ class TaskRequests(ResetRequests):
         return {REQUESTED: self.tasks_in(order)}
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Which tasks `(n,)` the episode that starts asks for."""
-        return np.full(len(self._goals.tasks), True) if self.order is None else self.order >= 0
+    def tasks(self) -> list[str]:
+        """The tasks that the episode that starts asks for."""
+        return self.tasks_in(self.order)
 
     def tasks_in(self, order: NDArray[np.int64] | None) -> list[str]:
         """Returns the tasks that an order `(n,)` asks for; all for None."""
-        tasks = self._goals.tasks
-        return [*tasks] if order is None else [tasks[index] for index in in_order(order)]
+        return [self._goals.tasks[index] for index in self._indices(order)]
 
     def instructions_in(self, order: NDArray[np.int64] | None) -> tuple[str, ...]:
         """Returns the instructions of the tasks that an order `(n,)` asks for; those of all for None."""
-        goals = self._goals
-        return goals.instructions if order is None else joined(goals.goals[i].instructions for i in in_order(order))
+        return self._goals.instructions(self._indices(order))
+
+    def _indices(self, order: NDArray[np.int64] | None) -> list[int]:
+        return [*range(len(self._goals.tasks))] if order is None else in_order(order)
 
     def saved(self) -> dict[str, NDArray]:
         """Returns what the task's state holds for draws of later episodes."""

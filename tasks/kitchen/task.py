@@ -18,9 +18,9 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, 
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import KitchenObservables, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests, checked_in_turn, checked_limit
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import REWARDS
-from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter, may_be_done
+from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -119,6 +119,10 @@ class KitchenTask(SuiteTask):
             "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
             "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
         }
+        if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
+            raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
+        if max_task_steps is not None:
+            checks.integer(max_task_steps, "max_task_steps", minimum=1)
         control, observables = split_options(options, CONTROL_MODES)
         goal_set = build_goals(tasks_to_complete, goals)
         self.reward_name = checks.choice(reward, REWARDS, "reward")
@@ -136,24 +140,23 @@ class KitchenTask(SuiteTask):
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
             task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
-            tasks_in_turn=checked_in_turn(tasks_in_turn, tasks_per_episode),
-            max_task_steps=checked_limit(max_task_steps),
+            tasks_in_turn=tasks_in_turn,
+            max_task_steps=max_task_steps,
         )
         super().__init__(scene, mdp, **observables)
         self.requests = TaskRequests(goal_set, mdp.task_draw)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
-        may_be_done_now = lambda: may_be_done(self.requests.tasks_in(self.requests.order))  # noqa: E731
         self.variations = Variations(
             scene,
             self.varied,
             variations,
             variation_split,
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
-            parameters=(*sensing_parameters(mdp.noise_parts), done_parameter(scene, may_be_done_now)),
+            parameters=(*sensing_parameters(mdp.noise_parts), done_parameter(scene, lambda: self.requests.tasks)),
             home=INITIAL_QPOS[: len(scene.robot.joints)],
             correct=self._away_from_goals,
         )
-        requested = None if mdp.task_draw is None else lambda: mdp.shown_mask(self.state).astype(np.float64)
+        requested = None if mdp.task_draw is None else lambda: mdp.current_mask(self.state).astype(np.float64)
         self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requested)
         self.observed = self._observables.by_name
         self.policy_inputs = PolicyInputs(
@@ -171,7 +174,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        return self.requests.instructions_in(self.mdp.shown_order(self.state) if self.state else None)
+        return self.requests.instructions_in(self.mdp.current_order(self.state) if self.state else None)
 
     @property
     def goals(self) -> dict[str, NDArray[np.float64]]:
@@ -299,7 +302,7 @@ class KitchenTask(SuiteTask):
 
     def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
         state: KitchenState = super().initial_state(draws)
-        return state if self.requests.order is None else self.mdp.asked(state, self.requests.order)
+        return state if self.requests.order is None else self.mdp.with_request(state, self.requests.order)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self.scene, self.mdp.goals)
@@ -310,22 +313,22 @@ class KitchenTask(SuiteTask):
         indices, data = self.mdp.sensors.indices, physics.data
         data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
-        for start in self._asked_starts():
+        for start in self._requested_starts():
             data.qpos[start.columns] = start.positions
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 
-    def _asked_starts(self) -> list[Start]:
+    def _requested_starts(self) -> list[Start]:
         """Returns the starts of the tasks that the episode that starts asks for."""
-        return [start for task, start in self._starts.items() if task in self.requests.tasks_in(self.requests.order)]
+        return [start for task, start in self._starts.items() if task in self.requests.tasks]
 
     def _away_from_goals(self, values: Values) -> Values:
         """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
         goals, achieved = self.mdp.goals, self.mdp.sensors.read(self._simulation).achieved
-        near = self.mdp.success.within(achieved, factor=START_DISTANCE) & self.requests.mask
+        near = self.mdp.success.within(achieved, factor=START_DISTANCE) & np.isin(goals.tasks, self.requests.tasks)
         qpos = self._simulation.read("qpos", slice(None))
         props = {GOALS[task].prop for task in goals.names(near)}
-        props |= {start.prop for start in self._asked_starts() if not start.allows(qpos)}
+        props |= {start.prop for start in self._requested_starts() if not start.allows(qpos)}
         if not props:
             return values
         moved = [name for name in self.variations.randomizer.displacements if name.partition("/")[0] in props]

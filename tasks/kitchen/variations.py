@@ -1,6 +1,6 @@
 """Variations of the kitchen's parameters by groups, in the order in which they are drawn."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 
 import numpy as np
 from dm_control import mjcf
@@ -9,45 +9,43 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import Bands, ParameterVariation, around, between, one_of
 
 # Whether each of the default tasks is done at the start; without effect on those that move the same joints as
-# asked ones, and on those that would be in their way.
+# requested ones, and on those that would be in their way.
 DONE = "tasks/done"
 
 # The open door of the hinge cabinet stands before the handle of the slide cabinet.
 _IN_THE_WAY = {"slide cabinet": "hinge cabinet"}
 
 
-def may_be_done(asked: Collection[str]) -> dict[str, Goal]:
-    """Returns the goals of the tasks that may be done at the start where some are asked, by task."""
-    in_the_way = {_IN_THE_WAY[task] for task in asked if task in _IN_THE_WAY}
-    moved = [GOALS[task] for task in asked]
-    return {
-        task: GOALS[task]
+def may_be_done(requested: Collection[str]) -> list[str]:
+    """Returns the tasks that may be done at the start of an episode that asks for some."""
+    in_the_way = {_IN_THE_WAY[task] for task in requested if task in _IN_THE_WAY}
+    return [
+        task
         for task in DEFAULT_TASKS
-        if task not in in_the_way and not any(GOALS[task].shares_joints(goal) for goal in moved)
-    }
+        if task not in in_the_way and not any(GOALS[task].shares_joints(GOALS[other]) for other in requested)
+    ]
 
 
-def done_parameter(scene: Scene, tasks: Callable[[], Mapping[str, Goal]]) -> Parameter:
+def done_parameter(scene: Scene, requested: Callable[[], Collection[str]]) -> Parameter:
     """Returns the parameter that completes some tasks at the start.
 
     Args:
       scene: with the goals' props.
-      tasks: returns the goals of the tasks that it can complete in the episode that starts; it ignores others.
+      requested: returns the tasks that the episode that starts asks for.
     """
     joints = {task: GOALS[task].joints_in(scene) for task in DEFAULT_TASKS}
-    elements = tuple(joint for task in tasks() for joint in joints[task])
+    elements = tuple(joint for task in may_be_done(requested()) for joint in joints[task])
 
     def write(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-        goals = tasks()
+        possible = may_be_done(requested())
         for task, is_done in zip(DEFAULT_TASKS, value > 0.5, strict=True):
-            if is_done and task in goals:
-                physics.bind(joints[task]).qpos = goals[task].value
+            if is_done and task in possible:
+                physics.bind(joints[task]).qpos = GOALS[task].value
 
     parameter_type = ParameterType(
         read=lambda physics, elements: np.zeros(len(DEFAULT_TASKS)),

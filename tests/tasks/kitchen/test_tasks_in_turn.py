@@ -9,7 +9,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS
-from kitchen_suite.tasks.kitchen.requests import current
+from kitchen_suite.tasks.kitchen.requests import next_in_turn
 
 ASKED = ["kettle", "microwave", "top burner"]
 ORDER = np.array([-1, 2, -1, -1, -1, 1, 0])
@@ -88,7 +88,7 @@ def test_copies_and_states_continue_with_the_same_task():
 def test_the_current_task_is_the_first_that_remains_and_the_last_at_the_end():
     completed = np.zeros((4, 7), bool)
     completed[1:, 6] = completed[2:, 5] = completed[3:, 1] = True
-    masks = current(np.broadcast_to(ORDER, (4, 7)), completed)
+    masks = next_in_turn(np.broadcast_to(ORDER, (4, 7)), completed)
     assert [shown(mask) for mask in masks] == [["kettle"], ["microwave"], ["top burner"], ["top burner"]]
 
 
