@@ -68,18 +68,15 @@ class Start(NamedTuple):
         return bool(((self.low <= positions) & (positions <= self.high)).all())
 
 
-def starts(goals: Mapping[str, Goal], scene: Scene, physics: mjcf.Physics) -> dict[str, Start]:
+def starts(goals: GoalSet, scene: Scene, physics: mjcf.Physics) -> dict[str, Start]:
     """Returns the starts of the goals that have one, by task; hinges and slides start within their ranges."""
-    return {
-        task: _start(goal, goal.start, goal.joints_in(scene), physics)
-        for task, goal in goals.items()
-        if goal.start is not None
-    }
+    rows = zip(goals.tasks, goals.goals, strict=True)
+    return {task: _start(goal, goal.start, scene, physics) for task, goal in rows if goal.start is not None}
 
 
-def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element], physics: mjcf.Physics) -> Start:
+def _start(goal: Goal, values: tuple[float, ...], scene: Scene, physics: mjcf.Physics) -> Start:
+    joints, positions = goal.joints_in(scene), np.array(values)
     columns, _ = addresses(physics, joints)
-    positions = np.array(values)
     if len(joints) == positions.size:
         low, high = physics.bind(joints).range.T
         return Start(goal.prop, columns, np.clip(positions, low, high), low, high)
@@ -87,111 +84,49 @@ def _start(goal: Goal, values: tuple[float, ...], joints: Sequence[mjcf.Element]
     return Start(goal.prop, columns, positions, positions - reach, positions + reach)
 
 
-# Joints of those that look at fewer joints than the task that they undo.
-_JOINTS = {"close hinge cabinet": ("right_hinge_cabinet",)}
-
-_INSTRUCTIONS = {
-    "close microwave": (
-        "close the microwave door",
-        "close the microwave",
-        "push the door of the microwave shut",
-        "swing the microwave door shut",
-    ),
-    "close slide cabinet": (
-        "close the slide cabinet",
-        "slide the cabinet door shut",
-        "slide the door of the cabinet to the left",
-        "push the sliding door of the cabinet shut",
-    ),
-    "close hinge cabinet": (
-        "close the right door of the hinge cabinet",
-        "close the hinge cabinet on its right side",
-        "push the right door of the hinge cabinet shut",
-        "swing the right door of the hinge cabinet shut",
-    ),
-    "close left hinge cabinet": (
-        "close the left door of the hinge cabinet",
-        "close the hinge cabinet on its left side",
-        "push the left door of the hinge cabinet shut",
-        "swing the left door of the hinge cabinet shut",
-    ),
-    "turn off light switch": (
-        "turn off the light switch",
-        "switch off the light",
-        "flip the light switch on the hood back",
-        "turn off the light above the stove",
-    ),
-    "return kettle": (
-        "move the kettle back to the bottom left burner",
-        "put the kettle back on the bottom left burner",
-        "place the kettle on the bottom left burner",
-        "return the kettle to the bottom left burner",
-    ),
-    **{
-        f"turn off {place} burner": (
-            f"turn off the {position} burner",
-            f"switch off the {position} burner",
-            f"turn the knob of the {position} burner back",
-            f"put out the {position} burner of the stove",
-        )
-        for place, position in (
-            ("bottom", "bottom left"),
-            ("top", "top left"),
-            ("bottom right", "bottom right"),
-            ("top right", "top right"),
-        )
-    },
-}
-
-
-def reverse_goals(forward: Mapping[str, Goal]) -> dict[str, Goal]:
-    """Returns the goals of `REVERSES`, given those that they undo: they start there and lead to the initial state."""
-    return {task: _reverse(forward[undone], task) for task, undone in REVERSES.items()}
-
-
-def _reverse(forward: Goal, task: str) -> Goal:
-    joints = _JOINTS.get(task, forward.joints)
-    # The last values of the forward goal are those of the joints that the reverse looks at.
-    value = initial_positions(forward.prop, joints)
+def _burner(position: str, knob: int) -> Goal:
+    """Returns the goal that turns a burner on, such as the `bottom left` one."""
     return Goal(
-        prop=forward.prop,
-        joints=joints,
-        value=value,
-        start=forward.value[-len(value) :],
-        handle=forward.handle,
-        instructions=_INSTRUCTIONS[task],
+        prop="oven",
+        joints=(f"knob_Joint_{knob}", f"{position.replace(' ', '_')}_burner"),
+        value=(-0.88 if position.startswith("bottom") else -0.92, -0.01),
+        handle=f"knob_{knob}",
+        instructions=(
+            f"turn on the {position} burner",
+            f"switch on the {position} burner",
+            f"turn the knob of the {position} burner",
+            f"light the {position} burner of the stove",
+        ),
+    )
+
+
+def _burner_off(position: str) -> tuple[str, ...]:
+    return (
+        f"turn off the {position} burner",
+        f"switch off the {position} burner",
+        f"turn the knob of the {position} burner back",
+        f"put out the {position} burner of the stove",
+    )
+
+
+def _hinge_door(side: str, verb: str, pull: str, end: str) -> tuple[str, ...]:
+    """Returns instructions that open or close a door of the hinge cabinet."""
+    return (
+        f"{verb} the {side} door of the hinge cabinet",
+        f"{verb} the hinge cabinet on its {side} side",
+        f"{pull} the {side} door of the hinge cabinet {end}",
+        f"swing the {side} door of the hinge cabinet {end}",
     )
 
 
 # Distance below which a task counts as complete, over all joints of the task together [rad, m]; as in the reference.
 THRESHOLD = 0.3
 
-# The values are those of gymnasium-robotics 1.4.2.
-_ORIGINAL = {
-    "bottom burner": Goal(
-        prop="oven",
-        joints=("knob_Joint_2", "bottom_left_burner"),
-        value=(-0.88, -0.01),
-        handle="knob_2",
-        instructions=(
-            "turn on the bottom left burner",
-            "switch on the bottom left burner",
-            "turn the knob of the bottom left burner",
-            "light the bottom left burner of the stove",
-        ),
-    ),
-    "top burner": Goal(
-        prop="oven",
-        joints=("knob_Joint_4", "top_left_burner"),
-        value=(-0.92, -0.01),
-        handle="knob_4",
-        instructions=(
-            "turn on the top left burner",
-            "switch on the top left burner",
-            "turn the knob of the top left burner",
-            "light the top left burner of the stove",
-        ),
-    ),
+# The values are those of gymnasium-robotics 1.4.2. The right knobs have the goals of the left ones in their row. The
+# reference has no goal of the left door: this value is that of RoboHive's environments `FK1_LdoorOpen` (v4).
+_FORWARD = {
+    "bottom burner": _burner("bottom left", 2),
+    "top burner": _burner("top left", 4),
     "light switch": Goal(
         prop="hood",
         value=(-0.69, -0.05),
@@ -216,18 +151,9 @@ _ORIGINAL = {
         prop="hinge_cabinet",
         value=(0.0, 1.45),
         handle="right_handle",
-        instructions=(
-            "open the right door of the hinge cabinet",
-            "open the hinge cabinet on its right side",
-            "pull the right door of the hinge cabinet open",
-            "swing the right door of the hinge cabinet open",
-        ),
+        instructions=_hinge_door("right", "open", "pull", "open"),
     ),
-    "microwave": Goal(
-        prop="microwave",
-        value=(-0.75,),
-        instructions=OPEN_MICROWAVE,
-    ),
+    "microwave": Goal(prop="microwave", value=(-0.75,), instructions=OPEN_MICROWAVE),
     "kettle": Goal(
         prop="kettle",
         value=(-0.23, 0.75, 1.62, 0.99, 0.0, 0.0, -0.06),
@@ -238,50 +164,69 @@ _ORIGINAL = {
             "bring the kettle over to the top left burner",
         ),
     ),
-}
-
-# The right knobs have the goals of the left ones in their row. The reference has no goal of the left door: this value
-# is that of RoboHive's environments `FK1_LdoorOpen` (v4).
-_FURTHER = {
-    "bottom right burner": Goal(
-        prop="oven",
-        joints=("knob_Joint_1", "bottom_right_burner"),
-        value=_ORIGINAL["bottom burner"].value,
-        handle="knob_1",
-        instructions=(
-            "turn on the bottom right burner",
-            "switch on the bottom right burner",
-            "turn the knob of the bottom right burner",
-            "light the bottom right burner of the stove",
-        ),
-    ),
-    "top right burner": Goal(
-        prop="oven",
-        joints=("knob_Joint_3", "top_right_burner"),
-        value=_ORIGINAL["top burner"].value,
-        handle="knob_3",
-        instructions=(
-            "turn on the top right burner",
-            "switch on the top right burner",
-            "turn the knob of the top right burner",
-            "light the top right burner of the stove",
-        ),
-    ),
+    "bottom right burner": _burner("bottom right", 1),
+    "top right burner": _burner("top right", 3),
     "left hinge cabinet": Goal(
         prop="hinge_cabinet",
         joints=("left_hinge_cabinet",),
         value=(-1.25,),
         handle="left_handle",
-        instructions=(
-            "open the left door of the hinge cabinet",
-            "open the hinge cabinet on its left side",
-            "pull the left door of the hinge cabinet open",
-            "swing the left door of the hinge cabinet open",
-        ),
+        instructions=_hinge_door("left", "open", "pull", "open"),
     ),
 }
 
-_ALL = {**_ORIGINAL, **_FURTHER, **reverse_goals({**_ORIGINAL, **_FURTHER})}
+# Instructions of the tasks that undo these.
+_REVERSE_INSTRUCTIONS = {
+    "close microwave": (
+        "close the microwave door",
+        "close the microwave",
+        "push the door of the microwave shut",
+        "swing the microwave door shut",
+    ),
+    "close slide cabinet": (
+        "close the slide cabinet",
+        "slide the cabinet door shut",
+        "slide the door of the cabinet to the left",
+        "push the sliding door of the cabinet shut",
+    ),
+    "close hinge cabinet": _hinge_door("right", "close", "push", "shut"),
+    "close left hinge cabinet": _hinge_door("left", "close", "push", "shut"),
+    "turn off light switch": (
+        "turn off the light switch",
+        "switch off the light",
+        "flip the light switch on the hood back",
+        "turn off the light above the stove",
+    ),
+    "return kettle": (
+        "move the kettle back to the bottom left burner",
+        "put the kettle back on the bottom left burner",
+        "place the kettle on the bottom left burner",
+        "return the kettle to the bottom left burner",
+    ),
+    "turn off bottom burner": _burner_off("bottom left"),
+    "turn off top burner": _burner_off("top left"),
+    "turn off bottom right burner": _burner_off("bottom right"),
+    "turn off top right burner": _burner_off("top right"),
+}
+
+
+def _reverse(task: str) -> Goal:
+    """Returns the goal that undoes another one: it starts there, and leads to the initial state."""
+    forward = _FORWARD[REVERSES[task]]
+    # The goal of `hinge cabinet` is for both of its doors, of which the right one comes last.
+    joints = ("right_hinge_cabinet",) if task == "close hinge cabinet" else forward.joints
+    value = initial_positions(forward.prop, joints)
+    return Goal(
+        prop=forward.prop,
+        joints=joints,
+        value=value,
+        start=forward.value[-len(value) :],
+        handle=forward.handle,
+        instructions=_REVERSE_INSTRUCTIONS[task],
+    )
+
+
+_ALL = {**_FORWARD, **{task: _reverse(task) for task in REVERSES}}
 
 GOALS: Mapping[str, Goal] = MappingProxyType({name: _ALL[name] for name in (*DEFAULT_TASKS, *FURTHER_TASKS)})
 """The goals of all twenty tasks of the kitchen, by the task's name with spaces."""
@@ -299,12 +244,7 @@ _EXCLUSIVE: Mapping[frozenset[str], str] = MappingProxyType(
 
 
 def build_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None = None) -> GoalSet:
-    """Collects the goals of some tasks of the kitchen; arguments as of `GoalSet.build`.
-
-    Raises:
-      TypeError: see `GoalSet.build`.
-      ValueError: see `GoalSet.build`; or two of the tasks exclude each other.
-    """
+    """Collects the goals of tasks as `GoalSet.build` does; raises a ValueError if two of them exclude each other."""
     goals = GoalSet.build(GOALS, tasks, values)
     for one, other in itertools.combinations(goals.tasks, 2):
         if reason := _EXCLUSIVE.get(frozenset((one, other))):

@@ -115,10 +115,6 @@ class KitchenTask(SuiteTask):
           ValueError: an unknown, repeated or missing name, two tasks that exclude each other, a goal of the wrong
             length, or a number that is negative or not finite.
         """
-        ratios = {
-            "robot_ratio": checks.number(robot_noise_ratio, "robot_noise_ratio"),
-            "object_ratio": checks.number(object_noise_ratio, "object_noise_ratio"),
-        }
         if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
             raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
         if max_task_steps is not None:
@@ -126,8 +122,8 @@ class KitchenTask(SuiteTask):
         control, observables = split_options(options, CONTROL_MODES)
         goal_set = build_goals(tasks_to_complete, goals)
         self.reward_name = checks.choice(reward, REWARDS, "reward")
-        given: dict[str, Any] = {"success": success, "threshold": threshold}
-        self.success_options = {name: value for name, value in given.items() if value is not None}
+        criteria: dict[str, Any] = {"success": success, "threshold": threshold}
+        self.success_options = {name: value for name, value in criteria.items() if value is not None}
         terminates = reward != "dense" if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
@@ -135,7 +131,10 @@ class KitchenTask(SuiteTask):
             goals=goal_set,
             rewards={**REWARDS[reward], **self.extra_rewards},
             goal_terms=REWARDS[reward].keys(),
-            noise_scale=noise.scale(**ratios),
+            noise_scale=noise.scale(
+                robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
+                object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
+            ),
             success=make_success(goal_set, scene, default=THRESHOLD, **self.success_options),
             terminate_on_tasks_completed=checks.boolean(terminates, "terminate_on_tasks_completed"),
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
@@ -306,8 +305,7 @@ class KitchenTask(SuiteTask):
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = GoalHighlighting(physics, self.scene, self.mdp.goals)
-        goals = dict(zip(self.mdp.goals.tasks, self.mdp.goals.goals, strict=True))
-        self._starts = starts(goals, self.scene, physics)
+        self._starts = starts(self.mdp.goals, self.scene, physics)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         indices, data = self.mdp.sensors.indices, physics.data
