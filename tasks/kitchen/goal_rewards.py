@@ -28,12 +28,7 @@ Goal = Mapping[str, ArrayLike] | ArrayLike
 
 
 def flatten(goal: Goal, goals: GoalSet, name: str) -> NDArray[np.float64]:
-    """Returns goals of all tasks concatenated in configured order: `(..., k)`.
-
-    Raises:
-      TypeError: the goals hold no numbers.
-      ValueError: a task is missing, or an array has the wrong shape.
-    """
+    """Returns goals of all tasks concatenated in configured order: `(..., k)`; `name` is for messages."""
     if isinstance(goal, Mapping):
         if missing := [task for task in goals.tasks if task not in goal]:
             raise ValueError(f"{name} lacks {missing}; it must hold {list(goals.tasks)}")
@@ -54,19 +49,18 @@ def reward(
     info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
     have under `reward_state/...`. Terms of a user's own do not follow the goals: infos have them under `reward/...`.
     """
-    shape = achieved.shape[:-1]
-    asked = _asked(info, shape, mdp, _attempted_key(mdp))
+    infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
+    requested = _requested(infos, mdp, ATTEMPTED if mdp.tasks_in_turn else REQUESTED)
     if mdp.sensors.measures_hand:
-        step = Step(shares=mdp.shares(_shaping(info, shape, mdp.goals), achieved, desired, asked))
+        step = Step(shares=mdp.shares(_shaping(infos, mdp.goals), achieved, desired, requested))
     else:
-        within = _within(achieved, desired, mdp)
-        listed, has_lists = _listed_tasks(info, within.shape, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS))
-        rewarded = np.where(has_lists, listed, True)
-        step = Step(completions=within & (rewarded if asked is None else rewarded & asked))
+        rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
+        within = _within(achieved, desired, mdp) & rewarded
+        step = Step(completions=within if requested is None else within & requested)
     action = np.zeros(0)
     return total(
         {
-            name: term(None, action, step) if name in mdp.goal_terms else _recorded_term(info, shape, name)
+            name: term(None, action, step) if name in mdp.goal_terms else _part(infos, f"reward/{name}")
             for name, term in mdp.rewards.items()
         }
     )
@@ -79,33 +73,20 @@ class Step(NamedTuple):
     shares: Shares | None = None
 
 
-def _recorded_term(info: Infos, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
-    """Returns the values `(...)` of a term that does not depend on goals, from infos `(...)`."""
-    parts = [_part(one, f"reward/{name}", 1) for one in broadcast_infos(info, shape).ravel()]
-    return np.array(parts).reshape(shape)
-
-
 def terminated(
     achieved: NDArray[np.float64], desired: NDArray[np.float64], info: Infos, mdp: KitchenMDP
 ) -> NDArray[np.bool_]:
     """Returns whether `(...)` all tasks have been completed: by the info if it says so, else by the goals."""
+    infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
     within = _within(achieved, desired, mdp)
-    completed, has_list = _listed_tasks(info, within.shape, mdp.goals.tasks, (EPISODE_COMPLETIONS,))
-    done, asked = np.where(has_list, completed, within), _asked(info, within.shape[:-1], mdp, REQUESTED)
-    return np.all(done if asked is None else done | ~asked, axis=-1)
+    done = _listed(infos, mdp.goals.tasks, (EPISODE_COMPLETIONS,), elsewhere=within)
+    requested = _requested(infos, mdp, REQUESTED)
+    return np.all(done if requested is None else done | ~requested, axis=-1)
 
 
-def _attempted_key(mdp: KitchenMDP) -> str:
-    """Returns the key of the tasks that a step could complete, of those that a task draw asks for."""
-    return ATTEMPTED if mdp.tasks_in_turn else REQUESTED
-
-
-def _asked(info: Infos, shape: tuple[int, ...], mdp: KitchenMDP, key: str) -> NDArray[np.bool_] | None:
-    """Returns which tasks `(..., n)` infos `(...)` list under a key, all where one does not; None without draws."""
-    if mdp.task_draw is None:
-        return None
-    asked, has_list = _listed_tasks(info, (*shape, len(mdp.goals.tasks)), mdp.goals.tasks, (key,))
-    return np.where(has_list, asked, True)
+def _requested(infos: NDArray[np.object_], mdp: KitchenMDP, key: str) -> NDArray[np.bool_] | None:
+    """Returns which tasks `(..., n)` infos list under a key, all where one does not; None without draws."""
+    return None if mdp.task_draw is None else _listed(infos, mdp.goals.tasks, (key,), elsewhere=True)
 
 
 def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: KitchenMDP) -> NDArray[np.bool_]:
@@ -114,48 +95,37 @@ def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: Ki
         return mdp.success.within(achieved, desired)
 
 
-def _shaping(info: Infos, shape: tuple[int, ...], goals: GoalSet) -> Shaping:
-    """Returns what a dense reward remembers, from infos `(...)`.
-
-    Raises:
-      ValueError: an info lacks a part, or has one of another shape.
-    """
-    infos = broadcast_infos(info, shape)
+def _shaping(infos: NDArray[np.object_], goals: GoalSet) -> Shaping:
+    """Returns what a dense reward remembers."""
     widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
-    parts = {
-        name: np.array([_part(one, f"{REWARD_STATE}/{name}", width) for one in infos.ravel()])
-        for name, width in widths.items()
-    }
-    shaped = {name: part.reshape(*shape, widths[name]) for name, part in parts.items()}
-    return Shaping(**{**shaped, "previously_completed": shaped["previously_completed"] > 0})
+    parts = {name: _part(infos, f"{REWARD_STATE}/{name}", width) for name, width in widths.items()}
+    return Shaping(**{**parts, "previously_completed": parts["previously_completed"] > 0})
 
 
-def _part(info: Info, key: str, width: int) -> NDArray[np.float64]:
-    if key not in info:
-        raise ValueError(f"the reward needs {key!r} of the step's infos, got {sorted(info)}")
-    value = np.atleast_1d(checks.array_of(info[key], key))
-    return checks.vector(value.astype(np.float64) if value.dtype == bool else value, width, key)
+def _part(infos: NDArray[np.object_], key: str, width: int | None = None) -> NDArray[np.float64]:
+    """Returns what infos `(...)` have under a key, `(..., width)` or, without a width, `(...)`."""
+    values = []
+    for info in infos.ravel():
+        if key not in info:
+            raise ValueError(f"the reward needs {key!r} of the step's infos, got {sorted(info)}")
+        value = np.atleast_1d(checks.array_of(info[key], key))
+        values.append(checks.vector(value.astype(np.float64) if value.dtype == bool else value, width or 1, key))
+    return np.array(values).reshape(infos.shape if width is None else (*infos.shape, width))
 
 
 def episode_steps(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Returns the `episode_step` of the infos of a batch; 0 where an info has none."""
-    infos = broadcast_infos(info, shape)
-    return np.array([one.get("episode_step", 0) for one in infos.ravel()]).reshape(shape)
+    return np.array([one.get("episode_step", 0) for one in _broadcast(info, shape).ravel()]).reshape(shape)
 
 
 def steps_since_completion(info: Infos, shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Returns the steps since the last `completion_steps` of the infos of a batch, or since the reset."""
-    last = [max(0, *np.ravel(one.get("completion_steps", 0))) for one in broadcast_infos(info, shape).ravel()]
+    last = [max(0, *np.ravel(one.get("completion_steps", 0))) for one in _broadcast(info, shape).ravel()]
     return episode_steps(info, shape) - np.array(last).reshape(shape)
 
 
-def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
-    """Returns an array of infos of the batch's shape; a single info holds for the whole batch.
-
-    Raises:
-      TypeError: an info is no dict.
-      ValueError: the number of infos is not that of the goals in the batch.
-    """
+def _broadcast(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
+    """Returns an array of infos of the batch's shape; a single info holds for the whole batch."""
     infos = np.empty(shape, object)
     if isinstance(info, Mapping):
         infos.fill(info)
@@ -168,14 +138,14 @@ def broadcast_infos(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
     return given
 
 
-def _listed_tasks(
-    info: Infos, shape: tuple[int, ...], tasks: Sequence[str], keys: Sequence[str]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Returns the tasks `(..., n)` listed under any of the keys, and whether `(..., 1)` an info has any of the keys."""
-    infos = broadcast_infos(info, shape[:-1])
+def _listed(
+    infos: NDArray[np.object_], tasks: Sequence[str], keys: Sequence[str], *, elsewhere: NDArray[np.bool_] | bool
+) -> NDArray[np.bool_]:
+    """Returns which tasks `(..., n)` infos `(...)` list under any of the keys; `elsewhere` where an info has no key."""
     masks = [np.any([_mask(one, key, tasks) for key in keys], axis=0) for one in infos.ravel()]
     has_key = [any(key in one or f"{key}_mask" in one for key in keys) for one in infos.ravel()]
-    return np.array(masks, bool).reshape(shape), np.array(has_key, bool).reshape(*infos.shape, 1)
+    listed = np.array(masks, bool).reshape(*infos.shape, len(tasks))
+    return np.where(np.array(has_key, bool).reshape(*infos.shape, 1), listed, elsewhere)
 
 
 def _mask(info: Info, key: str, tasks: Sequence[str]) -> NDArray[np.bool_]:

@@ -65,8 +65,8 @@ def test_a_set_has_as_many_instructions_as_each_of_its_tasks():
         "one": Goal(prop="hood", value=(0.0,), instructions=("press it",)),
         "none": Goal(prop="kettle", value=(0.0,)),
     }
-    assert GoalSet.build(known, ["two", "one"]).instructions == ("turn it, then press it",)
-    assert GoalSet.build(known, ["two", "none"]).instructions == ()
+    assert GoalSet.build(known, ["two", "one"]).instructions([0, 1]) == ("turn it, then press it",)
+    assert GoalSet.build(known, ["two", "none"]).instructions([0, 1]) == ()
 
 
 def test_drawing_takes_each_instruction_and_leaves_the_environments_stream_alone():
