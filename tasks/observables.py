@@ -16,13 +16,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import FeatureSensors, PhysicsSimulation, Simulation
 
-# Kinds of pictures, by the argument of `MJCFCamera` that asks for one.
-KINDS = ("pixels", "depth", "segmentation")
-
 DEFAULT_SIZE = (128, 128)  # Height and width [pixels].
-
-# Arguments of tasks that are settings of pictures.
-SETTINGS = ("cameras", "image_size", "depth", "segmentation")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -75,12 +69,7 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
 
 
 def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
-    """Returns the slice of each extra observable among their elements, end to end in the order of observation.
-
-    Raises:
-      TypeError: `names` is no sequence of strings.
-      ValueError: an unknown or repeated name.
-    """
+    """Returns the slice of each extra observable among their elements, end to end in the order of observation."""
     wanted = _checked(names, offered(scene))
     stops = itertools.accumulate(extra.size for extra in wanted.values())
     return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
@@ -129,16 +118,7 @@ class ExtraObservables:
     stage = FeatureSensors.stage
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
-        """Adds the sensors to a scene that is not yet compiled.
-
-        Args:
-          scene: with the robot and the props.
-          names: observation keys, as `offered` has them.
-
-        Raises:
-          TypeError: `names` is no sequence of strings.
-          ValueError: an unknown or repeated name.
-        """
+        """Adds the sensors of quantities, named as in `offered`, to a scene that is not yet compiled."""
         wanted = _checked(names, offered(scene))
         self._sensors = _Sensors(scene.arena.mjcf_model, scene.robot)
         for name, extra in wanted.items():
@@ -186,10 +166,7 @@ class ExtraObservables:
 
 def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str, ExtraObservable]:
     """Returns the quantities of some names, those of the robot first."""
-    if isinstance(names, Sequence) and not len(names) and not isinstance(names, str):
-        return {}
-    unique = checks.unique_names(names, "extra_observables")
-    wanted = [checks.choice(name, choices, "extra observable") for name in unique]
+    wanted = [checks.choice(name, choices, "extra observable") for name in _names(names, "extra_observables")]
     return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
 
 
@@ -198,7 +175,7 @@ class Picture:
     """A picture that a camera takes.
 
     Attributes:
-      kind: one of `KINDS`.
+      kind: `pixels`, `depth` or `segmentation`.
       camera: name of the camera.
       taker: the observable.
     """
@@ -221,25 +198,15 @@ class Pictures:
       by_name: an enabled observable for each, by observation key.
     """
 
-    def __init__(self, pictures: Sequence[Picture] = ()) -> None:
-        """Enables the observables."""
-        self.pictures = tuple(pictures)
-        self.by_name: collections.OrderedDict[str, observable.MJCFCamera] = collections.OrderedDict(
-            (picture.key, picture.taker) for picture in self.pictures
-        )
-        for taker in self.by_name.values():
-            taker.enabled = True
-
-    @classmethod
-    def build(
-        cls,
+    def __init__(
+        self,
         root: mjcf.RootElement,
         *,
         cameras: Sequence[str] = (),
         image_size: Sequence[int] | None = None,
         depth: bool = False,
         segmentation: bool = False,
-    ) -> "Pictures":
+    ) -> None:
         """Makes the pictures of some cameras.
 
         Args:
@@ -255,34 +222,32 @@ class Pictures:
           ValueError: an unknown or repeated camera, a size that is not positive or exceeds the model's offscreen
             buffer, or a setting of pictures without cameras.
         """
-        kinds = ("pixels", *(["depth"] if checks.boolean(depth, "depth") else []))
-        kinds += ("segmentation",) if checks.boolean(segmentation, "segmentation") else ()
-        names = _checked_cameras(cameras, [camera.full_identifier for camera in root.find_all("camera")])
-        if not names and (image_size is not None or len(kinds) > 1):
+        asked = {"depth": checks.boolean(depth, "depth"), "segmentation": checks.boolean(segmentation, "segmentation")}
+        elements = {camera.full_identifier: camera for camera in root.find_all("camera")}
+        names = [checks.choice(name, elements, "camera") for name in _names(cameras, "cameras")]
+        if not names and (image_size is not None or any(asked.values())):
             raise ValueError("image_size, depth and segmentation are settings of pictures, and need cameras: name some")
         height, width = _checked_size(DEFAULT_SIZE if image_size is None else image_size, root)
-        elements = {camera.full_identifier: camera for camera in root.find_all("camera")}
-        return cls(
-            [
-                Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **_flags(kind)))
-                for kind in kinds
-                for name in names
-            ]
+        flags = {"pixels": {}, **{kind: {kind: True} for kind, is_asked in asked.items() if is_asked}}
+        self.pictures = tuple(
+            Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **flags[kind]))
+            for kind in flags
+            for name in names
         )
+        self.by_name = collections.OrderedDict((picture.key, picture.taker) for picture in self.pictures)
+        for taker in self.by_name.values():
+            taker.enabled = True
 
     def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
         """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
 
 
-def _flags(kind: str) -> dict[str, bool]:
-    return {} if kind == "pixels" else {kind: True}
-
-
-def _checked_cameras(cameras: object, choices: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(cameras, Sequence) and not isinstance(cameras, str) and not len(cameras):
+def _names(value: object, what: str) -> Sequence[object]:
+    """Returns a sequence of unique names, which may be empty; `what` is for messages."""
+    if isinstance(value, Sequence) and not isinstance(value, str) and not len(value):
         return ()
-    return tuple(checks.choice(name, choices, "camera") for name in checks.unique_names(cameras, "cameras"))
+    return checks.unique_names(value, what)
 
 
 def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:

@@ -99,19 +99,19 @@ class Completions(NamedTuple):
 
     Attributes:
       tasks: the names of all `n` tasks.
-      asked: `(n,)`, which of them the episode asks for.
+      requested: `(n,)`, which of them the episode asks for.
       steps: `(n,)`, control step, from 1, at which each was first completed; not positive where it was not.
     """
 
     tasks: tuple[str, ...]
-    asked: NDArray[np.bool_]
+    requested: NDArray[np.bool_]
     steps: NDArray[np.int64]
 
     @property
     def steps_by_task(self) -> dict[str, int | None]:
         """The tasks that are asked for, each with the control step of its completion or None."""
-        rows = zip(self.tasks, self.asked.tolist(), self.steps.tolist(), strict=True)
-        return {name: step if step > 0 else None for name, is_asked, step in rows if is_asked}
+        rows = zip(self.tasks, self.requested.tolist(), self.steps.tolist(), strict=True)
+        return {name: step if step > 0 else None for name, is_requested, step in rows if is_requested}
 
 
 class ResetRequests:
@@ -128,14 +128,9 @@ class ResetRequests:
     weights: Any
 
     def checked(self, options: Mapping[str, Any]) -> Any:
-        """Returns the checked request for a reset of one episode; None if the options have none.
+        """Returns the checked request of a reset's options for one episode; None if they have none.
 
-        Args:
-          options: of the reset, among them those named `options`.
-
-        Raises:
-          TypeError: an option is of the wrong type.
-          ValueError: an option has a value that the task refuses.
+        Raises a TypeError or a ValueError for an option that the task refuses.
         """
         return None
 
@@ -200,17 +195,13 @@ class SuiteTask(composer.Task):
           scene: of the task; not yet compiled.
           mdp: the task's settings and mathematics.
           extra_observables: further quantities to observe, by the names of `observables.offered`.
-          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures.build`.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown or repeated name, or a size out of range.
+          **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures`.
         """
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
         self.extra_observables: dict[str, observable.Observable] = dict(extras.by_name)
         self.extra_size = extras.size
-        self.pictures = Pictures.build(scene.arena.mjcf_model, **pictures)
+        self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.observed: Mapping[str, observable.Observable] = {}
         self.scene, self.robot, self.mdp = scene, scene.robot, mdp
         self.requests = ResetRequests()
@@ -241,23 +232,14 @@ class SuiteTask(composer.Task):
 
     @property
     def instruction(self) -> str:
-        """The task's sentence, such as `open the microwave door`; the empty string if it has none.
-
-        Raises:
-          TypeError: the task's class sets `instructions` to something else than a tuple of strings.
-          ValueError: it sets an empty string.
-        """
+        """The task's sentence, such as `open the microwave door`; the empty string if it has none."""
         return next(iter(checked_instructions(self.instructions, type(self).__name__)), "")
 
     def draw_instruction(self, generator: np.random.Generator) -> str:
-        """Returns one of the `instructions`, each with the same probability.
+        """Returns one of the `instructions`, each with the same probability; a ValueError if there are none.
 
         Args:
           generator: that is drawn from; the environment's random stream is not.
-
-        Raises:
-          TypeError: `generator` is no `numpy.random.Generator`, or as of `instruction`.
-          ValueError: the task has no instructions, or as of `instruction`.
         """
         if not isinstance(generator, np.random.Generator):
             raise TypeError(f"generator must be a numpy.random.Generator, got {generator!r}")
@@ -323,19 +305,13 @@ class SuiteTask(composer.Task):
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         """Moves robot and objects to the positions and velocities of a recorded observation.
 
-        The caller updates what MuJoCo derives from these, as `Environment.set_state` does.
-
-        Raises:
-          ValueError: the task's episodes start from a seed only.
+        The caller updates what MuJoCo derives from these, as `Environment.set_state` does. Raises a ValueError if the
+        task's episodes start from a seed only.
         """
         raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
 
     def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
-        """Makes the next action start from the robot's positions in a recorded observation.
-
-        Raises:
-          ValueError: the task's episodes start from a seed only.
-        """
+        """Makes the next action start from the robot's positions in a recorded observation; raises as `restore`."""
         raise ValueError(f"an episode of {type(self).__name__} can be repeated only from its seed, which is missing")
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
@@ -349,10 +325,7 @@ class SuiteTask(composer.Task):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Sets a state that `get_state` returned.
 
-        Raises:
-          TypeError: an element is of the wrong type.
-          ValueError: an element is missing, is of another task, has the wrong shape or is out of range; the task is
-            unchanged then.
+        Raises a TypeError or a ValueError, with nothing changed, if it is damaged or of another task.
         """
         state = checks.matching(state, self.get_state(), "task state")
         values = self.variations.randomizer.checked(self._values_in(state))
@@ -411,18 +384,18 @@ class SuiteTask(composer.Task):
         self._start(physics, self.mdp.draw_noise(random_state))
 
     def checked_action(self, action: ArrayLike) -> NDArray[np.float64]:
-        """Returns an action as a fresh float64 array; raises as `before_step`."""
-        checked = checks.vector(action, self._action_size, "action").copy()
-        self.mdp.action_mode.check(checked)
-        return checked
-
-    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
-        """Sets the actuators' targets for the whole control step.
+        """Returns an action as a fresh float64 array.
 
         Raises:
           TypeError: the action does not hold real numbers.
           ValueError: the action has another shape than its spec, holds NaN or inf, or has no meaning.
         """
+        checked = checks.vector(action, self._action_size, "action").copy()
+        self.mdp.action_mode.check(checked)
+        return checked
+
+    def before_step(self, physics: mjcf.Physics, action: ArrayLike, random_state: np.random.RandomState) -> None:
+        """Sets the actuators' targets for the whole control step; raises as `checked_action`."""
         self.random, mode = random_state, self.mdp.action_mode
         checked = self.checked_action(action)
         if mode.reads_derived and not physics.legacy_step:

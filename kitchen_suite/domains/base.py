@@ -135,7 +135,7 @@ class Domain:
             takers.append(constructor)
             if not _passes_on(constructor):
                 return tuple(takers)
-        return (*takers, Pictures.build, *task.control_modes.values())
+        return (*takers, Pictures, *task.control_modes.values())
 
     @property
     def control_options(self) -> tuple[str, ...]:

@@ -135,20 +135,20 @@ class EndEffectorMode(ActionMode):
         draw: NDArray[np.float64] | float,
     ) -> tuple[NDArray[np.float64], PoseCommand]:
         action = np.minimum(np.maximum(action, -1.0), 1.0)
-        asked = self._asked(simulation, command, action)
+        requested = self._requested(simulation, command, action)
         position, orientation = self._arm.pose(simulation)
-        # The pose that is asked for, brought near the actual one.
-        offset = rotations.within(asked.position - position, COMMAND_DISTANCE)
-        turn = rotations.within(rotations.difference(asked.orientation, orientation), COMMAND_ANGLE)
+        # The requested pose, brought near the actual one.
+        offset = rotations.within(requested.position - position, COMMAND_DISTANCE)
+        rotation = rotations.within(rotations.difference(requested.orientation, orientation), COMMAND_ANGLE)
         held = PoseCommand(
-            position + offset, rotations.product(rotations.quaternion(turn), orientation), posture=command.posture
+            position + offset, rotations.product(rotations.quaternion(rotation), orientation), posture=command.posture
         )
-        arm = self._arm.target(simulation, np.concatenate([offset, turn], axis=-1), command.posture)
+        arm = self._arm.target(simulation, np.concatenate([offset, rotation], axis=-1), command.posture)
         return np.concatenate([arm, self._gripper.target(action[..., -1:])], axis=-1), self._kept(command, held)
 
     @abc.abstractmethod
-    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
-        """Returns the pose that an action asks for, which may be far away."""
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        """Returns the pose that an action requests, which may be far away."""
 
     def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
         """Returns what the next control step starts from, given the commands before and after this one."""
@@ -163,7 +163,7 @@ class _DeltaMode(EndEffectorMode):
         self.frame = checks.choice(frame, FRAMES, "frame")
 
     def _moved(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
-        """Returns a command with the position that the first three elements of an action ask for."""
+        """Returns a command with the position that the first three elements of an action request."""
         step = self.linear_speed * self._timestep * action[..., :3]
         return command._replace(position=command.position + self._in_world(simulation, command, step))
 
@@ -181,23 +181,14 @@ class EndEffectorDeltaPosition(_DeltaMode):
     name = "ee_delta_position"
 
     def __init__(self, *, linear_speed: float = 0.25, frame: str = "base") -> None:
-        """Sets speed and frame.
-
-        Args:
-          linear_speed: speed that a unit of action stands for [m/s].
-          frame: `base` or `hand`: the axes along which the action moves the end effector.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown frame, or a speed that is not positive and finite.
-        """
+        """Sets the speed that a unit of action stands for [m/s], and the frame of its axes, `base` or `hand`."""
         super().__init__(linear_speed=linear_speed, frame=frame)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "gripper"])
 
-    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         return self._moved(simulation, command, action)
 
     def _kept(self, command: PoseCommand, held: PoseCommand) -> PoseCommand:
@@ -216,10 +207,6 @@ class EndEffectorDeltaPose(_DeltaMode):
           linear_speed: speed that a unit of action stands for [m/s].
           angular_speed: angular speed that a unit of action stands for [rad/s].
           frame: `base` or `hand`: the axes along and about which the action moves and turns the end effector.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown frame, or a speed that is not positive and finite.
         """
         super().__init__(linear_speed=linear_speed, frame=frame)
         self.angular_speed = checks.number(angular_speed, "angular_speed", positive=True)
@@ -228,10 +215,10 @@ class EndEffectorDeltaPose(_DeltaMode):
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""
         return unit_spec(["x", "y", "z", "rotation_x", "rotation_y", "rotation_z", "gripper"])
 
-    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
-        turn = self._in_world(simulation, command, self.angular_speed * self._timestep * action[..., 3:6])
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+        rotation = self._in_world(simulation, command, self.angular_speed * self._timestep * action[..., 3:6])
         moved = self._moved(simulation, command, action)
-        return moved._replace(orientation=rotations.product(rotations.quaternion(turn), command.orientation))
+        return moved._replace(orientation=rotations.product(rotations.quaternion(rotation), command.orientation))
 
 
 class EndEffectorPose(EndEffectorMode):
@@ -247,7 +234,7 @@ class EndEffectorPose(EndEffectorMode):
         if (least := rotations.length(np.clip(action[..., 3:7], -1.0, 1.0)).min()) < _LEAST_NORM:
             raise ValueError(f"the quaternion of an action must have a norm of at least {_LEAST_NORM:g}, got {least:g}")
 
-    def _asked(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
+    def _requested(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
         base, base_orientation = self._arm.base_pose(simulation)
         position = base + rotations.rotated(base_orientation, REACH * action[..., :3])
         unit = action[..., 3:7] / rotations.length(action[..., 3:7])

@@ -47,12 +47,7 @@ class JointOffset(ActionMode):
     )
 
     def __init__(self, *, gripper: str = "sampled") -> None:
-        """Takes one of `GRIPPER_MODES`.
-
-        Raises:
-          TypeError: it is no string.
-          ValueError: it is unknown.
-        """
+        """Takes one of `GRIPPER_MODES`."""
         self.gripper = checks.choice(gripper, GRIPPER_MODES, "gripper")
         self.draws = self.gripper == "sampled"
 
@@ -213,15 +208,7 @@ class JointDelta(ActionMode):
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def __init__(self, *, joint_speed: float = 1.0) -> None:
-        """Sets the speed.
-
-        Args:
-          joint_speed: joint speed that a unit of action stands for [rad/s].
-
-        Raises:
-          TypeError: it is no number.
-          ValueError: it is not positive and finite.
-        """
+        """Sets the joint speed that a unit of action stands for [rad/s]."""
         self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:

@@ -40,16 +40,11 @@ def split_options(
 
 
 def make_mode(name: str, modes: Mapping[str, Callable[..., ActionMode]], options: Mapping[str, Any]) -> ActionMode:
-    """Builds a control mode.
-
-    Args:
-      name: of the mode.
-      modes: classes by name.
-      options: arguments of the class; those that are None count as omitted.
+    """Builds the control mode of a name with options of its class; those that are None count as omitted.
 
     Raises:
-      TypeError: the name is no string, no mode has such an argument, or it has the wrong type.
-      ValueError: the name is unknown, an argument belongs to other modes, or the mode refuses its value.
+      TypeError: no mode has such an argument.
+      ValueError: the name is unknown, or an argument belongs to other modes.
     """
     make = modes[checks.choice(name, modes.keys(), "control_mode")]
     checks.keywords(options, *modes.values(), what="argument")

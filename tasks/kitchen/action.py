@@ -16,6 +16,8 @@ from kitchen_suite.tasks.mdp import ActionMode, Simulation, unit_spec
 
 PHYSICS_TIMESTEP = 0.002  # [s]
 CONTROL_TIMESTEP = 0.08  # [s]
+
+# Positions from which the next action starts: those last observed, with their noise; the true ones; the last targets.
 FEEDBACKS = ("observed", "true", "target")
 
 # Bounds of commanded velocities [rad/s, m/s] and positions [rad, m]; as in the reference, where they differ a little
@@ -36,16 +38,7 @@ class JointVelocity(ActionMode):
     )
 
     def __init__(self, *, velocity_scale: float = 2.0, feedback: str = "observed") -> None:
-        """Sets scale and feedback.
-
-        Args:
-          velocity_scale: velocity that a unit of action stands for [rad/s, m/s].
-          feedback: one of `FEEDBACKS`: the positions from which velocities are integrated.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown name, or a scale that is negative or not finite.
-        """
+        """Sets the velocity that a unit of action stands for [rad/s, m/s], and the feedback, one of `FEEDBACKS`."""
         self.velocity_scale = checks.number(velocity_scale, "velocity_scale")
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
@@ -77,15 +70,7 @@ class JointPosition(ActionMode):
     )
 
     def __init__(self, *, feedback: str = "observed") -> None:
-        """Sets the feedback.
-
-        Args:
-          feedback: one of `FEEDBACKS`: the positions from which targets are at most 10 rad/s, or m/s, away.
-
-        Raises:
-          TypeError: it is no string.
-          ValueError: it is unknown.
-        """
+        """Sets the feedback, one of `FEEDBACKS`: targets are at most 10 rad/s, or m/s, away from these positions."""
         self.feedback = checks.choice(feedback, FEEDBACKS, "feedback")
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
@@ -133,11 +118,7 @@ def _observed_target(state: NDArray, action: NDArray) -> NDArray[np.float64]:
 
 
 def position_target(
-    positions: NDArray[np.float64],
-    action: NDArray[np.float64],
-    *,
-    velocity_scale: float,
-    timestep: float,
+    positions: NDArray[np.float64], action: NDArray[np.float64], *, velocity_scale: float, timestep: float
 ) -> NDArray[np.float64]:
     """Returns the joint positions to be reached at the end of a control step.
 

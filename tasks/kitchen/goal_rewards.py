@@ -98,7 +98,7 @@ def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: Ki
 def _shaping(infos: NDArray[np.object_], goals: GoalSet) -> Shaping:
     """Returns what a dense reward remembers."""
     widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
-    parts = {name: _part(infos, f"{REWARD_STATE}/{name}", width) for name, width in widths.items()}
+    parts: dict[str, Any] = {name: _part(infos, f"{REWARD_STATE}/{name}", width) for name, width in widths.items()}
     return Shaping(**{**parts, "previously_completed": parts["previously_completed"] > 0})
 
 

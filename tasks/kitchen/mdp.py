@@ -156,9 +156,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return np.where(next_in_turn(order, state.progress.completed), order, -1)
 
     def _attempted(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` the next step may complete, or has completed before."""
-        shown = self.current_mask(state)
-        return shown | state.progress.completed if self.tasks_in_turn else shown
+        """Returns which tasks `(..., n)` the next step may complete, or have been completed before."""
+        current = self.current_mask(state)
+        return current | state.progress.completed if self.tasks_in_turn else current
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:
         """Returns what a dense reward remembers at a reset; None for the sparse one."""
@@ -190,34 +190,33 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             requested_order=state.requested_order,
         )
         if hand_distances is not None:
-            after = self._with_shares(after, state, hand_distances)
+            shaping = self._next_shaping(state, hand_distances)
+            attempted = None if state.requested_order is None else self._attempted(state)
+            shares = self.shares(shaping, achieved, self.goals.desired, attempted)
+            after = after._replace(shaping=shaping, shares=shares)
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
-    def _with_shares(
-        self, after: KitchenState, before: KitchenState, hand_distances: NDArray[np.float64]
-    ) -> KitchenState:
-        """Returns a state with what a dense reward follows."""
+    def _next_shaping(self, before: KitchenState, hand_distances: NDArray[np.float64]) -> Shaping:
+        """Returns what a dense reward remembers after one more step."""
         remembered = before.shaping
         assert remembered is not None
         if self.tasks_in_turn:
             remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
-        shaping = remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-        asked = None if after.requested_order is None else self._attempted(before)
-        return after._replace(shaping=shaping, shares=self.shares(shaping, after.achieved, self.goals.desired, asked))
+        return remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
 
     def shares(
         self,
         shaping: Shaping,
         achieved: NDArray[np.float64],
         desired: NDArray[np.float64],
-        asked: NDArray[np.bool_] | None = None,
+        mask: NDArray[np.bool_] | None = None,
     ) -> Shares:
         """Returns how far each task has come towards goals `(..., k)`; see `reward.shares`.
 
-        Tasks outside the mask `asked`, `(..., n)`, have not come anywhere.
+        Tasks outside a mask `(..., n)` have not come anywhere.
         """
         each = shares(shaping, success=self.success, achieved=achieved, desired=desired)
-        return each if asked is None else each.masked(asked)
+        return each if mask is None else each.masked(mask)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise

@@ -189,13 +189,9 @@ class KitchenTask(SuiteTask):
     def task_weights(self) -> NDArray[np.float64]:
         """Weights `(n,)` with which later episodes draw the tasks that they ask for, in configured order; 1 by default.
 
-        May be set to an array, or to numbers by task; tasks left out have the weight 1. The same random numbers are
-        drawn, whatever the weights. Part of the task's state.
-
-        Raises:
-          TypeError: the weights are no numbers.
-          ValueError: the task was built without `tasks_per_episode`, a task is unknown, a weight is negative or not
-            finite, or fewer tasks have a positive weight than an episode may ask for.
+        May be set to an array, or to numbers by task; tasks left out have the weight 1. They are not negative, and
+        positive for as many tasks as an episode may ask for. The same random numbers are drawn, whatever the weights.
+        Part of the task's state.
         """
         return self.requests.weights
 
@@ -247,7 +243,7 @@ class KitchenTask(SuiteTask):
         """Returns whether all tasks asked were completed, and the control step of each completion."""
         completions = self.completions_in(infos)
         steps = self.mdp.goals.by_completion(completions.steps)
-        return {"success": len(steps) == int(completions.asked.sum()), "tasks_completed": steps}
+        return {"success": len(steps) == int(completions.requested.sum()), "tasks_completed": steps}
 
     def progress_in(self, infos: Mapping[str, Any]) -> NDArray[np.int64]:
         """Returns the number of completed tasks."""
@@ -255,8 +251,7 @@ class KitchenTask(SuiteTask):
 
     def completions_in(self, infos: Mapping[str, Any]) -> Completions:
         tasks = self.mdp.goals.tasks
-        asked = infos.get(f"{REQUESTED}_mask", np.full(len(tasks), True))
-        return Completions(tuple(tasks), asked, infos["completion_steps"])
+        return Completions(tasks, infos.get(f"{REQUESTED}_mask", np.full(len(tasks), True)), infos["completion_steps"])
 
     def goals_reached(self, arrays: Mapping[str, NDArray]) -> tuple[tuple[str, ...], NDArray[np.bool_]] | None:
         success, goals = self.mdp.success, self.mdp.goals
@@ -271,8 +266,8 @@ class KitchenTask(SuiteTask):
             within = None if distances is None else success.within_distances(distances)
         if within is None:
             return None
-        asked = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
-        return goals.tasks, within if asked is None else within & (asked > 0)
+        requested = arrays.get(f"info/{REQUESTED}_mask", arrays.get(f"observation/{REQUESTED}"))
+        return goals.tasks, within if requested is None else within & (requested > 0)
 
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         present = self.mdp.sensors.observed(self._simulation)
