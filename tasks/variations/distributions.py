@@ -25,49 +25,48 @@ SPLITS = ("seen", "held_out")
 
 
 class Choice(variation.Variation):
-    """Draws one of several values, numbers or vectors, each with the same probability."""
+    """Draws one of several values, numbers or vectors, each with the same probability.
+
+    Attributes:
+      values: `(k,)` or `(k, n)`; not to be written to.
+      low: least value, elementwise.
+      high: greatest value, elementwise.
+    """
 
     def __init__(self, values: NDArray[np.float64]) -> None:
-        """Takes values `(k,)` or `(k, n)`."""
-        self._values = values
+        self.values = values
+        self.low, self.high = np.asarray(values.min(axis=0)), np.asarray(values.max(axis=0))
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
     ) -> NDArray[np.float64]:
-        return self._values[(random_state or np.random).randint(len(self._values))]
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """The values `(k,)` or `(k, n)`; not to be written to."""
-        return self._values
-
-    @property
-    def low(self) -> NDArray[np.float64]:
-        """Least value, elementwise."""
-        return np.asarray(self._values.min(axis=0))
-
-    @property
-    def high(self) -> NDArray[np.float64]:
-        """Greatest value, elementwise."""
-        return np.asarray(self._values.max(axis=0))
+        return self.values[(random_state or np.random).randint(len(self.values))]
 
     def about(self, default: NDArray[np.float64]) -> Self:
         """Returns the same values, which are absolute."""
         return self
 
     def __repr__(self) -> str:
-        return f"Choice({self._values.tolist()})"
+        return f"Choice({self.values.tolist()})"
 
 
 class Bands(variation.Variation):
-    """Draws each element uniformly from one of several intervals, which have the same probability."""
+    """Draws each element uniformly from one of several intervals, which have the same probability.
 
-    def __init__(self, bands: ArrayLike) -> None:
+    Attributes:
+      intervals: bounds `(k, 2)` or `(k, 2, n)`; not to be written to.
+      low: least value, elementwise.
+      high: greatest value, elementwise.
+    """
+
+    def __init__(self, intervals: ArrayLike) -> None:
         """Takes intervals `(low, high)`; bounds are numbers, or arrays `(n,)` with one for each element."""
-        self._bands = np.asarray(bands, np.float64)
-        count, _, *self._shape = self._bands.shape
+        self.intervals = np.asarray(intervals, np.float64)
+        self.low = np.asarray(self.intervals[:, 0].min(axis=0))
+        self.high = np.asarray(self.intervals[:, 1].max(axis=0))
+        count, _, *self._shape = self.intervals.shape
         self._last, self._columns = count - 1, np.indices(self._shape, sparse=True)
-        self._low, self._width = self._bands[0, 0], self._bands[0, 1] - self._bands[0, 0]
+        self._start, self._width = self.intervals[0, 0], self.intervals[0, 1] - self.intervals[0, 0]
 
     def __call__(
         self, initial_value: Any = None, current_value: Any = None, random_state: np.random.RandomState | None = None
@@ -75,35 +74,20 @@ class Bands(variation.Variation):
         # One draw for each element chooses the interval and the place in it.
         places = (random_state or np.random).random_sample(self._shape)
         if not self._last:
-            return self._low + places * self._width
+            return self._start + places * self._width
         places = (self._last + 1) * places
         index = np.minimum(places, self._last).astype(np.int64)
-        low, high = (self._bands[(index, side, *self._columns)] for side in (0, 1))
+        low, high = (self.intervals[(index, side, *self._columns)] for side in (0, 1))
         return low + (places - index) * (high - low)
-
-    @property
-    def intervals(self) -> NDArray[np.float64]:
-        """Bounds `(k, 2)` or `(k, 2, n)` of the intervals; not to be written to."""
-        return self._bands
-
-    @property
-    def low(self) -> NDArray[np.float64]:
-        """Least value, elementwise."""
-        return np.asarray(self._bands[:, 0].min(axis=0))
-
-    @property
-    def high(self) -> NDArray[np.float64]:
-        """Greatest value, elementwise."""
-        return np.asarray(self._bands[:, 1].max(axis=0))
 
     def about(self, default: NDArray[np.float64]) -> "Bands":
         """Returns the same intervals in the shape of a parameter's default value."""
-        count, _, *shape = self._bands.shape
-        bands = self._bands if shape else self._bands.reshape(count, 2, *np.ones_like(default.shape))
-        return Bands(np.broadcast_to(bands, (count, 2, *default.shape)))
+        count, _, *shape = self.intervals.shape
+        intervals = self.intervals if shape else self.intervals.reshape(count, 2, *np.ones_like(default.shape))
+        return Bands(np.broadcast_to(intervals, (count, 2, *default.shape)))
 
     def __repr__(self) -> str:
-        return f"Bands({self._bands.tolist()})"
+        return f"Bands({self.intervals.tolist()})"
 
 
 class Offsets(Bands):
@@ -154,10 +138,6 @@ def parse(value: Any, parameter_type: ParameterType, name: str) -> Variation:
         distributions for some of its elements.
       parameter_type: kind of the parameter.
       name: of the parameter, for messages.
-
-    Raises:
-      TypeError: an argument does not hold real numbers.
-      ValueError: an unknown distribution, the wrong number of arguments, a wrong shape, or numbers out of range.
     """
     if isinstance(value, Mapping):
         return _distribution(value, parameter_type.shape, parameter_type, name)
@@ -177,17 +157,7 @@ def is_constant(value: Variation) -> bool:
 def draws_fit(each: Variation, parameter_type: ParameterType, name: str) -> bool:
     """Checks a constant, or the extremes of a bounded distribution; returns whether all draws then fit it.
 
-    Args:
-      each: a variation.
-      parameter_type: kind of the parameter.
-      name: of the parameter, for messages.
-
-    Returns:
-      False for variations whose draws have to be checked one by one.
-
-    Raises:
-      TypeError: a constant does not hold real numbers.
-      ValueError: a constant or an extreme has the wrong shape, is not finite, or is negative where it must not be.
+    False for variations whose draws have to be checked one by one. Raises as `ParameterType.checked`.
     """
     if is_constant(each):
         parameter_type.checked(each, name)
@@ -206,7 +176,7 @@ def draws_fit(each: Variation, parameter_type: ParameterType, name: str) -> bool
 def _distribution(
     value: Mapping[str, Any], shape: tuple[int, ...], parameter_type: ParameterType, name: str
 ) -> variation.Variation:
-    """Returns the distribution with values of a given shape that JSON describes; raises as `parse`."""
+    """Returns the distribution with values of a given shape that JSON describes."""
     if len(value) != 1:
         raise ValueError(f"{name} must be one distribution, such as {{'uniform': [0, 1]}}, got {value!r}")
     ((kind, arguments),) = value.items()
@@ -215,23 +185,21 @@ def _distribution(
     if not isinstance(arguments, list | tuple) or not arguments:
         raise ValueError(f"{what} must have a list of numbers, got {arguments!r}")
     arrays = [_argument(argument, shape, what) for argument in arguments]
-    if kind == "choice":
-        _check_range(arrays, parameter_type, what)
-        return Choice(np.array(arrays))
-    return _of_arguments(DISTRIBUTIONS[kind], arrays, parameter_type, what)
+    shown = [array.tolist() for array in arrays]
+    is_bounded = kind == "choice" or DISTRIBUTIONS[kind].ordered
+    if is_bounded and parameter_type.non_negative and any((array < 0).any() for array in arrays):
+        raise ValueError(f"{what} must be non-negative, got {shown}")
+    return Choice(np.array(arrays)) if kind == "choice" else _of_arguments(DISTRIBUTIONS[kind], arrays, shown, what)
 
 
 def _of_arguments(
-    distribution: _Distribution, arrays: list[NDArray[np.float64]], parameter_type: ParameterType, what: str
+    distribution: _Distribution, arrays: list[NDArray[np.float64]], shown: list[Any], what: str
 ) -> variation.Variation:
     """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
-    shown = [array.tolist() for array in arrays]
     if len(arrays) != len(distribution.arguments):
         raise ValueError(f"{what} must have {' and '.join(distribution.arguments)}, got {shown}")
-    if distribution.ordered:
-        _check_range(arrays, parameter_type, what)
-        if (arrays[0] > arrays[1]).any():
-            raise ValueError(f"{what} must have a low that is not above its high, got {shown}")
+    if distribution.ordered and (arrays[0] > arrays[1]).any():
+        raise ValueError(f"{what} must have a low that is not above its high, got {shown}")
     with np.errstate(invalid="ignore"):
         arguments: list[NDArray] = [array.astype(distribution.dtype) for array in arrays]
     if any((argument != array).any() for argument, array in zip(arguments, arrays, strict=True)):
@@ -251,11 +219,6 @@ def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float
         wanted = f"numbers or lists of {shape[0]}" if shape else "numbers"
         raise ValueError(f"{what} must have {wanted}, got {value!r}")
     return np.broadcast_to(checks.vector(array.ravel(), array.size, what).reshape(array.shape), shape)
-
-
-def _check_range(arrays: list[NDArray[np.float64]], parameter_type: ParameterType, what: str) -> None:
-    if parameter_type.non_negative and any((array < 0).any() for array in arrays):
-        raise ValueError(f"{what} must be non-negative, got {[array.tolist() for array in arrays]}")
 
 
 Distribution = Bands | Choice

@@ -33,13 +33,7 @@ class Clearance:
     """
 
     def __init__(self, scene: Scene, physics: mjcf.Physics, data: mujoco.MjData) -> None:
-        """Measures the default layout.
-
-        Args:
-          scene: arena, robot and props.
-          physics: the compiled scene.
-          data: its kinematics in the default layout.
-        """
+        """Measures the default layout, of which `data` are the kinematics."""
         self._model = model = physics.model.ptr
         owners = _owners(scene, physics)[model.geom_bodyid]
         collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
@@ -114,9 +108,6 @@ class Reach:
           robot: robot that acts.
           handles: sites to be reached.
           data: kinematics of the default layout, the robot at its start; its arm is moved.
-
-        Raises:
-          ValueError: a handle cannot be reached.
         """
         self._model = physics.model.ptr
         joints = physics.bind(robot.joints[:ARM_SIZE])
@@ -163,19 +154,13 @@ class LayoutCheck:
     """Compares layouts with the default one; changes nothing in the physics."""
 
     def __init__(self, scene: Scene, handles: Sequence[mjcf.Element]) -> None:
-        """Stores scene and handles.
-
-        Args:
-          scene: arena, robot and props.
-          handles: sites that the end effector must be able to reach.
-        """
+        """Stores the scene, and the sites that the end effector must be able to reach."""
         self._scene, self._handles = scene, tuple(handles)
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Measures the default layout, in which the physics must be, the robot and all objects at their start.
 
-        Raises:
-          ValueError: a handle is out of reach.
+        Raises a ValueError if a handle is out of reach.
         """
         self._model, self._data = physics.model.ptr, mujoco.MjData(physics.model.ptr)
         self._copy(physics)

@@ -50,7 +50,7 @@ class Randomizer:
     """Draws parameters and sets them in a physics; without parameters, it draws and sets nothing.
 
     Attributes:
-      values: present values by name of the parameter; before the first reset, those of the built scene.
+      values: current values by name of the parameter; before the first reset, those of the built scene.
       defaults: values of the built scene by name.
     """
 
@@ -62,11 +62,7 @@ class Randomizer:
 
         Args:
           physics: the compiled scene, with the values of the built one.
-          draws: of the parameters, in the order in which they are drawn.
-
-        Raises:
-          TypeError: a constant is not made of real numbers.
-          ValueError: a parameter occurs twice, or a constant has the wrong shape or is out of range.
+          draws: of the parameters, in the order in which they are drawn; none occurs twice.
         """
         self._draws: dict[str, Draw] = {}
         for draw in draws:
@@ -96,9 +92,9 @@ class Randomizer:
     @property
     def model_fields(self) -> tuple[str, ...]:
         """Fields of MuJoCo's model that a reset may change and on which the physics of an episode depends."""
-        physical = [each.type for each in self._parameters.values() if not each.type.visual]
-        derived = DERIVED_FIELDS if any(quantity.derived for quantity in physical) else ()
-        return _union((*(quantity.model_fields for quantity in physical), derived))
+        types = [each.type for each in self._parameters.values() if not each.type.visual]
+        derived = DERIVED_FIELDS if any(each.derived for each in types) else ()
+        return _union((*(each.model_fields for each in types), derived))
 
     @property
     def displacements(self) -> tuple[str, ...]:
@@ -108,15 +104,12 @@ class Randomizer:
     @property
     def visual_fields(self) -> tuple[str, ...]:
         """Further fields of MuJoCo's model that a reset may change, on which only images depend."""
-        quantities = (parameter.type for parameter in self._parameters.values())
-        return _union(quantity.model_fields for quantity in quantities if quantity.visual)
+        return _union(each.type.model_fields for each in self._parameters.values() if each.type.visual)
 
     def draw(self, random_state: np.random.RandomState) -> Values:
         """Returns new values, drawn in the order of the parameters; sets nothing.
 
-        Raises:
-          TypeError: a variation returned something other than real numbers.
-          ValueError: it returned the wrong shape, or numbers that are out of range.
+        Raises a TypeError or a ValueError if a variation returned something that its parameter does not take.
         """
         drawn = {name: _evaluated(draw.variation, random_state) for name, draw in self._draws.items()}
         drawn |= {name: np.clip(drawn[name], *draw.bounds) for name, draw in self._draws.items() if draw.bounds}

@@ -26,7 +26,7 @@ MAX_REFUSALS = 20
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VariationRequest:
-    """The variation that one reset is asked for.
+    """The variation that is requested of one reset.
 
     Attributes:
       excluded: parameters that are not drawn, but have their defaults.
@@ -86,13 +86,9 @@ class Variations:
           parameters: those that belong to the task, not to an entity of the scene.
           home: positions `(9,)` of the robot's joints in the default layout [rad, m]; those at the first reset when
             omitted.
-          correct: returns values that suit the task, given the physics with the present ones; the same object if they
+          correct: returns values that suit the task, given the physics with the current ones; the same object if they
             do.
           first: parameters that are drawn and set before these, whatever varies.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown or repeated name, an unknown distribution, or a number out of range.
         """
         self.split = checks.choice(split, SPLITS, "variation_split")
         if not isinstance(variations, str | Sequence | Mapping | None):
@@ -102,12 +98,8 @@ class Variations:
         self._first = tuple(first)
         offered = {parameter.name: parameter for parameter in (*scene.parameters, *parameters)}
         rows = {row.name: row for row in table if row.name in offered}
-        if isinstance(variations, Mapping):
-            self._given = _parsed(variations, rows, offered)
-            chosen = {*self._given}
-        else:
-            self._given = {}
-            chosen = _in_groups(variations or (), rows)
+        self._given = _parsed(variations, rows, offered) if isinstance(variations, Mapping) else {}
+        chosen = {*self._given} if isinstance(variations, Mapping) else _in_groups(variations or (), rows)
         self._rows = {name: row for name, row in rows.items() if name in chosen}
         self._parameters = {name: offered[name] for name in self._rows}
         self.wanted = self._rows
@@ -121,9 +113,7 @@ class Variations:
     def bind(self, physics: mjcf.Physics) -> None:
         """Reads the default values from a compiled scene, which must have those of the built one.
 
-        Raises:
-          TypeError: a constant is not made of real numbers.
-          ValueError: a constant has the wrong shape or is out of range, or a parameter varies twice.
+        Raises a TypeError or a ValueError if a parameter varies twice, or does not take its constant.
         """
         defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
         self.wanted = {name: row.about(defaults[name]) for name, row in self._rows.items()}
@@ -152,7 +142,7 @@ class Variations:
 
     @property
     def values(self) -> dict[str, NDArray[np.float64]]:
-        """Present values of the parameters that vary, in fresh arrays."""
+        """Current values of the parameters that vary, in fresh arrays."""
         return {name: np.array(self.randomizer.values[name]) for name in self.wanted}
 
     @property
@@ -180,10 +170,6 @@ class Variations:
           names: parameters and groups that are drawn; the others have their defaults. All are drawn when omitted, none
             when empty.
           values: values of parameters by name, or in nested dicts by the parts of the names.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown name, or a value of the wrong shape or outside the parameter's range.
         """
         if (names or values) and not self.wanted:
             raise ValueError("nothing varies: build the environment with variations")
@@ -291,12 +277,7 @@ def _in_groups(names: str | Sequence[str], rows: Mapping[str, ParameterVariation
 
 
 def _group_names(value: str | Sequence[str], what: str) -> tuple[object, ...]:
-    """Returns names that are alone, in a sequence, or joined by commas; `what` is for messages.
-
-    Raises:
-      TypeError: the value is no sequence of names.
-      ValueError: a name is repeated.
-    """
+    """Returns names that are alone, in a sequence, or joined by commas; `what` is for messages."""
     if isinstance(value, list | tuple) and not value:
         return ()
     return checks.unique_names(value.split(",") if isinstance(value, str) else value, what)
