@@ -60,9 +60,6 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         Args:
           entity: entity whose model has the name of a site.
           free: whether to add a free joint.
-
-        Raises:
-          ValueError: the arena has no site of that name.
         """
         name = entity.mjcf_model.model
         sites = {site.name: site for site in self._mjcf_root.find_all("site", exclude_attachments=True)}

@@ -43,12 +43,7 @@ OPEN_MICROWAVE = (
 
 
 def checked_instructions(instructions: object, owner: str) -> tuple[str, ...]:
-    """Returns instructions if they are a tuple of strings that are not empty; `owner` is for messages.
-
-    Raises:
-      TypeError: they are no tuple of strings.
-      ValueError: one is empty.
-    """
+    """Returns instructions if they are a tuple of strings that are not empty; `owner` is for messages."""
     if not isinstance(instructions, tuple) or not all(isinstance(each, str) for each in instructions):
         raise TypeError(f"instructions of {owner} must be a tuple of strings, got {instructions!r}")
     if not all(each.strip() for each in instructions):
@@ -77,7 +72,6 @@ class Goal:
     handle: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks the instructions; raises as `checked_instructions`."""
         checked_instructions(self.instructions, f"a goal of prop {self.prop!r}")
 
     def joints_in(self, scene: Scene) -> tuple[mjcf.Element, ...]:
@@ -201,13 +195,11 @@ class GoalSet:
           values: goal positions that override those of `known`, by task.
 
         Raises:
-          TypeError: `tasks` is not a sequence of strings, or a value does not hold numbers.
           ValueError: `tasks` is empty, repeats a task or names an unknown one; a value is for a task that is not among
             them, has the wrong length, is not finite, or is greater than MuJoCo's greatest position.
         """
-        names = tuple(
-            checks.choice(name, known.keys(), "task") for name in checks.unique_names(tasks, "tasks_to_complete")
-        )
+        unique = checks.unique_names(tasks, "tasks_to_complete")
+        names = tuple(checks.choice(name, known.keys(), "task") for name in unique)
         if values is not None and not isinstance(values, Mapping):
             raise TypeError(f"goals must map tasks to their goals, got {values!r}")
         overrides = {checks.choice(name, names, "goal of task"): value for name, value in (values or {}).items()}
@@ -378,10 +370,6 @@ def make_success(
       threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; not together
         with `success`.
       positive: whether a threshold of 0 is refused.
-
-    Raises:
-      TypeError: an argument of the wrong type.
-      ValueError: an unknown name, a threshold that is negative or not finite, or both arguments.
     """
     if success is not None and threshold is not None:
         raise ValueError(f"threshold={threshold!r} and success={success!r} exclude each other: give one of them")

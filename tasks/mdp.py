@@ -197,11 +197,7 @@ class SceneIndices:
     """
 
     def __init__(self, scene: Scene, goals: GoalSet, physics: mjcf.Physics) -> None:
-        """Looks up all indices.
-
-        Raises:
-          ValueError: the scene lacks a prop or a joint of a goal, or a goal has not as many values as its joints.
-        """
+        """Looks up all indices; raises a ValueError if a goal has not as many values as its joints."""
         self.robot_qpos, self.robot_qvel = addresses(physics, scene.robot.joints)
         self.object_qpos, self.object_qvel = addresses(physics, scene.object_joints)
         goal_qpos = [addresses(physics, goal.joints_in(scene))[0] for goal in goals.goals]
@@ -255,21 +251,13 @@ class ActionMode(abc.ABC):
         """Looks up what control reads of a robot in a compiled scene; `timestep` is the control step's [s]."""
 
     def check(self, action: NDArray[np.float64]) -> None:  # noqa: B027
-        """Checks finite actions `(..., k)`; most modes accept all.
-
-        Raises:
-          ValueError: one has no meaning.
-        """
+        """Raises a ValueError if one of finite actions `(..., k)` has no meaning; most modes accept all."""
 
     def conversion(self, mode: str) -> Callable[[NDArray, NDArray], NDArray[np.float64]] | None:
-        """Returns how actions of another control mode become actions of this one.
+        """Returns how actions of another control mode, with its defaults, become actions of this one.
 
-        Args:
-          mode: name of the other control mode, with its defaults.
-
-        Returns:
-          A function of the observed state `(n,)` and the other mode's action, with the same targets of the robot's
-          actuators; None if there is none.
+        A function of the observed state `(n,)` and the other mode's action, with the same targets of the robot's
+        actuators; None if there is none.
         """
         return None
 

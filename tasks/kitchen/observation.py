@@ -60,18 +60,6 @@ def scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
     return ratios * AMPLITUDES
 
 
-class AddNoise:
-    """A corruptor that adds the present values of an array."""
-
-    def __init__(self, noise: NDArray[np.float64]) -> None:
-        """Keeps a reference to `noise`, which the task overwrites at every control step."""
-        self._noise = noise
-
-    def __call__(self, observation: NDArray, random_state: np.random.RandomState | None = None) -> NDArray:
-        """Returns the noisy observation; draws nothing."""
-        return observation + self._noise
-
-
 class KitchenReading(NamedTuple):
     """Joint positions after a control step, and distances in space where they are asked for.
 
@@ -96,17 +84,8 @@ class KitchenSensors:
     """
 
     def __init__(self, scene: Scene, goals: GoalSet, *, measures_hand: bool = False) -> None:
-        """Stores robot and objects, and the tasks whose joints are read.
-
-        Args:
-          scene: the kitchen.
-          goals: the tasks.
-          measures_hand: whether the distances of the hand from the tasks' handles are read, too.
-
-        Raises:
-          ValueError: the scene's props with joints are not those of the kitchen, in its order, for which the tables of
-            initial state and noise are made.
-        """
+        """Stores the kitchen, and the tasks whose joints are read."""
+        # The tables of initial state and noise are made for the props of the kitchen, in its order.
         observed = tuple(name for name, prop in scene.props.items() if prop.joints)
         if observed != OBSERVED_PROPS:
             raise ValueError(f"the kitchen's props with joints must be {OBSERVED_PROPS}, in this order, got {observed}")
@@ -192,7 +171,7 @@ class KitchenObservables:
             "object_velocities": JointState("qvel", lambda: scene.object_joints),
         }
         for part, indices in zip(state.values(), SLICES, strict=True):
-            part.corruptor = AddNoise(self.noise[indices])
+            part.corruptor = functools.partial(_noisy, self.noise[indices])
         achieved = {
             f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
             for task, goal in zip(goals.tasks, goals.goals, strict=True)
@@ -208,6 +187,12 @@ class KitchenObservables:
             self.by_name[REQUESTED] = observable.Generic(lambda physics: requested())
         for part in self.by_name.values():
             part.enabled = True
+
+
+def _noisy(
+    noise: NDArray[np.float64], observation: NDArray, random_state: np.random.RandomState | None = None
+) -> NDArray[np.float64]:
+    return observation + noise
 
 
 def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:

@@ -140,8 +140,6 @@ SENSING = (
 
 APPEARANCE = (
     *appearance.ROOM,
-    appearance.color("walls/", appearance.PAINT),
-    appearance.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
     appearance.color("walls/base_board_", appearance.TINT),
     appearance.color("counter/", appearance.TINT),
     appearance.texture("counter/", seen=(0, 1, 2), held_out=(3, 4)),

@@ -54,8 +54,6 @@ SENSING = (one_of("sensing/action_delay", "sensing", seen=(0.0, 1.0), held_out=(
 
 APPEARANCE = (
     *appearance.ROOM,
-    appearance.color("walls/", appearance.PAINT),
-    appearance.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
     appearance.color("table/", appearance.TINT),
     appearance.texture("table/", seen=(0, 1), held_out=(2, 3)),
     appearance.color("table/leg_", appearance.LACQUER),

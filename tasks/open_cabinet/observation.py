@@ -124,10 +124,6 @@ class OpenCabinetObservables:
 
         Args:
           noise_widths: half widths of the uniform noise by part, in the unit of the part; `None` for none.
-
-        Raises:
-          TypeError: `noise_widths` is no mapping to numbers.
-          ValueError: an unknown part, or a width that is negative or not finite.
         """
         self.noise_scale = _noise_scale(noise_widths)
         self._is_noisy = bool(self.noise_scale.any())

@@ -34,20 +34,10 @@ DYNAMICS = (
     around("franka/damping_scale", "dynamics", seen=0.1, held_out=0.2),
     *(
         varied
-        for drawer in DRAWERS
+        for drawer in ("cabinet/drawer_top", "cabinet/drawer_bottom")
         for varied in (
-            between(
-                f"cabinet/drawer_{drawer}_friction",
-                "dynamics",
-                seen=(2.5, 4.0),
-                held_out=[(2.0, 2.5), (4.0, 4.5)],
-            ),
-            between(
-                f"cabinet/drawer_{drawer}_damping",
-                "dynamics",
-                seen=(10.0, 20.0),
-                held_out=[(7.0, 10.0), (20.0, 23.0)],
-            ),
+            between(f"{drawer}_friction", "dynamics", seen=(2.5, 4.0), held_out=[(2.0, 2.5), (4.0, 4.5)]),
+            between(f"{drawer}_damping", "dynamics", seen=(10.0, 20.0), held_out=[(7.0, 10.0), (20.0, 23.0)]),
         )
     ),
     between("franka/pad_friction", "dynamics", seen=(1.2, 1.8), held_out=[(1.1, 1.2), (1.8, 2.0)]),
@@ -60,8 +50,6 @@ SENSING = (
 
 APPEARANCE = (
     *appearance.ROOM,
-    appearance.color("walls/", appearance.PAINT),
-    appearance.texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
     appearance.color("cabinet/front_", appearance.LACQUER),
     appearance.texture("cabinet/front_", seen=(0, 1, 2), held_out=(3, 4)),
     appearance.color("cabinet/carcass_", appearance.PAINT),
@@ -77,7 +65,7 @@ VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, 
 
 
 # Kinds of the parameters by attribute of `Randomization`, in the order in which they are drawn.
-QUANTITIES: Mapping[str, ParameterType] = MappingProxyType(
+_TYPES: Mapping[str, ParameterType] = MappingProxyType(
     {
         "cabinet_offset": kinds.POSITION_OFFSET,
         "cabinet_yaw": kinds.YAW,
@@ -111,7 +99,7 @@ class Randomization:
 
     def __post_init__(self) -> None:
         for name, each in self.by_name.items():
-            distributions.draws_fit(each, QUANTITIES[name], f"randomization's {name}")
+            distributions.draws_fit(each, _TYPES[name], f"randomization's {name}")
 
     @classmethod
     def make(cls, value: object) -> "Randomization":
@@ -133,16 +121,15 @@ class Randomization:
             raise TypeError(f"randomization must be a Randomization, a dict or the name of a preset, got {value!r}")
         wanted = value or {}
         for name in wanted:
-            checks.choice(name, QUANTITIES.keys(), "randomization's parameter")
-        parsed = {
-            name: distributions.parse(wanted[name], QUANTITIES[name], f"randomization's {name}") for name in wanted
-        }
-        return cls(**parsed)
+            checks.choice(name, _TYPES.keys(), "randomization's parameter")
+        return cls(
+            **{name: distributions.parse(wanted[name], _TYPES[name], f"randomization's {name}") for name in wanted}
+        )
 
     @property
     def by_name(self) -> dict[str, Any]:
         """The variations by attribute; those that are None are left out."""
-        return {name: getattr(self, name) for name in QUANTITIES if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in _TYPES if getattr(self, name) is not None}
 
     def draws(self, scene: OpenCabinetScene, drawer: str) -> dict[str, Draw]:
         """Returns what a reset draws by attribute, in a scene whose `top` or `bottom` drawer is to be opened."""

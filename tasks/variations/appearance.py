@@ -109,12 +109,7 @@ GREY = Palette(
 
 
 def color(surface: str, palette: Palette) -> ParameterVariation:
-    """Returns the variation of a surface's colour.
-
-    Args:
-      surface: beginning of the parameter's name, such as `walls/`.
-      palette: colours to choose from.
-    """
+    """Returns the variation of a surface's colour; `surface` is the beginning of its name, such as `walls/`."""
     seen, held_out = (
         [np.multiply(rgb, shade) for rgb in colors for shade in _SHADES] for colors in (palette.seen, palette.held_out)
     )
@@ -133,7 +128,7 @@ def brightness(
     return between(f"{light}brightness", APPEARANCE, seen=seen, held_out=held_out)
 
 
-# Variations of the floor, the robot and the lights, in all domains.
+# Variations of the floor, the robot, the lights and the walls, in all domains.
 ROOM = (
     color("floor/", TINT),
     texture("floor/", seen=(0, 1, 2), held_out=(3, 4)),
@@ -142,6 +137,8 @@ ROOM = (
     around("light/warmth", APPEARANCE, seen=0.07, held_out=0.14),
     between("light/ambient", APPEARANCE, seen=(0.0, 0.06), held_out=((0.06, 0.12),)),
     around("light/rotation", APPEARANCE, seen=(0.08, 0.08, 0.3), held_out=(0.16, 0.16, 0.6)),
+    color("walls/", PAINT),
+    texture("walls/", seen=(0, 1, 2), held_out=(3, 4)),
 )
 
 # Variations in all domains with a microwave.
