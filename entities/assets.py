@@ -24,7 +24,13 @@ Vector = tuple[float, float, float]
 
 
 class NamedEntity(composer.Entity):
-    """An entity whose representation has its name in a scene, and its joints."""
+    """An entity that builds its model as `_mjcf_root`; its representation has its name in a scene, and its joints."""
+
+    _mjcf_root: mjcf.RootElement
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
 
     def __repr__(self) -> str:
         joints = [joint.full_identifier for joint in self.mjcf_model.find_all("joint", exclude_attachments=True)]

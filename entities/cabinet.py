@@ -179,10 +179,6 @@ class Cabinet(Prop):
         return JointObservables(self)
 
     @property
-    def mjcf_model(self) -> mjcf.RootElement:
-        return self._mjcf_root
-
-    @property
     def config(self) -> CabinetConfig:
         """Sizes and resistances."""
         return self._config

@@ -55,10 +55,6 @@ class Franka(assets.NamedEntity):
         return FrankaObservables(self)
 
     @property
-    def mjcf_model(self) -> mjcf.RootElement:
-        return self._mjcf_root
-
-    @property
     def specification(self) -> FrankaSpec:
         """Parameters of the robot."""
         return self._specification

@@ -92,10 +92,6 @@ class KitchenProp(Prop):
         return JointObservables(self) if self.joint_names else super()._build_observables()
 
     @property
-    def mjcf_model(self) -> mjcf.RootElement:
-        return self._mjcf_root
-
-    @property
     def joints(self) -> tuple[mjcf.Element, ...]:
         return tuple(self._mjcf_root.find("joint", name) for name in self.joint_names)
 

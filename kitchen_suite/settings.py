@@ -15,6 +15,8 @@ from typing import Annotated, Any
 
 from kitchen_suite import checks, suite
 
+WIDTH = 100  # Characters in a line that a command prints.
+
 _MAX_STEPS = 10**12
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.

@@ -24,8 +24,8 @@ from kitchen_suite.tasks.observables import ExtraObservables, Pictures
 from kitchen_suite.tasks.variations.distributions import ParameterVariation
 from kitchen_suite.tasks.variations.variations import Variations
 
-# Number of axes of an observed picture.
-_PICTURE_AXES = 3
+# Number of axes of an observed picture: height, width, channels.
+PICTURE_AXES = 3
 
 # Verdicts, measures, and the control steps at which goals were completed, by the goals' names.
 Metrics = dict[str, bool | float | dict[str, int]]
@@ -78,7 +78,7 @@ class PolicyInputs:
         arrays: list[NDArray] = []
         for value in (observation[key] for key in keys):
             arrays += value.values() if isinstance(value, Mapping) else [np.atleast_1d(value)]
-        return np.concatenate([array for array in arrays if array.ndim < _PICTURE_AXES], axis=-1)
+        return np.concatenate([array for array in arrays if array.ndim < PICTURE_AXES], axis=-1)
 
     def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> NDArray[np.float64]:
         """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.

@@ -24,9 +24,9 @@ from kitchen_suite.entities.joints import addresses
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, rotations
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.microwave_table.task import GOAL
 from kitchen_suite.tasks.observables import DEFAULT_SIZE
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.tasks.variations.distributions import SPLITS
 
 PICTURES = Path(__file__).resolve().parent.parent / "pictures"

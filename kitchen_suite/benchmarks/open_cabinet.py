@@ -26,9 +26,8 @@ from kitchen_suite.benchmarks.rendering import suite_renderers
 from kitchen_suite.entities import OpenCabinetScene, build_open_cabinet_scene
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv
-from kitchen_suite.tasks.control_modes.joints import ACTION_SIZE
+from kitchen_suite.tasks.control_modes.joints import ACTION_SIZE, DEFAULT_POSE
 from kitchen_suite.tasks.open_cabinet import mdp
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 from kitchen_suite.vector_env.cabinets import FrankaOpenCabinetVectorEnv
 
 _MAX_EPISODE_STEPS = suite.DOMAINS["open_cabinet"].episode_steps

@@ -13,9 +13,7 @@ from typing import Any
 
 from absl import flags
 
-from kitchen_suite.settings import Flag
-
-_WIDTH = 100  # Characters in a line of the help.
+from kitchen_suite.settings import WIDTH, Flag
 
 
 class Setting(typing.NamedTuple):
@@ -83,7 +81,7 @@ def describe(settings: Sequence[Setting], positional: str | None) -> str:
     rows = []
     for setting in (*settings, _HELP, _VERSION):
         first = f"  {setting.name.upper():<21} " if setting.name == positional else f"  --{setting.name:<19} "
-        wrapper = textwrap.TextWrapper(_WIDTH, first, subsequent_indent=" " * 24, break_on_hyphens=False)
+        wrapper = textwrap.TextWrapper(WIDTH, first, subsequent_indent=" " * 24, break_on_hyphens=False)
         rows.append(wrapper.fill(f"{setting.flag.help}{setting.ending}"))
     return "\n".join(rows)
 

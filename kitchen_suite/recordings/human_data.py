@@ -27,7 +27,7 @@ from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import KitchenReading
+from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenReading
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
@@ -43,9 +43,6 @@ POSITIONS = np.r_[ROBOT, OBJECTS]
 _D4RL_SIZE = 2 * POSITIONS.size
 
 _SUFFIXES = (".hdf5", ".h5")
-
-# Rounding of float32.
-_ROUNDING = 1e-6
 
 # Any number of the seven tasks is asked; episodes go on after their last completion.
 _TASK = "all"
@@ -146,7 +143,7 @@ class D4RLData(HumanData):
         wanted = {
             task: (self._scene.elements(GOALS[task].prop, GOALS[task].joints), GOALS[task]) for task in DEFAULT_TASKS
         }
-        return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=_ROUNDING))
+        return tuple(task for task, (at, goal) in wanted.items() if np.allclose(goals[at], goal.value, atol=ROUNDING))
 
 
 class MinariData(HumanData):
@@ -228,7 +225,7 @@ def _check_shape(array: NDArray, shape: tuple[int, ...], what: str, meaning: str
 def _check_actions(actions: NDArray, steps: int, what: str) -> None:
     """Raises a ValueError unless an array holds velocities."""
     _check_shape(actions, (steps, ACTION_SIZE), what, "nine joint velocities")
-    if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + _ROUNDING:
+    if (greatest := np.abs(actions).max(initial=0.0)) > 1.0 + ROUNDING:
         raise ValueError(
             f"{what} reach {greatest:.3g}: they are no joint velocities in [-1, 1], in units of 2 rad/s; absolute "
             "positions, as Diffusion Policy has them, are not converted"

@@ -17,6 +17,7 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.gymnasium_env.observations import picture_key
 from kitchen_suite.recordings.formats import LEROBOT
 from kitchen_suite.rollouts.episode import EpisodeArrays, unflatten
+from kitchen_suite.tasks.task import PICTURE_AXES
 
 AGENT_POS, ENVIRONMENT_STATE, PIXELS = "agent_pos", "environment_state", "pixels"
 
@@ -28,8 +29,6 @@ _DONE, _TRUNCATED, _SUCCESS = "next.done", "next.truncated", "next.success"
 
 # Name of the array that stands for all numbers of an episode; see `digest`.
 DIGEST = "digest"
-# Dimensions of a camera's pictures: time, height, width, channels.
-_PICTURES_NDIM = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +188,7 @@ def digest(episode: EpisodeArrays) -> str:
     """
     hashed = hashlib.sha256()
     for name, array in sorted(episode.arrays.items()):
-        if not (name.startswith("observation/") and array.ndim == _PICTURES_NDIM):
+        if not (name.startswith("observation/") and array.ndim == 1 + PICTURE_AXES):
             hashed.update(f"{name} {array.dtype.str} {array.shape} ".encode())
             hashed.update(np.ascontiguousarray(array).tobytes())
     return hashed.hexdigest()

@@ -19,6 +19,7 @@ from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten, unflatten
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
+from kitchen_suite.tasks.task import PICTURE_AXES
 
 # Keys of the dataset's metadata: the specification of the recording, and the number of episodes asked for.
 SPEC_KEY = "kitchen_suite_recording"
@@ -32,8 +33,6 @@ _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
 _CHUNK = 20
 
-# Dimensions of a camera's pictures: time, height, width, channels.
-_PICTURES_NDIM = 4
 # Name of Minari's file of all episodes.
 _DATA_FILE = "main_data.hdf5"
 
@@ -230,7 +229,7 @@ def _compress(path: Path) -> None:
         def copy(name: str, item: Any) -> None:
             if isinstance(item, h5py.Group):
                 made = target.create_group(name)
-            elif item.ndim < _PICTURES_NDIM:
+            elif item.ndim <= PICTURE_AXES:
                 source.copy(item, target, name)
                 return
             else:

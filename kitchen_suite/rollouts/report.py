@@ -9,8 +9,8 @@ from tabulate import tabulate
 from tqdm import tqdm
 
 from kitchen_suite.rollouts.episode import EpisodeStats
+from kitchen_suite.settings import WIDTH
 
-WIDTH = 100  # Characters in a line.
 _GAP = "  "
 _UNBROKEN = "\N{NO-BREAK SPACE}"
 

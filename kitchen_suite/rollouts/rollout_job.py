@@ -15,12 +15,12 @@ from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.report import WIDTH, EpisodeBar, Report, print_line
+from kitchen_suite.rollouts.report import EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.single_rollout import SingleRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.rollouts.vector_rollout import SingleRunner
 from kitchen_suite.rollouts.views import Views
-from kitchen_suite.settings import RolloutSettings
+from kitchen_suite.settings import WIDTH, RolloutSettings
 from kitchen_suite.workers.cluster import RaySettings
 from kitchen_suite.workers.worker import ClusterError
 

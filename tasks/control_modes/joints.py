@@ -25,6 +25,9 @@ _ARM_LOW, _ARM_HIGH = JOINT_LOW[:7], JOINT_HIGH[:7]
 # Targets of both fingers [m].
 GRIPPER_CLOSED, GRIPPER_OPEN = float(JOINT_LOW[7]), float(JOINT_HIGH[7])
 
+# Joint positions from which episodes of the Panda start: the hand before the robot, and open [rad; fingers: m].
+DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+
 ARM_SIZE = 7
 
 # Greatest distance of a target from its joint [rad]: nothing winds up against obstacles.

@@ -15,7 +15,7 @@ from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
-from kitchen_suite.tasks.kitchen.reward import Shaping, Shares
+from kitchen_suite.tasks.kitchen.reward import Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -52,7 +52,10 @@ def reward(
     infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
     requested = _requested(infos, mdp, ATTEMPTED if mdp.tasks_in_turn else REQUESTED)
     if mdp.sensors.measures_hand:
-        step = Step(shares=mdp.shares(_shaping(infos, mdp.goals), achieved, desired, requested))
+        shaping = _shaping(infos, mdp.goals)
+        step = Step(
+            shares=task_shares(shaping, success=mdp.success, achieved=achieved, desired=desired, mask=requested)
+        )
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded

@@ -11,7 +11,7 @@ from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, next_in_turn
-from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, shares
+from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import MDP, Simulation
 
 # Names of the terms of the sparse reward, which follow from the completions and are not saved.
@@ -192,7 +192,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         if hand_distances is not None:
             shaping = self._next_shaping(state, hand_distances)
             attempted = None if state.requested_order is None else self._attempted(state)
-            shares = self.shares(shaping, achieved, self.goals.desired, attempted)
+            shares = task_shares(
+                shaping, success=self.success, achieved=achieved, desired=self.goals.desired, mask=attempted
+            )
             after = after._replace(shaping=shaping, shares=shares)
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
@@ -203,20 +205,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         if self.tasks_in_turn:
             remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
         return remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
-
-    def shares(
-        self,
-        shaping: Shaping,
-        achieved: NDArray[np.float64],
-        desired: NDArray[np.float64],
-        mask: NDArray[np.bool_] | None = None,
-    ) -> Shares:
-        """Returns how far each task has come towards goals `(..., k)`; see `reward.shares`.
-
-        Tasks outside a mask `(..., n)` have not come anywhere.
-        """
-        each = shares(shaping, success=self.success, achieved=achieved, desired=desired)
-        return each if mask is None else each.masked(mask)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise

@@ -46,6 +46,9 @@ AMPLITUDES = np.array(
     ]
 )
 
+# Greatest rounding error of recorded numbers, in single precision.
+ROUNDING = 1e-6
+
 # Slices of the observation: robot positions, robot velocities, object positions, object velocities.
 SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
 

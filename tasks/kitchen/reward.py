@@ -130,25 +130,23 @@ class Shares(NamedTuple):
         """`(..., n)`, 0 for completed tasks, 1 for others."""
         return np.where(self.completed, 0.0, 1.0)
 
-    def masked(self, mask: NDArray[np.bool_]) -> Self:
-        """Returns the shares with those of tasks outside a mask `(..., n)` set to 0 and False, which pay nothing."""
-        return type(self)(*(np.where(mask, part, np.zeros((), part.dtype)) for part in self))
 
-
-def shares(
+def task_shares(
     shaping: Shaping,
     *,
     success: Success,
     achieved: NDArray[np.float64],
     desired: NDArray[np.float64],
+    mask: NDArray[np.bool_] | None = None,
 ) -> Shares:
-    """Returns how far each task has come.
+    """Returns how far each task has come; those outside `mask` have not come anywhere.
 
     Args:
       shaping: what is remembered, after the step.
       success: decides which tasks are complete.
       achieved: `(..., k)`, achieved goals after the step.
       desired: `(..., k)` or `(k,)`, goals that may be others than the episode's.
+      mask: `(..., n)`, the tasks that pay; all when omitted.
     """
     goals, before = success.goals, shaping.previous_achieved
     with np.errstate(over="ignore"):
@@ -159,7 +157,7 @@ def shares(
     is_relabelled = np.logical_or.reduceat(desired != goals.desired, goals.starts, axis=-1)
     # Of another goal, only the last step before is known.
     previously_completed = np.where(is_relabelled, within_before, shaping.previously_completed)
-    return Shares(
+    shares = Shares(
         approach=shaping.approach,
         previous_approach=shaping.best_approach,
         progress=covered(distances, initial),
@@ -168,6 +166,9 @@ def shares(
         completed=previously_completed | within,
         previously_completed=previously_completed,
     )
+    if mask is None:
+        return shares
+    return Shares(*(np.where(mask, part, np.zeros((), part.dtype)) for part in shares))
 
 
 def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,9 +26,6 @@ from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
 
-# Greatest rounding error of a recorded observation beside its noise [rad, m].
-_ROUNDING = 1e-6
-
 
 class KitchenTask(SuiteTask):
     """Complete a set of tasks in the kitchen.
@@ -272,7 +269,7 @@ class KitchenTask(SuiteTask):
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         present = self.mdp.sensors.observed(self._simulation)
         greatest = self.episode.scaled(self.mdp.noise_scale)
-        return bool((np.abs(observation - present) <= greatest + _ROUNDING).all())
+        return bool((np.abs(observation - present) <= greatest + noise.ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         self.mdp.sensors.indices.write(physics, observation)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN, JointOffset
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
@@ -68,8 +68,7 @@ VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, 
 
 GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)
 
-# Initial joint positions of the robot [rad; fingers: m], and greatest noise on each arm joint [rad].
-INITIAL_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+# Greatest noise on each joint of the arm at the start [rad].
 RESET_NOISE = 0.05
 
 # The cabinet's control modes, with a gripper that draws nothing.
@@ -136,7 +135,7 @@ class MicrowaveTableTask(SuiteTask):
             variation_split,
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
             parameters=sensing_parameters(mdp.noise_parts),
-            home=INITIAL_POSE,
+            home=DEFAULT_POSE,
             correct=self._away_from_goal,
         )
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}
@@ -179,7 +178,7 @@ class MicrowaveTableTask(SuiteTask):
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         data = physics.data
-        pose = INITIAL_POSE + np.append(random_state.uniform(-RESET_NOISE, RESET_NOISE, 7), (0.0, 0.0))
+        pose = DEFAULT_POSE + np.append(random_state.uniform(-RESET_NOISE, RESET_NOISE, 7), (0.0, 0.0))
         data.qpos[self._indices.robot_qpos] = pose
         data.qpos[self._indices.object_qpos] = 0.0
         data.qvel[:] = 0.0

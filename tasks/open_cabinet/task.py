@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
-from kitchen_suite.tasks.control_modes.joints import GRIPPER_OPEN
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.mdp import columns
@@ -44,8 +44,7 @@ INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 
-# Initial joint positions of the robot [rad; fingers: m], and greatest noise on each of them [rad, m].
-DEFAULT_POSE = np.array([*np.deg2rad([0.0, -30.0, 0.0, -156.0, 0.0, 186.0, -45.0]), GRIPPER_OPEN, GRIPPER_OPEN])
+# Greatest noise on each joint at the start [rad, m].
 RESET_NOISE = 0.125
 
 

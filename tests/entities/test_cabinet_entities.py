@@ -9,7 +9,7 @@ from dm_control import mjcf
 
 from kitchen_suite import entities
 from kitchen_suite.entities.cabinet import DOORS, DRAWERS
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 
 @pytest.fixture(scope="module")

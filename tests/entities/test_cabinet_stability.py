@@ -5,7 +5,7 @@ import pytest
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 
 def run(task, steps, seed, scale=1.0):

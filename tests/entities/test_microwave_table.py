@@ -6,7 +6,7 @@ import pytest
 from dm_control import mjcf
 
 from kitchen_suite.entities.scenes import build_microwave_table_scene
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 
 def compile_at_start(scene):

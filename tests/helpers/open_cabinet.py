@@ -11,8 +11,8 @@ from kitchen_suite.entities import PANDA, OpenCabinetArena
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
 from kitchen_suite.policies.experts.skills import HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
 
 # Gripper logit at which the gripper opens almost surely.
 OPEN = -50.0

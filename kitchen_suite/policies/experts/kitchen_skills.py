@@ -9,6 +9,7 @@ import mink
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.assets import Vector
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
@@ -19,7 +20,6 @@ from kitchen_suite.policies.experts.skills import (
     Prismatic,
     Revolute,
     Skill,
-    Vector,
 )
 
 # Directions in the world; the robot faces y.

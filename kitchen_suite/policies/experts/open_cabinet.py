@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena
+from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill, Vector
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
-from kitchen_suite.tasks.control_modes.joints import JOINT_HIGH, JOINT_LOW
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE, OpenCabinetTask
+from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 
 _GAINS = np.array([link.actuator.gain for link in PANDA.links])
 

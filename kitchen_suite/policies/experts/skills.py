@@ -7,7 +7,7 @@ import mink
 import numpy as np
 from numpy.typing import NDArray
 
-Vector = tuple[float, float, float]
+from kitchen_suite.entities.assets import Vector
 
 # Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0

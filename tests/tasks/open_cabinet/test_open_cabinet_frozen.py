@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 # Mass [kg], principal moments of inertia [kg m^2].
 BODIES = {

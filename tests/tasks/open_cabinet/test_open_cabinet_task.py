@@ -6,7 +6,7 @@ import pytest
 from helpers.open_cabinet import HIGH, LOW, ROBOT_JOINTS, TERMS, Recomputed, flat
 
 from kitchen_suite import suite
-from kitchen_suite.tasks.open_cabinet.task import DEFAULT_POSE
+from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 
 def load(task="top_drawer", **options):
