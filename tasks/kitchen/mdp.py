@@ -136,13 +136,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         """Returns the state before the first step of an episode that asks for tasks; see `requests.requested_order`."""
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
-    @property
-    def request_key(self) -> str:
-        """How tasks are asked for, in the names of trained policies; empty if every episode asks for all."""
-        if self.task_draw is None:
-            return ""
-        return "_in_turn" if self.tasks_in_turn or self.task_draw.most == 1 else "_random"
-
     def current_mask(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` are asked at present."""
         order = self.current_order(state)

@@ -83,7 +83,7 @@ class KitchenSensors:
     Attributes:
       indices: of the joints in the compiled model.
       measures_hand: whether the distances of the hand from the tasks' handles are read, as dense rewards need.
-      stage: see `Sensors`.
+      ctrl, stage: see `Sensors`.
     """
 
     def __init__(self, scene: Scene, goals: GoalSet, *, measures_hand: bool = False) -> None:
@@ -98,14 +98,10 @@ class KitchenSensors:
 
     def bind(self, physics: mjcf.Physics) -> None:
         self.indices = SceneIndices(self._scene, self._goals, physics)
+        self.ctrl = self.indices.ctrl
         if self.measures_hand:
             sites = [self._scene.robot.end_effector, *(goal.handle_in(self._scene) for goal in self._goals.goals)]
             self._sites = np.array([physics.bind(site).element_id for site in sites])
-
-    @property
-    def ctrl(self) -> NDArray[np.int64]:
-        """`(9,)`, indices of the robot's actuators in ctrl."""
-        return self.indices.ctrl
 
     def refresh(self, physics: mjcf.Physics) -> None:
         """Updates positions in space if they are read; joints need no evaluation."""

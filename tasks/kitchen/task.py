@@ -116,7 +116,7 @@ class KitchenTask(SuiteTask):
             raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
         if max_task_steps is not None:
             checks.integer(max_task_steps, "max_task_steps", minimum=1)
-        control, observables = split_options(options, CONTROL_MODES)
+        control, observables = split_options(options, self.control_modes)
         goal_set = build_goals(tasks_to_complete, goals)
         self.reward_name = checks.choice(reward, REWARDS, "reward")
         criteria: dict[str, Any] = {"success": success, "threshold": threshold}
@@ -124,7 +124,7 @@ class KitchenTask(SuiteTask):
         terminates = reward != "dense" if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
-            action_mode=make_mode(control_mode, CONTROL_MODES, control),
+            action_mode=make_mode(control_mode, self.control_modes, control),
             goals=goal_set,
             rewards={**REWARDS[reward], **self.extra_rewards},
             goal_terms=REWARDS[reward].keys(),
@@ -346,6 +346,8 @@ class KitchenTask(SuiteTask):
 def _policy_names(mdp: KitchenMDP, reward: str) -> tuple[str, ...]:
     """Returns the names of trained policies for the tasks and the reward, the most specific one first."""
     tasks = mdp.goals.tasks
-    name = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
-    own = f"{name}{mdp.request_key}{'' if reward == 'sparse' else f'_{reward}'}"
+    own = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
+    if mdp.task_draw is not None:
+        own += "_in_turn" if mdp.tasks_in_turn or mdp.task_draw.most == 1 else "_random"
+    own += "" if reward == "sparse" else f"_{reward}"
     return (own, "kitchen") if set(tasks) <= set(DEFAULT_TASKS) else (own,)

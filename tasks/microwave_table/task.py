@@ -119,11 +119,11 @@ class MicrowaveTableTask(SuiteTask):
           TypeError: an argument of the wrong type.
           ValueError: an unknown name, or a threshold that is negative or not finite.
         """
-        control, observables = split_options(options, CONTROL_MODES)
+        control, observables = split_options(options, self.control_modes)
         self._goals = GoalSet.build({"microwave": GOAL}, ["microwave"])
         mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
-            action_mode=make_mode(control_mode, CONTROL_MODES, control),
+            action_mode=make_mode(control_mode, self.control_modes, control),
             rewards={**REWARDS, **self.extra_rewards},
             threshold=checks.number(threshold, "threshold"),
         )

@@ -108,8 +108,8 @@ class OpenCabinetTask(SuiteTask):
           ValueError: an unknown name, or a width that is negative or not finite.
         """
         self.drawer = checks.choice(drawer, DRAWERS, "drawer")
-        control, observables = split_options(options, OFFSET_MODES)
-        action_mode = make_mode(control_mode, OFFSET_MODES, control)
+        control, observables = split_options(options, self.control_modes)
+        action_mode = make_mode(control_mode, self.control_modes, control)
         (action_size,) = action_mode.spec(scene.robot).shape
         self._observables = OpenCabinetObservables(observation_noise)
         randomized = Randomization.make(randomization).draws(scene, drawer)
