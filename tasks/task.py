@@ -16,12 +16,13 @@ from dm_env import specs
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
-from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper
+from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
 from kitchen_suite.tasks.goals import GoalSet, checked_instructions
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures
-from kitchen_suite.tasks.variations.distributions import ParameterVariation
+from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
 # Number of axes of an observed picture: height, width, channels.
@@ -152,8 +153,8 @@ class ResetRequests:
 class SuiteTask(composer.Task):
     """A task that steps by its MDP, with saved states, metrics of its episodes, and optional highlighting of success.
 
-    A task of one's own overrides `reset_physics`, and the class attributes. It sets `policy_inputs`, `observed` and
-    `variations` in its constructor, where they are not those of a class of the suite.
+    A task of one's own overrides `reset_physics`, and the class attributes. It sets `policy_inputs` and `observed`, and
+    calls `vary`, in its constructor, where they are not those of a class of the suite.
 
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
@@ -188,13 +189,24 @@ class SuiteTask(composer.Task):
     policy_inputs: PolicyInputs
     random: np.random.RandomState
 
-    def __init__(self, scene: Scene, mdp: MDP, *, extra_observables: Sequence[str] = (), **pictures: Any) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        mdp: MDP,
+        *,
+        extra_observables: Sequence[str] = (),
+        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
+        variation_split: str = "seen",
+        **pictures: Any,
+    ) -> None:
         """Sets up what all tasks have.
 
         Args:
           scene: of the task; not yet compiled.
           mdp: the task's settings and mathematics.
           extra_observables: further quantities to observe, by the names of `observables.offered`.
+          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
+          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
           **pictures: `cameras`, `image_size`, `depth` and `segmentation`; see `Pictures`.
         """
         extras = ExtraObservables(scene, extra_observables)
@@ -204,9 +216,23 @@ class SuiteTask(composer.Task):
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.observed: Mapping[str, observable.Observable] = {}
         self.scene, self.robot, self.mdp = scene, scene.robot, mdp
+        self._requested_variations = variations, variation_split
         self.requests = ResetRequests()
         self.episode, self.truncates, self._terminates = EpisodeState(), False, False
         self._visualize_reward = False
+
+    def vary(self, *, handles: Sequence[mjcf.Element], parameters: Sequence[Parameter] = (), **arguments: Any) -> None:
+        """Selects the parameters that vary; to be called once, before the scene is compiled.
+
+        Args:
+          handles: sites that the hand must reach in every layout.
+          parameters: those of the task, beside the parameters of sensing.
+          **arguments: further ones of `Variations`.
+        """
+        own = (*sensing_parameters(self.mdp.noise_parts), *parameters)
+        self.variations = Variations(
+            self.scene, self.varied, *self._requested_variations, handles=handles, parameters=own, **arguments
+        )
 
     @property
     def root_entity(self) -> SiteArena:

@@ -11,7 +11,6 @@ from kitchen_suite import checks
 from kitchen_suite.entities import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
-from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
@@ -22,9 +21,8 @@ from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskReques
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, PolicyInputs, SuiteTask
-from kitchen_suite.tasks.variations.distributions import Variation
 from kitchen_suite.tasks.variations.randomizer import Values
-from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
+from kitchen_suite.tasks.variations.variations import START_DISTANCE
 
 
 class KitchenTask(SuiteTask):
@@ -71,8 +69,6 @@ class KitchenTask(SuiteTask):
         tasks_in_turn: bool = False,
         max_task_steps: int | None = None,
         control_mode: str = "joint_velocity",
-        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
-        variation_split: str = "seen",
         **options: Any,
     ) -> None:
         """Sets the task up in a kitchen.
@@ -98,14 +94,12 @@ class KitchenTask(SuiteTask):
           max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
             first time; counted from the reset, and again from each completion. No such limit when omitted.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
-          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
-          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
-          **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_velocity` has
-            `velocity_scale`, velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity`
-            and `joint_position` have `feedback`, positions from which the action starts: the positions last
-            `observed`, with their noise (as in the reference); the `true` positions; or the last `target`, with which
-            the robot stands still under zero actions. The others have `linear_speed`, `angular_speed`, `joint_speed`
-            and `frame`; see `tasks.control_modes`.
+          **options: those of `SuiteTask`, and arguments of the control mode. `joint_velocity` has `velocity_scale`,
+            velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and
+            `joint_position` have `feedback`, positions from which the action starts: the positions last `observed`,
+            with their noise (as in the reference); the `true` positions; or the last `target`, with which the robot
+            stands still under zero actions. The others have `linear_speed`, `angular_speed`, `joint_speed` and `frame`;
+            see `tasks.control_modes`.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -142,13 +136,9 @@ class KitchenTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self.requests = TaskRequests(goal_set, mdp.task_draw)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
-        self.variations = Variations(
-            scene,
-            self.varied,
-            variations,
-            variation_split,
+        self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
-            parameters=(*sensing_parameters(mdp.noise_parts), done_parameter(scene, lambda: self.requests.tasks)),
+            parameters=[done_parameter(scene, lambda: self.requests.tasks)],
             home=INITIAL_QPOS[: len(scene.robot.joints)],
             correct=self._away_from_goals,
         )

@@ -1,7 +1,7 @@
 """The task of the microwave_table domain: reach for the handle of the microwave, and pull its door open."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -14,7 +14,6 @@ from kitchen_suite import checks
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JointOffset
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 from kitchen_suite.tasks.mdp import ActionMode, FeatureSensors, SceneIndices
 from kitchen_suite.tasks.microwave_table.mdp import (
@@ -28,9 +27,9 @@ from kitchen_suite.tasks.microwave_table.mdp import (
 )
 from kitchen_suite.tasks.task import GoalHighlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations import appearance
-from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation, around, between, one_of
+from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
-from kitchen_suite.tasks.variations.variations import START_DISTANCE, Variations
+from kitchen_suite.tasks.variations.variations import START_DISTANCE
 
 START = (
     around("franka/joint_offset", "start", seen=0.05, held_out=0.1),
@@ -100,8 +99,6 @@ class MicrowaveTableTask(SuiteTask):
         *,
         threshold: float = 0.3,
         control_mode: str = "joint_offset",
-        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
-        variation_split: str = "seen",
         **options: Any,
     ) -> None:
         """Sets the task up in a scene.
@@ -110,10 +107,8 @@ class MicrowaveTableTask(SuiteTask):
           scene: robot and microwave in their arena; each task needs a scene of its own.
           threshold: distance from the goal below which the door counts as open [rad].
           control_mode: meaning of the action, one of `CONTROL_MODES`.
-          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
-          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
-          **options: observables that `SuiteTask` adds, and arguments of the control mode, as of `OpenCabinetTask`;
-            `gripper` is `deterministic` by default.
+          **options: those of `SuiteTask`, and arguments of the control mode, as of `OpenCabinetTask`; `gripper` is
+            `deterministic` by default.
 
         Raises:
           TypeError: an argument of the wrong type.
@@ -128,13 +123,8 @@ class MicrowaveTableTask(SuiteTask):
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)
-        self.variations = Variations(
-            scene,
-            self.varied,
-            variations,
-            variation_split,
+        self.vary(
             handles=[goal.handle_in(scene) for goal in self._goals.goals],
-            parameters=sensing_parameters(mdp.noise_parts),
             home=DEFAULT_POSE,
             correct=self._away_from_goal,
         )

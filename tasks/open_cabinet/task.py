@@ -1,6 +1,6 @@
 """The task of the open_cabinet domain: reach for the handle of a drawer, grasp it, and pull the drawer open."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -13,7 +13,6 @@ from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.mdp import columns
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
@@ -22,8 +21,6 @@ from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
 from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, PolicyInputs, SuiteTask
-from kitchen_suite.tasks.variations.distributions import Variation
-from kitchen_suite.tasks.variations.variations import Variations
 
 # Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -81,8 +78,6 @@ class OpenCabinetTask(SuiteTask):
         observation_noise: Mapping[str, float] | None = None,
         randomization: Randomization | Mapping[str, Any] | str | None = None,
         control_mode: str = "joint_offset",
-        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
-        variation_split: str = "seen",
         **options: Any,
     ) -> None:
         """Sets the task up in a scene.
@@ -96,10 +91,8 @@ class OpenCabinetTask(SuiteTask):
           randomization: parameters of the scene that a reset draws, as `Randomization.make` takes them; none when
             omitted.
           control_mode: meaning of the action, one of `control_modes.modes.OFFSET_MODES`.
-          variations: groups of parameters that vary, or distributions by parameter; see `Variations`.
-          variation_split: which distributions of the groups are drawn from, `seen` or `held_out`.
-          **options: observables that `SuiteTask` adds, and arguments of the control mode. `joint_offset` has `gripper`,
-            by default `sampled`, which closes with the probability of the gripper logit, the action's last element;
+          **options: those of `SuiteTask`, and arguments of the control mode. `joint_offset` has `gripper`, by default
+            `sampled`, which closes with the probability of the gripper logit, the action's last element;
             `deterministic` closes where that probability is above one half, and draws nothing. The others have
             `linear_speed`, `angular_speed`, `joint_speed` and `frame`; see `tasks.control_modes`.
 
@@ -126,13 +119,8 @@ class OpenCabinetTask(SuiteTask):
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)
-        self.variations = Variations(
-            scene,
-            self.varied,
-            variations,
-            variation_split,
+        self.vary(
             handles=[scene.cabinet.handle_site(drawer)],
-            parameters=sensing_parameters(mdp.noise_parts),
             home=DEFAULT_POSE,
             first=[*randomized.values()],
         )
