@@ -222,16 +222,16 @@ class Pictures:
           ValueError: an unknown or repeated camera, a size that is not positive or exceeds the model's offscreen
             buffer, or a setting of pictures without cameras.
         """
-        asked = {"depth": checks.boolean(depth, "depth"), "segmentation": checks.boolean(segmentation, "segmentation")}
+        flags = {"depth": checks.boolean(depth, "depth"), "segmentation": checks.boolean(segmentation, "segmentation")}
         elements = {camera.full_identifier: camera for camera in root.find_all("camera")}
         names = [checks.choice(name, elements, "camera") for name in _names(cameras, "cameras")]
-        if not names and (image_size is not None or any(asked.values())):
+        if not names and (image_size is not None or any(flags.values())):
             raise ValueError("image_size, depth and segmentation are settings of pictures, and need cameras: name some")
         height, width = _checked_size(DEFAULT_SIZE if image_size is None else image_size, root)
-        flags = {"pixels": {}, **{kind: {kind: True} for kind, is_asked in asked.items() if is_asked}}
+        kinds = {"pixels": {}, **{kind: {kind: True} for kind, flag in flags.items() if flag}}
         self.pictures = tuple(
-            Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **flags[kind]))
-            for kind in flags
+            Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **kinds[kind]))
+            for kind in kinds
             for name in names
         )
         self.by_name = collections.OrderedDict((picture.key, picture.taker) for picture in self.pictures)

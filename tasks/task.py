@@ -47,8 +47,7 @@ class PolicyInputs:
       state_size: number of elements of the state.
       goal_size: number of elements of the achieved and the desired goal.
       tasks: names of the tasks that episodes may ask for; empty if the task has no parts.
-      observes_requests: whether the observation ends with the request, 1 for each of `tasks` that is asked and 0 for
-        the others.
+      observes_requests: whether the observation ends with the request: 1 for each requested one of `tasks`, else 0.
       keys: beginnings of the keys of goals and requests, in the order of the flat observation; all other keys are of
         the state.
     """
@@ -91,8 +90,8 @@ class PolicyInputs:
         flat = self.flatten(observation)
         count, none = len(self.tasks), np.zeros((*flat.shape[:-1], 1))
         requests = flat[..., -count:] if self.observes_requests else np.ones((*flat.shape[:-1], count))
-        asked = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
-        return np.concatenate([flat[..., : self.state_size], *(asked.get(name, none) for name in tasks)], axis=-1)
+        requested = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
+        return np.concatenate([flat[..., : self.state_size], *(requested.get(name, none) for name in tasks)], axis=-1)
 
 
 class Completions(NamedTuple):

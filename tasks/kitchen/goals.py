@@ -234,7 +234,7 @@ GOALS: Mapping[str, Goal] = MappingProxyType({name: _ALL[name] for name in (*DEF
 # Handles whose sites the hand cannot reach: the left door is moved at the lower end of its bar, and at its edge.
 OUT_OF_REACH = frozenset({"left_handle"})
 
-# Pairs of tasks that cannot be asked together, as a prop would have to be in two positions; with the reason.
+# Pairs of tasks that cannot be requested together, as a prop would have to be in two positions; with the reason.
 _EXCLUSIVE: Mapping[frozenset[str], str] = MappingProxyType(
     {
         **{frozenset(pair): f"{pair[0]!r} undoes {pair[1]!r}" for pair in REVERSES.items()},

@@ -22,7 +22,7 @@ _NESTED = ("progress", "shaping", "terms", "shares")
 # First part of the names of infos from which a dense reward can be computed for other goals.
 REWARD_STATE = "reward_state"
 
-# First part of the name of the info on the tasks that a step could complete, where they are asked in turn.
+# First part of the name of the info on the tasks that a step could complete, where they are requested in turn.
 ATTEMPTED = "attempted_tasks"
 
 
@@ -38,8 +38,7 @@ class KitchenState(NamedTuple):
       progress: completion of the tasks.
       terms: `(...)` each, the terms of the last step's reward by name.
       shaping: what dense rewards remember; None for the sparse reward.
-      requested_order: `(..., n)`, place of each task in the order asked, from 0, and -1 where it is not asked; None if
-        every episode asks for all tasks.
+      requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
       shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
@@ -96,7 +95,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
       remove_task_when_completed: whether a task is rewarded only once.
       task_draw: how many of the tasks an episode asks for; None for all.
-      tasks_in_turn: whether the next of them is asked only once the one before has been completed.
+      tasks_in_turn: whether the next of them is requested only once the one before has been completed.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
     """
 
@@ -221,7 +220,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
 
-        With a dense reward also those on its terms, and what it remembers; with `task_draw` those on the tasks asked.
+        With a dense reward also those on its terms, and what it remembers; with `task_draw` those on the requested tasks.
         """
         progress = state.progress
         infos = {

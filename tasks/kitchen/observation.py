@@ -136,7 +136,7 @@ class KitchenObservables:
       objects' joints; noise by `object_noise_ratio`.
     - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
       a task's goal is set for, from qpos, and the goal; no noise.
-    - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is asked, 0 elsewhere.
+    - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is requested, 0 elsewhere.
 
     The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
 

@@ -1,7 +1,7 @@
 """The tasks that an episode asks for, of those configured, and their order.
 
-An order is an array `(..., n)` int64 over the configured tasks: the place of each task in the order asked, from 0, and
--1 where the task is not asked.
+An order is an array `(..., n)` int64 over the configured tasks: the place of each requested task, from 0, and -1 for the
+other tasks.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from kitchen_suite.tasks.task import ResetRequests
 # Option of a reset, observation and info.
 REQUESTED = "requested_tasks"
 
-# Name of the info on the order of the tasks asked.
+# Name of the info on the order of the requested tasks.
 REQUESTED_ORDER = "requested_order"
 
 
@@ -98,7 +98,7 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
     """Returns the order that a request asks for.
 
     Args:
-      value: names of tasks, in the order asked; or a mask `(n,)` of bools, with the configured order.
+      value: names of tasks, in the order requested; or a mask `(n,)` of bools, with the configured order.
       tasks: the `n` configured tasks.
     """
     if isinstance(value, np.ndarray):

@@ -29,13 +29,13 @@ class KitchenTask(SuiteTask):
     """Complete a set of tasks in the kitchen.
 
     Start: the robot bent over the counter, everything closed and off, the kettle on the bottom left burner; tasks that
-      close, turn off or return a prop start, where they are asked, with it at the goal of the task that they undo.
-      Always the same except for the observation noise, and for the tasks asked with `tasks_per_episode`.
+      close, turn off or return a prop start, where they are requested, with it at the goal of the task that they undo.
+      Always the same except for the observation noise, and for the tasks requested with `tasks_per_episode`.
     Reward: at each step, the number of tasks complete after it, among those still to be completed; or a dense one.
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit, and after `max_task_steps` without a completed task.
     Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise; with
-      `tasks_per_episode` the tasks asked.
+      `tasks_per_episode` the requested tasks.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
 
     Attributes:
@@ -89,7 +89,7 @@ class KitchenTask(SuiteTask):
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.
-          tasks_in_turn: whether the next of these tasks is asked only once the one before has been completed;
+          tasks_in_turn: whether the next of these tasks is requested only once the one before has been completed;
             observation and instruction show one task, and only this one can be completed. Needs `tasks_per_episode`.
           max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
             first time; counted from the reset, and again from each completion. No such limit when omitted.
@@ -169,7 +169,7 @@ class KitchenTask(SuiteTask):
 
     @property
     def requested_tasks(self) -> list[str]:
-        """Tasks that the episode asks for, in the order asked; all in configured order without `tasks_per_episode`."""
+        """Tasks that the episode asks for, in their order; all in configured order without `tasks_per_episode`."""
         return self.requests.tasks_in(self.state.requested_order)
 
     @property

@@ -17,7 +17,7 @@ from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS, Paramet
 from kitchen_suite.tasks.variations.layouts import LayoutCheck
 from kitchen_suite.tasks.variations.randomizer import Draw, Randomizer, Values
 
-# No asked task starts nearer to its goal than this multiple of its threshold.
+# No requested task starts nearer to its goal than this multiple of its threshold.
 START_DISTANCE = 1.2
 
 # Number of refusals in a reset after which the layout is the default one.
