@@ -220,7 +220,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
 
-        With a dense reward also those on its terms, and what it remembers; with `task_draw` those on the requested tasks.
+        With a dense reward also those on its terms, and what it remembers; with `task_draw` on requested tasks.
         """
         progress = state.progress
         infos = {

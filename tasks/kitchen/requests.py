@@ -1,7 +1,7 @@
 """The tasks that an episode asks for, of those configured, and their order.
 
-An order is an array `(..., n)` int64 over the configured tasks: the place of each requested task, from 0, and -1 for the
-other tasks.
+An order is an array `(..., n)` int64 over the configured tasks: the place of each requested task, from 0, and -1 for
+the other tasks.
 """
 
 import dataclasses
