@@ -125,7 +125,7 @@ class Sensors(Protocol[Reading_co]):
         """Evaluates a single physics up to `stage`."""
 
     def read(self, simulation: Simulation) -> Reading_co:
-        """Returns the present values, in fresh arrays `(..., k)`."""
+        """Returns the current values, in fresh arrays `(..., k)`."""
 
 
 class FeatureSensors:
@@ -157,15 +157,14 @@ class FeatureSensors:
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Looks up all addresses in the compiled scene."""
-        found = []
-        for sensors, part in self._by_feature.values():
-            bound = physics.bind(sensors)
-            ranges = [np.arange(start, start + size)[part] for start, size in zip(bound.adr, bound.dim, strict=True)]
-            found.append(np.concatenate(ranges))
-        self.columns = np.concatenate(found)
-        stops = np.cumsum([each.size for each in found]).tolist()
-        sized = zip(self._by_feature, found, stops, strict=True)
-        self.indices = {name: slice(stop - each.size, stop) for name, each, stop in sized}
+        found: list[int] = []
+        self.indices: dict[str, slice] = {}
+        for feature, (sensors, part) in self._by_feature.items():
+            bound, start = physics.bind(sensors), len(found)
+            for address, size in zip(bound.adr, bound.dim, strict=True):
+                found += range(address, address + size)[part]
+            self.indices[feature] = slice(start, len(found))
+        self.columns = np.array(found)
         self.ctrl = columns(physics.bind(self._robot.actuators).element_id)
 
     def refresh(self, physics: mjcf.Physics) -> None:
@@ -209,11 +208,11 @@ class SceneIndices:
 
     def write(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         """Sets qpos and qvel to those of an observation: positions and velocities of robot, then of objects."""
-        qpos, qvel = physics.data.qpos, physics.data.qvel
+        qpos, qvel, start = physics.data.qpos, physics.data.qvel, 0
         parts = (qpos, self.robot_qpos), (qvel, self.robot_qvel), (qpos, self.object_qpos), (qvel, self.object_qvel)
-        stops = np.cumsum([indices.size for _, indices in parts])
-        for (field, indices), values in zip(parts, np.split(observation, stops[:-1]), strict=True):
-            field[indices] = values
+        for field, indices in parts:
+            field[indices] = observation[start : start + indices.size]
+            start += indices.size
 
 
 class ActionMode(abc.ABC):

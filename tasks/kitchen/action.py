@@ -59,7 +59,7 @@ class JointVelocity(ActionMode):
         return target, command
 
 
-class JointPosition(ActionMode):
+class KitchenJointPosition(ActionMode):
     """`joint_position`: nine joint positions; as Diffusion Policy's kitchen, but in an order that rounds nothing."""
 
     name = "joint_position"
@@ -98,7 +98,7 @@ class JointPosition(ActionMode):
 
 # Control modes of the kitchen by name; the first is the default.
 CONTROL_MODES: Mapping[str, Callable[..., ActionMode]] = MappingProxyType(
-    {"joint_velocity": JointVelocity, "joint_position": JointPosition, **SHARED_MODES}
+    {"joint_velocity": JointVelocity, "joint_position": KitchenJointPosition, **SHARED_MODES}
 )
 
 

@@ -63,11 +63,11 @@ class Variations:
         self,
         scene: Scene,
         table: Sequence[ParameterVariation],
-        variations: str | Sequence[str] | Mapping[str, Variation] | None = None,
-        split: str = "seen",
+        variations: str | Sequence[str] | Mapping[str, Variation] | None,
+        split: str,
         *,
         handles: Sequence[mjcf.Element],
-        parameters: Sequence[Parameter] = (),
+        parameters: Sequence[Parameter],
         home: NDArray[np.float64] | None = None,
         correct: Callable[[Values], Values] = lambda values: values,
         first: Sequence[Draw] = (),
@@ -79,8 +79,7 @@ class Variations:
           table: the parameters that groups vary, in the order in which they are drawn; those that the scene does not
             have are left out.
           variations: names of groups of `distributions.GROUPS`, alone, in a sequence or joined by commas; or
-            distributions by parameter, which JSON may describe (see `distributions.parse`). Nothing varies when
-            omitted.
+            distributions by parameter, which JSON may describe (see `distributions.parse`); None for no variation.
           split: `seen`, or `held_out`: which distributions of the groups are drawn from.
           handles: sites that the hand must reach in every layout.
           parameters: those that belong to the task, not to an entity of the scene.

@@ -372,7 +372,7 @@ class DeltaEncoder(JointEncoder):
 ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = MappingProxyType(
     {
         kitchen_action.JointVelocity: VelocityEncoder,
-        kitchen_action.JointPosition: KitchenPositionEncoder,
+        kitchen_action.KitchenJointPosition: KitchenPositionEncoder,
         JointOffset: OffsetEncoder,
         JointPosition: PositionEncoder,
         JointDelta: DeltaEncoder,
