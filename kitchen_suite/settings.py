@@ -11,9 +11,12 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from kitchen_suite import checks, suite
+
+if TYPE_CHECKING:
+    from kitchen_suite.workers.cluster import RaySettings
 
 WIDTH = 100  # Characters in a line that a command prints.
 
@@ -334,6 +337,17 @@ class EpisodeSettings(TaskSettings):
     max_episode_steps: MaxEpisodeSteps | None = None
     workers: Workers | None = None
     ray_address: RayAddress | None = None
+
+    @property
+    def ray(self) -> "RaySettings | None":
+        """The workers that play the episodes, checked; None where the command plays them itself."""
+        if self.workers is None:
+            if self.ray_address:
+                raise ValueError("--ray_address needs --workers: the number of processes there")
+            return None
+        from kitchen_suite.workers.cluster import RaySettings
+
+        return RaySettings.of(self.workers, self.ray_address)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.rollout import SingleRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ViewSettings
 

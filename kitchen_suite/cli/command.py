@@ -62,6 +62,7 @@ class Command:
       settings: dataclass of the command's settings; each field is a flag, those without a default are required.
       job: `module:callable` that returns a `Job` for the settings. The module is imported after the GL library has been
         chosen, since dm_control chooses one when it is imported.
+      details: returns further text for `--help`.
       renders: whether pictures will be rendered with given settings; None where the job will find out.
       positional: the field that is given without a flag, if any.
       needs: packages that the job imports, and the extra that installs them.
@@ -71,6 +72,7 @@ class Command:
     description: str
     settings: type
     job: str
+    details: Callable[[], str] = str
     renders: Callable[[Any], bool | None] = lambda settings: False
     positional: str | None = None
     needs: tuple[tuple[str, ...], str] = ((), "")
@@ -114,7 +116,7 @@ class Command:
         others = [text for text in others if text != "--"]
         unknown = [text.lstrip("-").partition("=")[0] for text in others if text.startswith("-")]
         if values.help or (unknown and unknown[0] in _HELP_FLAGS):
-            return f"{self.description}\nFlags:\n{flags.describe(settings, self.positional)}"
+            return f"{self.description}{self.details()}\nFlags:\n{flags.describe(settings, self.positional)}"
         if values.version:
             return f"{self.name} {kitchen_suite.__version__}"
         if unknown:

@@ -12,7 +12,6 @@ from types import MappingProxyType
 import kitchen_suite
 from kitchen_suite import checks
 from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
-from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.rendering import gl
 from kitchen_suite.settings import (
     BenchmarkSettings,
@@ -41,14 +40,16 @@ def _renders_by_default(settings: PlaySettings) -> bool:
 
 
 def _protocol_lines() -> str:
-    """Returns a few lines of help on each protocol of `kitchen-evaluate`."""
+    """Returns paragraphs of help on the protocols of `kitchen-evaluate`."""
+    from kitchen_suite.evaluation.protocols import PROTOCOLS
+
     lines = []
     for protocol in PROTOCOLS.values():
         domains = "" if protocol.is_general else "kitchen; "
         text = f"{protocol.follows} ({domains}{protocol.num_episodes:,} episodes, seeds from {protocol.seed:,})"
         first = f"  {protocol.name:<17} "
         lines.append(textwrap.fill(text, 110, initial_indent=first, subsequent_indent=" " * 20))
-    return "\n".join(lines)
+    return "\n".join(["", *lines, ""])
 
 
 rollout = Command(
@@ -162,7 +163,7 @@ interrupted.
 
 evaluate = Command(
     name="kitchen-evaluate",
-    description=f"""Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
+    description="""Evaluates a policy under a published protocol, with confidence intervals. Needs no display.
 
   kitchen-evaluate --policy=expert                             200 episodes of random 4 of the kitchen's 7 tasks
   kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json --web=expert.html
@@ -173,9 +174,8 @@ Flags that are given replace the protocol's values, and the JSON has the final o
 JSON, to the byte, whatever --num_envs and --num_threads. A policy module:callable must be stateless, or be played with
 --num_envs=1. Exit status: 0; 1 if writing failed; 2 for a bad argument or policy, with one line on stderr; 130 if
 interrupted. Protocols:
-
-{_protocol_lines()}
 """,
+    details=_protocol_lines,
     settings=EvaluateSettings,
     job="kitchen_suite.evaluation.evaluate_job:EvaluateJob",
     renders=lambda settings: settings.observes_pictures,

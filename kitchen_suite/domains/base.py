@@ -174,9 +174,7 @@ class Domain:
           TypeError: an argument of the wrong type, or an unknown one.
           ValueError: an unknown name, or a number out of range.
         """
-        from kitchen_suite.entities.assets import is_visual
         from kitchen_suite.environment import Environment
-        from kitchen_suite.rendering.quality import set_render_quality
 
         self.check_arguments(arguments, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
@@ -191,7 +189,11 @@ class Domain:
         constructors = Environment, *Environment.__bases__
         given = environment_kwargs or {}
         checks.keywords(given, *constructors, what="environment argument", exclude=_SET_OF_ENVIRONMENT)
-        set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
+        if render_quality != "high":
+            from kitchen_suite.entities.assets import is_visual
+            from kitchen_suite.rendering.quality import set_render_quality
+
+            set_render_quality(task.root_entity.mjcf_model, render_quality, is_visual)
         settings = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False, **given}
         return Environment(task, time_limit=limit, random_state=random, **settings)
 

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
-from kitchen_suite.environment import random_state as random_states
 from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.task import SuiteTask
@@ -205,7 +204,7 @@ class Environment(composer.Environment):
         with warnings.catch_warnings():
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
-            super().__init__(task, random_state=random_states.make_random_state(random_state), **kwargs)
+            super().__init__(task, random_state=make_random_state(random_state), **kwargs)
         steps = time_limit / self.control_timestep()
         self._step_limit = math.ceil(steps - 1e-9) if math.isfinite(steps) else math.inf
         self._step_count = 0
@@ -224,7 +223,7 @@ class Environment(composer.Environment):
 
     @random_state.setter
     def random_state(self, value: int | np.random.RandomState | None) -> None:
-        self._random_state = random_states.make_random_state(value)
+        self._random_state = make_random_state(value)
         if self._fixed_initial_state:
             # composer starts every episode from this state.
             self._fixed_random_state = self._random_state.get_state(legacy=False)
@@ -303,7 +302,7 @@ class Environment(composer.Environment):
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
-        random = random_states.check_stored(state.get("random"), self._random_state)
+        random = _checked_random(state.get("random"), self._random_state)
         state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
@@ -383,3 +382,53 @@ class Environment(composer.Environment):
         return UnbufferedUpdater(
             self._task.observables, self._physics_steps, self._strip_singleton_obs_buffer_dim, padding
         )
+
+
+def make_random_state(random: int | np.random.RandomState | None) -> np.random.RandomState:
+    """Returns a RandomState for the argument `random` of dm_control's environments.
+
+    Args:
+      random: a RandomState, which is returned as it is; a seed of any size, whose bits above the 32nd are folded onto
+        the lower ones; or `None` for fresh entropy.
+
+    Raises:
+      TypeError: `random` has another type.
+      ValueError: the seed is negative.
+    """
+    if random is None or isinstance(random, np.random.RandomState):
+        return random or np.random.RandomState()
+    if isinstance(random, bool) or not isinstance(random, int | np.integer):
+        raise TypeError(f"random must be an int, a numpy RandomState or None, got {random!r}")
+    if random < 0:
+        raise ValueError(f"random must not be negative, got {random}")
+    seed, folded = int(random), 0
+    while seed:
+        folded ^= seed & 0xFFFFFFFF
+        seed >>= 32
+    return np.random.RandomState(folded)
+
+
+def legacy_generator(seed: int | None) -> np.random.Generator:
+    """Returns a generator from whose bit generator a RandomState draws the numbers of `make_random_state(seed)`."""
+    bit_generator = np.random.MT19937()
+    np.random.RandomState(bit_generator).set_state(make_random_state(seed).get_state(legacy=False))
+    return np.random.Generator(bit_generator)
+
+
+def _checked_random(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:
+    """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it.
+
+    Raises:
+      TypeError: it is no dict.
+      ValueError: it belongs to another bit generator, or is broken.
+    """
+    if not isinstance(stored, Mapping):
+        raise TypeError(f"state['random'] must be a dict, got {stored!r}")
+    generator = random_state.get_state(legacy=False)["bit_generator"]
+    if stored.get("bit_generator") != generator:
+        raise ValueError(f"state['random'] must be of a {generator}, got one of {stored.get('bit_generator')!r}")
+    try:
+        np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"state['random'] is no state of a {generator}: {error!r}") from error
+    return dict(stored)

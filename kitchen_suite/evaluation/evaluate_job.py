@@ -17,9 +17,8 @@ from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.rollout import EndedEpisode, PolicyController, SingleRollout, VectorRollout, even_count
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
-from kitchen_suite.rollouts.vector_rollout import EndedEpisode, PolicyController, VectorRollout, even_count
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv

@@ -17,12 +17,10 @@ from kitchen_suite.recordings.formats import FORMATS, MINARI, DatasetPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
+from kitchen_suite.rollouts.rollout import VectorRunner, even_count, play_many
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.rollouts.vector_rollout import VectorRunner, even_count, play_many
 from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
-from kitchen_suite.workers.cluster import RaySettings
-from kitchen_suite.workers.worker import ClusterError
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
 
@@ -44,13 +42,12 @@ class PhysicsDivergedError(Exception):
 class RecordJob:
     """Makes a recording, or completes it."""
 
-    failures = (ClusterError, PhysicsDivergedError, OSError)
+    failures = (PhysicsDivergedError, OSError)
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
         """Prepares the recording, so that bad settings are refused before the first episode."""
-        workers, address = settings.workers, settings.ray_address
-        self._ray = RaySettings.of(workers, address) if workers or address else None
+        self._ray = settings.ray
         self._settings = settings = _with_format(settings.resolved)
         self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()

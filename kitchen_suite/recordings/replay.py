@@ -19,7 +19,7 @@ from kitchen_suite.recordings import sources
 from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.single_rollout import episode_name
+from kitchen_suite.rollouts.rollout import episode_name
 from kitchen_suite.rollouts.spec import reset_to_seed
 from kitchen_suite.rollouts.views import Views
 from kitchen_suite.settings import ReplaySettings

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from dm_control.rl.control import PhysicsError
 from tqdm import tqdm
@@ -16,13 +17,13 @@ from kitchen_suite.rendering.cameras import camera_names
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report, print_line
-from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.rollout import SingleRollout, SingleRunner
 from kitchen_suite.rollouts.spec import EpisodeSpec
-from kitchen_suite.rollouts.vector_rollout import SingleRunner
 from kitchen_suite.rollouts.views import Views
 from kitchen_suite.settings import WIDTH, RolloutSettings
-from kitchen_suite.workers.cluster import RaySettings
-from kitchen_suite.workers.worker import ClusterError
+
+if TYPE_CHECKING:
+    from kitchen_suite.workers.cluster import RaySettings
 
 # Shows a policy that succeeds, to those who have seen the random one.
 _NEXT_COMMAND = "kitchen-rollout --domain_name=open_cabinet --policy=trained"
@@ -31,13 +32,12 @@ _NEXT_COMMAND = "kitchen-rollout --domain_name=open_cabinet --policy=trained"
 class RolloutJob:
     """Plays a number of episodes, reports and writes them."""
 
-    failures = (ClusterError, PhysicsError, OSError)
+    failures = (PhysicsError, OSError)
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RolloutSettings) -> None:
         """Prepares the rollout, so that bad settings are refused before the first episode."""
-        workers, address = settings.workers, settings.ray_address
-        self._ray = RaySettings.of(workers, address) if workers or address else None
+        self._ray = settings.ray
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
@@ -92,7 +92,7 @@ class RolloutJob:
             for index, seed in self._episodes:
                 self._add(self._rollout.play(index, seed, watch))
 
-    def _play_on_workers(self, ray: RaySettings) -> None:
+    def _play_on_workers(self, ray: "RaySettings") -> None:
         ended = ray.run(functools.partial(SingleRunner, self._spec), self._episodes, capacity=1, num_threads=1)
         with contextlib.closing(ended), EpisodeBar(self._settings.num_episodes) as bar:
             for _, episode in ended:

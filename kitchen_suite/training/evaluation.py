@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.vector_rollout import Controller, NetworkController, VectorRollout
+from kitchen_suite.rollouts.rollout import Controller, NetworkController, VectorRollout
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.vector_rollout import Controller
+from kitchen_suite.rollouts.rollout import Controller
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint, check_modules
 from kitchen_suite.training.evaluation import episode_metrics, network_controller, step_metrics

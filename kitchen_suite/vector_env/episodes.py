@@ -6,12 +6,13 @@ import weakref
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.environment import PHYSICS_STATE, Environment, random_state
+from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
 from kitchen_suite.tasks.variations.variations import VariationRequest
@@ -20,8 +21,8 @@ from kitchen_suite.vector_env import checks
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
 
 
-def leak_in_forks(batch: Batch) -> None:
-    """Leaks a batch in every process forked from now on.
+def keep_alive_across_fork(batch: Batch) -> None:
+    """Keeps a batch alive in every process forked from now on.
 
     Its destructor joins its threads, which do not survive a fork: a forked process that destroyed it would never end.
     """
@@ -36,6 +37,21 @@ def _leak() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_leak)
+
+
+class Stream:
+    """The random stream of one environment, drawn from by Gymnasium and by composer.
+
+    Attributes:
+      generator: Gymnasium's generator for the seed.
+      seed: the seed; drawn by Gymnasium when `None` is passed.
+      random_state: a RandomState over the generator's bit generator.
+    """
+
+    def __init__(self, seed: int | None) -> None:
+        """Starts the stream."""
+        self.generator, self.seed = gymnasium.utils.seeding.np_random(seed)
+        self.random_state = np.random.RandomState(self.generator.bit_generator)
 
 
 class BatchEpisodes:
@@ -68,14 +84,14 @@ class BatchEpisodes:
         stages = (self._mdp.sensors.stage, self._mdp.action_mode.stage, *([self._extras.stage] if self._extras else []))
         self._stage = max(map(int, stages))
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
-        leak_in_forks(self.batch)
+        keep_alive_across_fork(self.batch)
         self._simulation = BatchSimulation(self.batch)
         self._stepper = Stepper(self._mdp, self._simulation)
         model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
             self._model_fields[name] = checks.repeat(getattr(model, name), count)
-        self.streams = [random_state.Stream(None) for _ in range(count)]
+        self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._shown_variation: dict[str, Any] | None = None
         self._requests: dict[int, VariationRequest] = {}
@@ -87,7 +103,7 @@ class BatchEpisodes:
     def seed(self, seeds: Mapping[int, int]) -> None:
         """Starts random streams anew, by index of the episode."""
         for i, seed in seeds.items():
-            self.streams[i] = random_state.Stream(seed)
+            self.streams[i] = Stream(seed)
 
     def reset_statistics(self, mask: NDArray[np.bool_] | None, total_steps: int) -> None:
         """Resets the statistics over episodes where the mask `(n,)` is True, or everywhere."""

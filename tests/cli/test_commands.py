@@ -43,7 +43,7 @@ def test_help_lists_every_flag(name, capsys):
     assert COMMANDS[name].main(["--help"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert out.startswith(f"{COMMANDS[name].description}\nFlags:\n")
+    assert out.startswith(f"{COMMANDS[name].description}{COMMANDS[name].details()}\nFlags:\n")
     assert f"\n  kitchen-{name}" in out
     assert len(out.splitlines()) <= 60
     named = [setting.name for setting in settings_of(name) if setting.name != COMMANDS[name].positional]

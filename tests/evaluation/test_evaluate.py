@@ -60,7 +60,7 @@ def test_the_json_does_not_depend_on_how_episodes_are_played(run, tmp_path):
 
 @pytest.mark.thorough
 def test_the_scores_are_those_of_single_episodes(run, tmp_path):
-    from kitchen_suite.rollouts.single_rollout import SingleRollout
+    from kitchen_suite.rollouts.rollout import SingleRollout
     from kitchen_suite.rollouts.spec import EnvironmentSpec
 
     kwargs = {"variations": "start", "tasks_to_complete": ["microwave", "kettle", "light switch"]}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite.rollouts.vector_rollout import VectorRollout
+from kitchen_suite.rollouts.rollout import VectorRollout
 from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
 
 EPISODES, LIMIT = 5, 12

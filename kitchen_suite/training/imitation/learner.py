@@ -13,8 +13,8 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.rollouts.rollout import Controller, PolicyController
 from kitchen_suite.rollouts.spec import EnvironmentSpec
-from kitchen_suite.rollouts.vector_rollout import Controller, PolicyController
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, checked_changes
 from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
