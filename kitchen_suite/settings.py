@@ -1,17 +1,19 @@
-"""Settings of the commands: each field is the flag of its name, with the type and the `Flag` of its annotation.
+"""Settings of the commands: each field is the flag of its name, with the field's type, default and `Flag`.
 
-The annotations stand first, in the order in which `--help` lists the flags. The settings of each command follow.
+`--help` lists the flags in the order of the fields, those of bases last. Flags that several commands have stand before
+the settings.
 """
+
+# ruff: noqa: RUF009, each call of `flag` makes a field of its own
 
 import dataclasses
 import functools
-import itertools
 import json
 import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from kitchen_suite import checks, suite
 
@@ -20,7 +22,11 @@ if TYPE_CHECKING:
 
 WIDTH = 100  # Characters in a line that a command prints.
 
+# Beginning of the names of the observation types with pictures; a GL library is chosen before these can be imported.
+PICTURES_PREFIX = "pixels"
+
 _MAX_STEPS = 10**12
+_MAX_COUNT = 10**6
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
 _MAX_EPISODE_STEPS = 100_000
@@ -28,10 +34,8 @@ _MAX_EPISODE_STEPS = 100_000
 # Size of the models' offscreen buffers [pixels].
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 
-_positions = itertools.count()
 
-
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Flag:
     """The help of a flag, and the values that it accepts.
 
@@ -40,9 +44,8 @@ class Flag:
       minimum: least value of a number.
       maximum: greatest value of a number.
       choices: values of a string; any when empty.
-      unset: what applies without the flag, where it has no default. `metadata["unset"]` of a field replaces it.
+      unset: what applies without the flag, where it has no default.
       check: raises a ValueError for a value that is refused.
-      position: in `--help`.
     """
 
     help: str
@@ -51,22 +54,29 @@ class Flag:
     choices: tuple[str, ...] = ()
     unset: str = ""
     check: Callable[[Any], None] = lambda value: None
-    position: int = dataclasses.field(default_factory=lambda: next(_positions), init=False)
 
 
-def _check_even(pixels: int) -> None:
+def flag(help: str, default: Any = dataclasses.MISSING, **accepted: Any) -> Any:
+    """Returns a field of settings; it is required without a default, and `accepted` are attributes of its `Flag`."""
+    metadata = {"flag": Flag(help=help, **accepted)}
+    if isinstance(default, dict):
+        return dataclasses.field(default_factory=default.copy, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def check_even(pixels: int) -> None:
     """Raises a ValueError for an odd number."""
     if pixels % 2:
         raise ValueError("must be even")
 
 
-def _check_folder(path: Path) -> None:
+def check_folder(path: Path) -> None:
     """Raises a ValueError for a path that exists and is no folder."""
     if path.exists() and not path.is_dir():
         raise ValueError("is not a folder")
 
 
-def _check_file(path: Path, suffix: str = "") -> None:
+def check_file(path: Path, suffix: str = "") -> None:
     """Raises a ValueError for a path that cannot be written to as a file whose name ends with a suffix."""
     if not path.name.endswith(suffix) or (path.exists() and not path.is_file()):
         raise ValueError(f"must be a file that ends with {suffix}" if suffix else "is not a file")
@@ -74,223 +84,81 @@ def _check_file(path: Path, suffix: str = "") -> None:
         raise ValueError(f"there is no folder {str(path.parent)!r} that may be written to")
 
 
-RecordingSource = Annotated[
-    str, Flag("Recording to replay: folder of kitchen-record or kitchen-rollout, or Minari or LeRobot dataset.")
-]
-HumanSource = Annotated[str, Flag("Demonstrations to convert: HDF5 file of D4RL, or Minari dataset.")]
-ListDomains = Annotated[bool, Flag("List all domains with their tasks and cameras, and exit.")]
-ListPolicies = Annotated[bool, Flag("List the trained policies that come with the package, and exit.")]
-Measure = Annotated[
-    str,
-    Flag(
-        "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
-        "soak: memory in the course of a long run; rendering: frames per second, and what a frame costs.",
-        choices=("speed", "scaling", "soak", "rendering"),
-    ),
-]
-ProtocolName = Annotated[
-    str, Flag("Protocol of the evaluation: it sets task, variations, seeds and number of episodes.")
-]
-DomainName = Annotated[
-    str, Flag("Domain of the task; kitchen-rollout --list shows all. module:NAME is a Domain of your own.")
-]
-TaskName = Annotated[
-    str, Flag("Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first")
-]
-TaskKwargs = Annotated[
-    Mapping[str, Any],
-    Flag("Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'."),
-]
-ControlMode = Annotated[
-    str,
-    Flag(
-        "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
-        unset="the domain's",
-    ),
-]
-Variations = Annotated[
-    str,
-    Flag(
-        "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by "
-        "parameter, as a JSON object; see docs/guide/variations.md.",
-        unset="none",
-    ),
-]
-VariationSplit = Annotated[
-    str, Flag("Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen")
-]
-VariationValues = Annotated[
-    Mapping[str, Any],
-    Flag("Values of parameters that vary, in place of drawn ones, as a JSON object such as '{\"kettle/mass\": 1}'."),
-]
-PolicyName = Annotated[
-    str,
-    Flag(
-        "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
-        "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\"."
-    ),
-]
-ShippedPolicy = Annotated[str, Flag("Name of a trained policy that comes with the package.")]
-PolicyFile = Annotated[Path, Flag("File of a trained policy, written by kitchen-train.")]
-EpisodeNumbers = Annotated[str, Flag("Which episodes: all, or numbers and ranges such as 0,5,7-9.")]
-NumEpisodes = Annotated[int, Flag("Number of episodes.", minimum=1, maximum=1_000_000)]
-NumReplayed = Annotated[
-    int,
-    Flag("Number of episodes, spread evenly over the recording, without --episodes.", minimum=1, maximum=1_000_000),
-]
-Seed = Annotated[int, Flag("First seed; further episodes, or restarts of a training, have the next ones.", minimum=0)]
-MaxEpisodeSteps = Annotated[
-    int,
-    Flag("Control steps after which an episode ends.", minimum=1, maximum=_MAX_EPISODE_STEPS, unset="the domain's"),
-]
-NumMeasuredSteps = Annotated[
-    int,
-    Flag("Control steps in total, over all environments.", minimum=0, maximum=_MAX_STEPS, unset="the measure's"),
-]
-NumTrainingSteps = Annotated[
-    int,
-    Flag(
-        "Control steps in total, over all environments; training may end earlier: see --target_success.",
-        minimum=0,
-        maximum=_MAX_STEPS,
-        unset="the domain's",
-    ),
-]
-NumEnvs = Annotated[int, Flag("Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS)]
-NumbersOfEnvs = Annotated[
-    tuple[int, ...],
-    Flag(
-        "Numbers of environments stepped together, such as 1,8,32.",
-        minimum=1,
-        maximum=checks.MAX_ENVS,
-        unset="the measure's",
-    ),
-]
-NumThreads = Annotated[
-    int,
-    Flag("Threads that step the environments.", minimum=1, maximum=checks.MAX_THREADS, unset="one per processor"),
-]
-Workers = Annotated[
-    int, Flag("Processes on Ray that play the episodes; needs the extra ray.", minimum=1, maximum=10_000)
-]
-RayAddress = Annotated[
-    str, Flag("Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", unset="started for the command")
-]
-Rounds = Annotated[int, Flag("Rounds that count.", minimum=1, maximum=1_000_000)]
-TrainingKwargs = Annotated[
-    Mapping[str, Any],
-    Flag(
-        "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
-        "domain's."
-    ),
-]
-HyperparameterChanges = Annotated[Mapping[str, Any], Flag("Changes to the domain's hyperparameters, as a JSON object.")]
-Algorithm = Annotated[str, Flag("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations.")]
-NumDemonstrations = Annotated[
-    tuple[int, ...],
-    Flag("Episodes to learn from; or a number for each folder.", minimum=1, maximum=10**9, unset="all"),
-]
-DemonstrationFolders = Annotated[
-    tuple[Path, ...], Flag("Folders of kitchen-record, separated by commas; PPO clones them first.")
-]
-InitialPolicy = Annotated[Path, Flag("File of a trained policy to start from.", unset="from scratch")]
-EvalInterval = Annotated[
-    int,
-    Flag(
-        "Control steps between evaluations, each followed by a checkpoint.",
-        minimum=1,
-        maximum=_MAX_STEPS,
-        unset="the domain's",
-    ),
-]
-EvalEpisodes = Annotated[int, Flag("Episodes of an evaluation, on seeds held out.", minimum=1, maximum=checks.MAX_ENVS)]
-TargetSuccess = Annotated[
-    float,
-    Flag(
-        "Success rate of two evaluations in a row that ends training; above 1: never.",
-        minimum=0,
-        unset="the domain's",
-    ),
-]
-Patience = Annotated[
-    int,
-    Flag(
-        "Control steps without --min_progress after which a seed is given up; 0: never.",
-        minimum=0,
-        maximum=_MAX_STEPS,
-        unset="the domain's",
-    ),
-]
-MinProgress = Annotated[float, Flag("Mean opening [m], or tasks completed, that counts as progress.", minimum=0)]
-Restarts = Annotated[int, Flag("Number of further seeds to try where one is given up.", minimum=0, maximum=1_000_000)]
-ResumeRun = Annotated[bool, Flag("Continue the run in the folder from its newest checkpoint.")]
-ResumeEvaluation = Annotated[bool, Flag("Continue the evaluation in the folder.")]
-Preset = Annotated[
-    str, Flag("Set of demonstrations, of its own task and policy: one of the domain's presets.", unset="none")
-]
-OutputFolder = Annotated[Path, Flag("Folder to write to.", check=_check_folder)]
-DatasetFormat = Annotated[str, Flag("Format of the dataset: minari or lerobot.", unset="minari with --dataset")]
-DatasetName = Annotated[
-    str,
-    Flag(
-        "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
-        "(LeRobot)."
-    ),
-]
-DataPath = Annotated[Path, Flag("Folder of the datasets.", unset="Minari's or LeRobot's own")]
-PrintJson = Annotated[bool, Flag("Print JSON in place of tables.")]
-JsonFile = Annotated[
-    Path, Flag("File to write the results to as JSON; an existing one is replaced.", check=_check_file)
-]
-VideoFile = Annotated[
-    Path,
-    Flag(
-        "Video to write, an .mp4 in an existing folder; an existing video is replaced.",
-        unset="none",
-        check=functools.partial(_check_file, suffix=".mp4"),
-    ),
-]
-NoVideo = Annotated[bool, Flag("Write no video.")]
-VideoEpisodes = Annotated[int, Flag("Number of episodes in the video, the first ones.", minimum=1, maximum=1_000_000)]
-VideoFps = Annotated[float, Flag("Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000)]
-Port = Annotated[int, Flag("Port of the page, on this machine alone.", minimum=1024, maximum=65535)]
-WebPage = Annotated[
-    Path,
-    Flag(
-        "Web page to write, an .html in an existing folder, which shows the episodes in 3-D; an existing page is "
-        "replaced.",
-        unset="none",
-        check=functools.partial(_check_file, suffix=".html"),
-    ),
-]
-WebEpisodes = Annotated[int, Flag("Number of episodes in the web page, the first ones.", minimum=1, maximum=1000)]
-RenderQuality = Annotated[
-    str,
-    Flag(
-        "high; or fast: a video without shadows, reflections, sky and multisampling, and with fewer faces.",
-        choices=("high", "fast"),
-    ),
-]
-CameraName = Annotated[str, Flag("Camera of the video and the page, by name or number.")]
-Width = Annotated[int, Flag("Width of the video [pixels], even.", minimum=2, maximum=_MAX_WIDTH, check=_check_even)]
-Height = Annotated[int, Flag("Height of the video [pixels], even.", minimum=2, maximum=_MAX_HEIGHT, check=_check_even)]
-VisualizeReward = Annotated[bool, Flag("Colour objects in the video while they count as a success.")]
-
-
-# Beginning of the names of the observation types with pictures; a GL library is chosen before these can be imported.
-PICTURES_PREFIX = "pixels"
+domain_flag = functools.partial(
+    flag, "Domain of the task; kitchen-rollout --list shows all. module:NAME is a Domain of your own."
+)
+task_flag = functools.partial(
+    flag, "Task of the domain.", unset="its first benchmark task (kitchen: complete), or its first"
+)
+control_mode_flag = functools.partial(
+    flag,
+    "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
+    unset="the domain's",
+)
+variations_flag = functools.partial(
+    flag,
+    "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by parameter, as "
+    "a JSON object; see docs/guide/variations.md.",
+    unset="none",
+)
+variation_split_flag = functools.partial(
+    flag, "Distributions of the groups: seen, or held_out.", choices=("seen", "held_out"), unset="seen"
+)
+policy_flag = functools.partial(
+    flag,
+    "random, zero, expert, trained, or module:callable, which takes a dm_env.TimeStep and returns the action. "
+    "expert and trained take options, as in 'expert(speed=0.8)' and \"trained(file='policy.npz')\".",
+)
+seed_flag = functools.partial(
+    flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0
+)
+num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=_MAX_COUNT)
+max_episode_steps_flag = functools.partial(
+    flag,
+    "Control steps after which an episode ends.",
+    minimum=1,
+    maximum=_MAX_EPISODE_STEPS,
+    unset="the domain's",
+)
+num_envs_flag = functools.partial(flag, "Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS)
+num_threads_flag = functools.partial(
+    flag,
+    "Threads that step the environments.",
+    minimum=1,
+    maximum=checks.MAX_THREADS,
+    unset="one per processor",
+)
+output_flag = functools.partial(flag, "Folder to write to.", check=check_folder)
+data_path_flag = functools.partial(flag, "Folder of the datasets.", unset="Minari's or LeRobot's own")
+camera_flag = functools.partial(flag, "Camera of the video and the page, by name or number.")
+video_flag = functools.partial(
+    flag,
+    "Video to write, an .mp4 in an existing folder; an existing video is replaced.",
+    unset="none",
+    check=functools.partial(check_file, suffix=".mp4"),
+)
+video_fps_flag = functools.partial(
+    flag, "Maximum number of frames per second of the video.", minimum=0.1, maximum=10_000
+)
+render_quality_flag = functools.partial(
+    flag,
+    "high; or fast: a video without shadows, reflections, sky and multisampling, and with fewer faces.",
+    choices=("high", "fast"),
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TaskSettings:
     """The task of a command."""
 
-    domain_name: DomainName
-    task_name: TaskName | None = None
-    task_kwargs: TaskKwargs = dataclasses.field(default_factory=dict)
-    control_mode: ControlMode | None = None
-    variations: Variations | None = None
-    variation_split: VariationSplit | None = None
+    domain_name: str = domain_flag("kitchen")
+    task_name: str | None = task_flag(None)
+    task_kwargs: Mapping[str, Any] = flag(
+        "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'.", {}
+    )
+    control_mode: str | None = control_mode_flag(None)
+    variations: str | None = variations_flag(None)
+    variation_split: str | None = variation_split_flag(None)
 
     @property
     def environment_kwargs(self) -> dict[str, Any]:
@@ -331,12 +199,15 @@ def parsed_variations(text: str) -> Any:
 class EpisodeSettings(TaskSettings):
     """The episodes of a task that a command plays, and the processes that play them."""
 
-    domain_name: DomainName = "kitchen"
-    policy: PolicyName = "random"
-    seed: Seed = 0
-    max_episode_steps: MaxEpisodeSteps | None = None
-    workers: Workers | None = None
-    ray_address: RayAddress | None = None
+    policy: str = policy_flag("random")
+    seed: int = seed_flag(0)
+    max_episode_steps: int | None = max_episode_steps_flag(None)
+    workers: int | None = flag(
+        "Processes on Ray that play the episodes; needs the extra ray.", None, minimum=1, maximum=10_000
+    )
+    ray_address: str | None = flag(
+        "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", None, unset="started for the command"
+    )
 
     @property
     def ray(self) -> "RaySettings | None":
@@ -354,21 +225,27 @@ class EpisodeSettings(TaskSettings):
 class PageSettings:
     """The web page that a command writes."""
 
-    web: WebPage | None = None
-    web_episodes: WebEpisodes = 10
-    camera: CameraName = "overview"
+    web: Path | None = flag(
+        "Web page to write, an .html in an existing folder, which shows the episodes in 3-D; an existing page is "
+        "replaced.",
+        None,
+        unset="none",
+        check=functools.partial(check_file, suffix=".html"),
+    )
+    web_episodes: int = flag("Number of episodes in the web page, the first ones.", 10, minimum=1, maximum=1000)
+    camera: str = camera_flag("overview")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FilmSettings(PageSettings):
     """The video and the web page that a command writes."""
 
-    video: VideoFile | None = None
-    video_fps: VideoFps = 25.0
-    width: Width = 640
-    height: Height = 480
-    video_episodes: VideoEpisodes = 1
-    render_quality: RenderQuality = "fast"
+    video: Path | None = video_flag(None)
+    video_fps: float = video_fps_flag(25.0)
+    width: int = flag("Width of the video [pixels], even.", 640, minimum=2, maximum=_MAX_WIDTH, check=check_even)
+    height: int = flag("Height of the video [pixels], even.", 480, minimum=2, maximum=_MAX_HEIGHT, check=check_even)
+    video_episodes: int = flag("Number of episodes in the video, the first ones.", 1, minimum=1, maximum=_MAX_COUNT)
+    render_quality: str = render_quality_flag("fast")
 
     @property
     def rendering(self) -> dict[str, Any]:
@@ -380,28 +257,26 @@ class FilmSettings(PageSettings):
 class RolloutSettings(EpisodeSettings, FilmSettings):
     """Settings of `kitchen-rollout`."""
 
-    list: ListDomains = False
-    num_episodes: NumEpisodes = 3
-    output: OutputFolder | None = None
-    visualize_reward: VisualizeReward = False
+    list: bool = flag("List all domains with their tasks and cameras, and exit.", False)
+    num_episodes: int = num_episodes_flag(3)
+    output: Path | None = output_flag(None)
+    visualize_reward: bool = flag("Colour objects in the video while they count as a success.", False)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlaySettings(FilmSettings):
     """Settings of `kitchen-play`."""
 
-    list: ListPolicies = False
-    shipped: ShippedPolicy | None = None
-    policy_file: PolicyFile | None = None
-    num_episodes: NumEpisodes = 10
-    seed: Seed = 0
-    max_episode_steps: MaxEpisodeSteps | None = None
-    video: VideoFile | None = dataclasses.field(
-        default=None, metadata={"unset": "kitchen-play.mp4, where it can be made, without --web"}
-    )
-    novideo: NoVideo = False
+    list: bool = flag("List the trained policies that come with the package, and exit.", False)
+    shipped: str | None = flag("Name of a trained policy that comes with the package.", None)
+    policy_file: Path | None = flag("File of a trained policy, written by kitchen-train.", None)
+    num_episodes: int = num_episodes_flag(10)
+    seed: int = seed_flag(0)
+    max_episode_steps: int | None = max_episode_steps_flag(None)
+    video: Path | None = video_flag(None, unset="kitchen-play.mp4, where it can be made, without --web")
+    novideo: bool = flag("Write no video.", False)
     # Enough to follow a motion, and few enough to be rendered without a graphics card.
-    video_fps: VideoFps = 12.5
+    video_fps: float = video_fps_flag(12.5)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -411,14 +286,20 @@ class RecordSettings(EpisodeSettings):
     A preset sets those that have their default: task, `task_kwargs` and policy.
     """
 
-    output: OutputFolder
-    preset: Preset | None = None
-    num_episodes: NumEpisodes = 100
-    num_envs: NumEnvs = 16
-    num_threads: NumThreads | None = None
-    format: DatasetFormat | None = None
-    dataset: DatasetName | None = None
-    data_path: DataPath | None = None
+    output: Path = output_flag()
+    preset: str | None = flag(
+        "Set of demonstrations, of its own task and policy: one of the domain's presets.", None, unset="none"
+    )
+    num_episodes: int = num_episodes_flag(100)
+    num_envs: int = num_envs_flag(16)
+    num_threads: int | None = num_threads_flag(None)
+    format: str | None = flag("Format of the dataset: minari or lerobot.", None, unset="minari with --dataset")
+    dataset: str | None = flag(
+        "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
+        "(LeRobot).",
+        None,
+    )
+    data_path: Path | None = data_path_flag(None)
 
     @property
     def resolved(self) -> "RecordSettings":
@@ -437,36 +318,52 @@ class RecordSettings(EpisodeSettings):
 class ReplaySettings(FilmSettings):
     """Settings of `kitchen-replay`; `source` is its argument."""
 
-    source: RecordingSource
-    episodes: EpisodeNumbers | None = None
-    num_episodes: NumReplayed = 10
-    data_path: DataPath | None = None
+    source: str = flag(
+        "Recording to replay: folder of kitchen-record or kitchen-rollout, or Minari or LeRobot dataset."
+    )
+    episodes: str | None = flag("Which episodes: all, or numbers and ranges such as 0,5,7-9.", None)
+    num_episodes: int = flag(
+        "Number of episodes, spread evenly over the recording, without --episodes.", 10, minimum=1, maximum=_MAX_COUNT
+    )
+    data_path: Path | None = data_path_flag(None)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConvertSettings:
     """Settings of `kitchen-convert`; `source` is its argument."""
 
-    source: HumanSource
-    output: OutputFolder
-    data_path: DataPath | None = None
+    source: str = flag("Demonstrations to convert: HDF5 file of D4RL, or Minari dataset.")
+    output: Path = output_flag()
+    data_path: Path | None = data_path_flag(None)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BenchmarkSettings:
     """Settings of `kitchen-benchmark`."""
 
-    measure: Measure = "speed"
-    domain_name: DomainName = "kitchen"
-    rounds: Rounds = 9
-    max_episode_steps: MaxEpisodeSteps | None = None
-    num_envs: NumbersOfEnvs = ()
-    num_steps: NumMeasuredSteps | None = None
-    json: PrintJson = False
+    measure: str = flag(
+        "speed: control steps per second as ratios; scaling: by number of environments and threads, with memory; "
+        "soak: memory in the course of a long run; rendering: frames per second, and what a frame costs.",
+        "speed",
+        choices=("speed", "scaling", "soak", "rendering"),
+    )
+    domain_name: str = domain_flag("kitchen")
+    rounds: int = flag("Rounds that count.", 9, minimum=1, maximum=_MAX_COUNT)
+    max_episode_steps: int | None = max_episode_steps_flag(None)
+    num_envs: tuple[int, ...] = flag(
+        "Numbers of environments stepped together, such as 1,8,32.",
+        (),
+        minimum=1,
+        maximum=checks.MAX_ENVS,
+        unset="the measure's",
+    )
+    num_steps: int | None = flag(
+        "Control steps in total, over all environments.", None, minimum=0, maximum=_MAX_STEPS, unset="the measure's"
+    )
+    json: bool = flag("Print JSON in place of tables.", False)
 
 
-# Metadata of a setting that replaces the protocol's value.
-_PROTOCOLS = {"unset": "the protocol's"}
+_PROTOCOLS = "the protocol's"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -476,21 +373,24 @@ class EvaluateSettings(TaskSettings, PageSettings):
     Those that are None, and `task_kwargs` that are not given, are the protocol's.
     """
 
-    protocol: ProtocolName = "default"
-    domain_name: DomainName = "kitchen"
-    policy: PolicyName = "random"
-    task_name: TaskName | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    control_mode: ControlMode | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    variations: Variations | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    variation_split: VariationSplit | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    seed: Seed | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    num_episodes: NumEpisodes | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    max_episode_steps: MaxEpisodeSteps | None = dataclasses.field(default=None, metadata=_PROTOCOLS)
-    num_envs: NumEnvs = 16
-    num_threads: NumThreads | None = None
-    resume: ResumeEvaluation = False
-    output: OutputFolder | None = None
-    json: JsonFile | None = None
+    protocol: str = flag(
+        "Protocol of the evaluation: it sets task, variations, seeds and number of episodes.", "default"
+    )
+    policy: str = policy_flag("random")
+    task_name: str | None = task_flag(None, unset=_PROTOCOLS)
+    control_mode: str | None = control_mode_flag(None, unset=_PROTOCOLS)
+    variations: str | None = variations_flag(None, unset=_PROTOCOLS)
+    variation_split: str | None = variation_split_flag(None, unset=_PROTOCOLS)
+    seed: int | None = seed_flag(None, unset=_PROTOCOLS)
+    num_episodes: int | None = num_episodes_flag(None, unset=_PROTOCOLS)
+    max_episode_steps: int | None = max_episode_steps_flag(None, unset=_PROTOCOLS)
+    num_envs: int = num_envs_flag(16)
+    num_threads: int | None = num_threads_flag(None)
+    resume: bool = flag("Continue the evaluation in the folder.", False)
+    output: Path | None = output_flag(None)
+    json: Path | None = flag(
+        "File to write the results to as JSON; an existing one is replaced.", None, check=check_file
+    )
 
 
 # Algorithms by the name of `--algorithm`; all but the first learn from demonstrations alone.
@@ -512,25 +412,56 @@ class TrainSettings(TaskSettings):
     domain's or the algorithm's, see `schedule`.
     """
 
-    output: OutputFolder
-    domain_name: DomainName = "open_cabinet"
-    algorithm: Algorithm = PPO
-    training_kwargs: TrainingKwargs = dataclasses.field(default_factory=dict)
-    hyperparameters: HyperparameterChanges = dataclasses.field(default_factory=dict)
-    demonstrations: DemonstrationFolders = ()
-    num_demonstrations: NumDemonstrations = ()
-    initial_policy: InitialPolicy | None = None
-    num_steps: NumTrainingSteps | None = None
-    eval_interval: EvalInterval | None = None
-    eval_episodes: EvalEpisodes = 100
-    target_success: TargetSuccess | None = None
-    patience: Patience | None = None
-    min_progress: MinProgress = 0.05
-    seed: Seed = 0
-    restarts: Restarts = 3
-    num_threads: NumThreads | None = None
-    resume: ResumeRun = False
-    video: VideoFile | None = None
+    output: Path = output_flag()
+    domain_name: str = domain_flag("open_cabinet")
+    algorithm: str = flag("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations.", PPO)
+    training_kwargs: Mapping[str, Any] = flag(
+        "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
+        "domain's.",
+        {},
+    )
+    hyperparameters: Mapping[str, Any] = flag("Changes to the domain's hyperparameters, as a JSON object.", {})
+    demonstrations: tuple[Path, ...] = flag(
+        "Folders of kitchen-record, separated by commas; PPO clones them first.", ()
+    )
+    num_demonstrations: tuple[int, ...] = flag(
+        "Episodes to learn from; or a number for each folder.", (), minimum=1, maximum=10**9, unset="all"
+    )
+    initial_policy: Path | None = flag("File of a trained policy to start from.", None, unset="from scratch")
+    num_steps: int | None = flag(
+        "Control steps in total, over all environments; training may end earlier: see --target_success.",
+        None,
+        minimum=0,
+        maximum=_MAX_STEPS,
+        unset="the domain's",
+    )
+    eval_interval: int | None = flag(
+        "Control steps between evaluations, each followed by a checkpoint.",
+        None,
+        minimum=1,
+        maximum=_MAX_STEPS,
+        unset="the domain's",
+    )
+    eval_episodes: int = flag("Episodes of an evaluation, on seeds held out.", 100, minimum=1, maximum=checks.MAX_ENVS)
+    target_success: float | None = flag(
+        "Success rate of two evaluations in a row that ends training; above 1: never.",
+        None,
+        minimum=0,
+        unset="the domain's",
+    )
+    patience: int | None = flag(
+        "Control steps without --min_progress after which a seed is given up; 0: never.",
+        None,
+        minimum=0,
+        maximum=_MAX_STEPS,
+        unset="the domain's",
+    )
+    min_progress: float = flag("Mean opening [m], or tasks completed, that counts as progress.", 0.05, minimum=0)
+    seed: int = seed_flag(0)
+    restarts: int = flag("Number of further seeds to try where one is given up.", 3, minimum=0, maximum=_MAX_COUNT)
+    num_threads: int | None = num_threads_flag(None)
+    resume: bool = flag("Continue the run in the folder from its newest checkpoint.", False)
+    video: Path | None = video_flag(None)
 
     @property
     def schedule(self) -> "Schedule":
@@ -562,20 +493,20 @@ class Schedule:
 class ExportSettings(TaskSettings):
     """Settings of `kitchen-export`."""
 
-    output: OutputFolder
-    domain_name: DomainName = "kitchen"
-    seed: Seed = 0
-    variation_values: VariationValues = dataclasses.field(default_factory=dict)
+    output: Path = output_flag()
+    seed: int = seed_flag(0)
+    variation_values: Mapping[str, Any] = flag(
+        "Values of parameters that vary, in place of drawn ones, as a JSON object such as '{\"kettle/mass\": 1}'.", {}
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ViewSettings(TaskSettings):
     """Settings of `kitchen-view`."""
 
-    domain_name: DomainName = "kitchen"
-    policy: PolicyName = "random"
-    seed: Seed = 0
-    max_episode_steps: MaxEpisodeSteps | None = None
-    camera: CameraName = "overview"
-    render_quality: RenderQuality = "fast"
-    port: Port = 8080
+    policy: str = policy_flag("random")
+    seed: int = seed_flag(0)
+    max_episode_steps: int | None = max_episode_steps_flag(None)
+    camera: str = camera_flag("overview")
+    render_quality: str = render_quality_flag("fast")
+    port: int = flag("Port of the page, on this machine alone.", 8080, minimum=1024, maximum=65535)

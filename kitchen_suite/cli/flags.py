@@ -2,13 +2,14 @@
 
 import dataclasses
 import functools
+import inspect
 import json
 import math
 import textwrap
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, UnionType
 from typing import Any
 
 from absl import flags
@@ -23,7 +24,6 @@ class Setting(typing.NamedTuple):
     kind: Any
     flag: Flag
     default: Any
-    unset: str
 
     @property
     def is_required(self) -> bool:
@@ -36,27 +36,25 @@ class Setting(typing.NamedTuple):
         if self.is_required:
             return " Required."
         if self.default is None or self.default in ((), {}):
-            return f" Default: {self.unset}." if self.unset else ""
+            return f" Default: {self.flag.unset}." if self.flag.unset else ""
         return "" if self.default is False else f" Default: {self.default}."
 
 
-_HELP = Setting("help", bool, Flag("Show this help, and exit."), False, "")
-_VERSION = Setting("version", bool, Flag("Show the version of the suite, and exit."), False, "")
+_HELP = Setting("help", bool, Flag(help="Show this help, and exit."), False)
+_VERSION = Setting("version", bool, Flag(help="Show the version of the suite, and exit."), False)
 
 
 def settings_of(dataclass: type) -> list[Setting]:
-    """Returns the fields of a settings dataclass in the order of their flags."""
-    hints = typing.get_type_hints(dataclass, include_extras=True)
+    """Returns the fields of a settings dataclass: its own first, then those of its bases."""
+    hints, fields = typing.get_type_hints(dataclass), {field.name: field for field in dataclasses.fields(dataclass)}
     found = []
-    for field in dataclasses.fields(dataclass):
-        hint = hints[field.name]
-        if typing.get_origin(hint) is not typing.Annotated:  # The annotated type, or None.
-            hint, _ = typing.get_args(hint)
-        kind, flag = typing.get_args(hint)
-        make = field.default_factory
-        default = field.default if make is dataclasses.MISSING else make()
-        found.append(Setting(field.name, kind, flag, default, field.metadata.get("unset", flag.unset)))
-    return sorted(found, key=lambda setting: setting.flag.position)
+    for name in dict.fromkeys(name for base in dataclass.__mro__ for name in inspect.get_annotations(base)):
+        kind, field = hints[name], fields[name]
+        if isinstance(kind, UnionType):  # Of the type and None.
+            kind, _ = typing.get_args(kind)
+        default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+        found.append(Setting(name, kind, field.metadata["flag"], default))
+    return found
 
 
 def define(settings: Sequence[Setting]) -> flags.FlagValues:

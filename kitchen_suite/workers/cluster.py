@@ -1,23 +1,19 @@
-"""Runs episodes on Ray: started on this machine for the duration of a run, or an existing cluster.
+"""Connects to Ray: started on this machine for the duration of a run, or an existing cluster.
 
-Needs the extra `ray`, which is imported only when a run starts. Nothing here imports dm_control: in a worker process,
-unpickling the episode runner does, after `gl.prepare`.
+Needs the extra `ray`, which is imported only when a run starts.
 """
 
 import contextlib
 import dataclasses
 import importlib.util
 import os
-import pickle
-import platform
 import signal
 import socket
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Generator, Iterator, Sequence
+from typing import Any
 
-from kitchen_suite.rendering import gl
-from kitchen_suite.versions import installed_versions
+from kitchen_suite.workers.worker import ClusterError, RunnerFactory
 
 # Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
 _RAY_VARIABLES = {
@@ -26,24 +22,6 @@ _RAY_VARIABLES = {
 }
 _CLIENT_SCHEME = "ray://"
 _CONNECT_TIMEOUT = 5.0  # [s]
-
-
-class ClusterError(OSError):
-    """Ray cannot be reached or used, or its workers fail repeatedly."""
-
-
-class EpisodeRunner(Protocol):
-    """Runs episodes in a worker process, one or several at a time."""
-
-    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Runs until one of the pending episodes has ended, and returns its index and result.
-
-        Args:
-          more: (index, seed) of further episodes, which become pending first.
-        """
-
-
-RunnerFactory = Callable[[], EpisodeRunner]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -154,55 +132,3 @@ def _sigterm_handler_kept() -> Iterator[None]:
     finally:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, handler)
-
-
-class Worker:
-    """A Ray actor that runs episodes."""
-
-    def start(self, pickled: bytes, versions: Mapping[str, str]) -> None:
-        """Builds the episode runner.
-
-        Args:
-          pickled: a `RunnerFactory`.
-          versions: package versions of the main process, which must be installed here, too.
-
-        Raises:
-          ClusterError: other versions are installed, or the runner cannot be built on this machine.
-        """
-        try:
-            gl.prepare(rendering=False)
-            _check_versions(versions)
-            self._runner: EpisodeRunner = pickle.loads(pickled)()
-        except (ImportError, OSError, TypeError, ValueError) as error:
-            raise ClusterError(f"a worker on {platform.node()} cannot start: {error}") from error
-
-    def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Runs the episode runner until an episode has ended; see `EpisodeRunner.run`."""
-        return self._runner.run(more)
-
-
-def waiting_line(num_threads: int, *, free: float, machines: Sequence[float]) -> str:
-    """Returns why no worker has started yet.
-
-    Args:
-      num_threads: processors that a worker uses.
-      free: processors of the cluster that are free.
-      machines: number of processors of each machine.
-    """
-    line, largest = f"waiting for processors: a worker needs {num_threads}", max(machines, default=0)
-    if num_threads <= largest:
-        return f"{line}, {free:g} of the cluster's are free"
-    # A cluster that grows may yet add a larger one.
-    return f"{line}, but its largest machine has {largest:g}: give a smaller --num_threads, or add one"
-
-
-def _check_versions(expected: Mapping[str, str]) -> None:
-    """Raises a ValueError that lists the packages of which another version is installed here."""
-    installed = installed_versions()
-    differing = [
-        f"{name} {installed[name]} instead of {version}"
-        for name, version in expected.items()
-        if installed[name] != version
-    ]
-    if differing:
-        raise ValueError(f"it has {', '.join(differing)}, so its episodes would differ")

@@ -14,7 +14,7 @@ from typing import Any
 import ray
 
 from kitchen_suite.versions import installed_versions
-from kitchen_suite.workers.cluster import ClusterError, RunnerFactory, Worker, waiting_line
+from kitchen_suite.workers.worker import ClusterError, RunnerFactory, Worker, waiting_line
 
 # Deaths in a row in one slot, without a finished episode, after which the pool fails.
 _MAX_DEATHS = 3

@@ -1,5 +1,7 @@
 """A command with a job of its own: exit statuses, the line on stderr, and the process that runs it."""
 
+# ruff: noqa: RUF009, each call makes a field of its own
+
 import dataclasses
 import os
 import re
@@ -7,11 +9,12 @@ import shlex
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from kitchen_suite.cli.command import Command
-from kitchen_suite.settings import NumEpisodes, OutputFolder, RecordingSource, Seed
+from kitchen_suite.settings import flag, num_episodes_flag, output_flag, seed_flag
 
 
 class UsageError(Exception):
@@ -20,10 +23,10 @@ class UsageError(Exception):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Settings:
-    source: RecordingSource
-    output: OutputFolder
-    num_episodes: NumEpisodes = 3
-    seed: Seed = 0
+    source: str = flag("Recording to replay.")
+    output: Path = output_flag()
+    num_episodes: int = num_episodes_flag(3)
+    seed: int = seed_flag(0)
 
 
 class Job:
