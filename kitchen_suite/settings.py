@@ -197,11 +197,17 @@ def parsed_variations(text: str) -> Any:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeSettings(TaskSettings):
-    """The episodes of a task that a command plays, and the processes that play them."""
+    """The episodes of a task that a command plays."""
 
     policy: str = policy_flag("random")
     seed: int = seed_flag(0)
     max_episode_steps: int | None = max_episode_steps_flag(None)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WorkerSettings(EpisodeSettings):
+    """Episodes, and the processes that play them."""
+
     workers: int | None = flag(
         "Processes on Ray that play the episodes; needs the extra ray.", None, minimum=1, maximum=10_000
     )
@@ -254,7 +260,7 @@ class FilmSettings(PageSettings):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RolloutSettings(EpisodeSettings, FilmSettings):
+class RolloutSettings(WorkerSettings, FilmSettings):
     """Settings of `kitchen-rollout`."""
 
     list: bool = flag("List all domains with their tasks and cameras, and exit.", False)
@@ -280,7 +286,7 @@ class PlaySettings(FilmSettings):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RecordSettings(EpisodeSettings):
+class RecordSettings(WorkerSettings):
     """Settings of `kitchen-record`.
 
     A preset sets those that have their default: task, `task_kwargs` and policy.
@@ -501,12 +507,9 @@ class ExportSettings(TaskSettings):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ViewSettings(TaskSettings):
+class ViewSettings(EpisodeSettings):
     """Settings of `kitchen-view`."""
 
-    policy: str = policy_flag("random")
-    seed: int = seed_flag(0)
-    max_episode_steps: int | None = max_episode_steps_flag(None)
     camera: str = camera_flag("overview")
     render_quality: str = render_quality_flag("fast")
     port: int = flag("Port of the page, on this machine alone.", 8080, minimum=1024, maximum=65535)

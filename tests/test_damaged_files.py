@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from kitchen_suite.cli.commands import record
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
+from kitchen_suite.recordings.formats import FolderSource, find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.recordings.replay import compare, replay
-from kitchen_suite.recordings.sources import FolderSource, find
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.training import run_folder
 
@@ -116,7 +116,7 @@ def play(source, index, environment):
     """Returns an episode of a source, and whether its replay is equal."""
     recorded = source.load(index)
     replayed = replay(environment, recorded, source.spec.seeding)
-    comparison = compare(environment.unwrapped.environment.task, recorded, replayed, truncations=True)
+    comparison = compare(environment.unwrapped.composer_task, recorded, replayed, truncations=True)
     return recorded, comparison.is_equal(exactly=True)
 
 
@@ -199,7 +199,7 @@ class Datasets(Kind):
         arguments = ["--num_threads=1", "--max_episode_steps=3", f"--output={folder / 'runs'}", "--num_episodes=1"]
         assert record.main([*arguments, "--dataset=x-v0", f"--data_path={folder}"]) == 0
         self.folder = folder / "x-v0" / "data"
-        self.source = find(str(self.folder))
+        self.source = find_source(str(self.folder))
         assert isinstance(self.source, MinariSource)
         self.environment = self.source.make_environment(visuals=False)
         self.episode = self.source.load(0)
@@ -213,7 +213,7 @@ class Datasets(Kind):
         super().edit(path, change)
 
     def read(self, is_edit):
-        source = find(str(self.folder))
+        source = find_source(str(self.folder))
         if not source.indices:
             raise ValueError("there are no episodes")
         same_environment = source.spec == self.source.spec and source._env_spec == self.source._env_spec

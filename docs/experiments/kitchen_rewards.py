@@ -71,7 +71,7 @@ def play(episode: tuple[str, str, int]) -> Episode:
     task, case, seed = episode
     env = load(task, case)
     acts = CASES[case][0] == "expert"
-    expert = KitchenExpert.for_task(env.environment.task) if acts else None
+    expert = KitchenExpert.for_task(env.composer_task) if acts else None
     observation, info = env.reset(seed=seed)
     rewards = []
     for _ in range(STEPS):

@@ -125,7 +125,7 @@ def successes(policy_file: Path, asked: Sequence[str]) -> list[int]:
     with contextlib.closing(environments):
         for name in asked:
             if name:
-                tasks = environments.template_env.environment.task
+                tasks = environments.composer_task
                 tasks.task_weights = {other: float(other == name) for other in DEFAULT_TASKS}
             metrics = evaluate(network_controller(policy, environments), environments, range(UNSEEN, UNSEEN + EPISODES))
             counts.append(int(metrics["episode/success"].sum()))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.rollout import SingleRollout
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import ViewSettings
 
 if TYPE_CHECKING:
@@ -21,13 +21,7 @@ class LiveEpisode:
 
     def __init__(self, settings: ViewSettings) -> None:
         """Builds environment and policy, and starts the episode of the settings' seed."""
-        environments = EnvironmentSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            max_episode_steps=settings.max_episode_steps,
-        )
-        spec = environments.episodes(policy=settings.policy, seed=settings.seed, seeding="gymnasium")
+        spec = EpisodeSpec.of(settings, seeding="gymnasium")
         quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": settings.render_quality}
         self._rollout = SingleRollout(spec.prepared(), visuals=True, **quality)
         self._max_steps = spec.max_episode_steps

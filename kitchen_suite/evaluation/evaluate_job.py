@@ -249,13 +249,13 @@ def _result(
     environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
 ) -> EpisodeResult:
     """Returns the result of an episode; of one whose physics has diverged (None) that of its start, as a failure."""
-    task = environments.template_env.environment.task
+    task = environments.composer_task
     if episode:
         infos = episode.last_info
         return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
     with contextlib.closing(spec.make_environment()) as environment:
         _, infos = reset_to_seed(environment, key["seed"], spec.seeding)
-        task = suite_env(environment).environment.task
+        task = suite_env(environment).composer_task
         result = EpisodeResult.of(task, infos, control_steps=spec.max_episode_steps, diverged=True, **key)
     assert not result.success
     return result

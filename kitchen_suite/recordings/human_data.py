@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from kitchen_suite import files
 from kitchen_suite.entities import Scene, build_kitchen_scene
-from kitchen_suite.recordings import sources
+from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource, minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
@@ -194,7 +194,7 @@ def open_data(name: str, scene: Scene) -> HumanData:
     path = Path(name)
     if path.suffix in _SUFFIXES or path.is_file():
         return D4RLData(path, scene)
-    source = sources.find(name)
+    source = find_source(name)
     if not isinstance(source, MinariSource):
         raise ValueError(f"{name} is a recording of this suite already")
     return MinariData(source, name)

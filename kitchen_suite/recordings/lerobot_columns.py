@@ -71,7 +71,7 @@ class LeRobotObservations:
         if refused := sorted(found & {"depth", "segmentation"}):
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")
         self._further = [key for key in given.spaces if key not in (AGENT_POS, ENVIRONMENT_STATE, PIXELS)]
-        pictures = environment.environment.task.pictures.pictures
+        pictures = environment.composer_task.pictures.pictures
         self._cameras = [picture_key(picture.camera) for picture in pictures]
         parts: dict[str, spaces.Space] = {AGENT_POS: given[AGENT_POS]}
         if vectors := [given[key] for key in self._environment_keys(given.spaces)]:

@@ -101,7 +101,7 @@ class RecordJob:
         missing = [(index, self._spec.seed + index) for index in self._wanted if index not in present]
         if not missing:
             return []
-        task, diverged = suite_env(self._template_env).environment.task, []
+        task, diverged = suite_env(self._template_env).composer_task, []
         with contextlib.closing(self._episodes(missing)) as episodes, self._bar() as bar:
             for index, episode in episodes:
                 if episode is None:
@@ -136,7 +136,7 @@ class RecordJob:
 
     def _load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode; raises an OSError unless its metrics are those of the task."""
-        stats, expected = self._folder.load_stats(index), suite_env(self._template_env).environment.task.episode_metrics
+        stats, expected = self._folder.load_stats(index), suite_env(self._template_env).composer_task.episode_metrics
         if _types(stats.metrics) != _types(expected):
             raise OSError(f"episode {index} in {self._settings.output} has metrics {stats.metrics}, not {expected}")
         return stats

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
-from kitchen_suite.recordings import sources
+from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.report import print_line
@@ -61,14 +61,14 @@ def replay(
       ValueError: the arrays do not fit the environment, or the episode has no seed, and its task's episodes start from
         a seed only.
     """
-    _check_fits(environment, recorded)
-    task, states = suite_env(environment).environment.task, _task_states(environment, recorded)
-    start = _start(environment, recorded, seeding)
+    _check_shape(recorded, "action", recorded.arrays["action"], environment.action_space.shape)
+    states = _states(environment, recorded)
+    start = _start(environment, recorded, seeding, states)
     buffer = EpisodeBuffer(*start, name=episode_name(recorded.index, recorded.seed))
     watch(buffer)
     for step, action in enumerate(recorded.arrays["action"]):
         if recorded.seed is None and states is not None:
-            task.set_observed_positions(states[step])
+            suite_env(environment).composer_task.set_observed_positions(states[step])
         buffer.step(environment, action)
         watch(buffer)
     return EpisodeArrays(
@@ -79,23 +79,31 @@ def replay(
     )
 
 
-def _check_fits(environment: gymnasium.Env, recorded: EpisodeArrays) -> None:
-    """Checks the actions and states of an episode.
+def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
+    """Returns the flat observations `(T + 1, ...)` of a recording, without extra observables.
+
+    None if it does not hold them as a whole.
 
     Raises:
-      ValueError: their shapes are not the environment's, it begins with positions that MuJoCo does not simulate, or it
-        has neither a seed nor states.
+      ValueError: it lacks arrays of the environment's observation type, their shapes are others, it begins with
+        positions that MuJoCo does not simulate, or it has neither a seed nor states.
     """
-    _check_shape(recorded, "action", recorded.arrays["action"], environment.action_space.shape)
-    states = _states(environment, recorded)
+    inner = suite_env(environment)
+    try:
+        states = inner.observations.recover_flat(unflatten(recorded.arrays, "observation"))
+        is_missing = isinstance(states, Mapping) or (states is None and recorded.seed is None)
+    except (IndexError, KeyError, TypeError):
+        is_missing = True
+    if is_missing:
+        raise ValueError(f"episode {recorded.index} has no observations of the state")
     if states is None:
-        if recorded.seed is None:
-            raise ValueError(f"episode {recorded.index} has no observations of the state")
-        return
-    _check_shape(recorded, "observation", states, suite_env(environment).observations.flat_space.shape)
+        return None
+    _check_shape(recorded, "observation", states, inner.observations.flat_space.shape)
     if np.abs(states[0]).max() > mujoco.mjMAXVAL:
         limit = f"{mujoco.mjMAXVAL:g}, the greatest that MuJoCo simulates"
         raise ValueError(f"episode {recorded.index} begins with positions beyond {limit}")
+    # The extra observables come last.
+    return states[:, : states.shape[1] - inner.composer_task.extra_size]
 
 
 def _check_shape(recorded: EpisodeArrays, name: str, array: NDArray, expected: tuple[int, ...] | None) -> None:
@@ -103,20 +111,20 @@ def _check_shape(recorded: EpisodeArrays, name: str, array: NDArray, expected: t
         raise ValueError(f"episode {recorded.index} has {name}s of shape {array.shape[1:]}, the environment {expected}")
 
 
-def _start(environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str) -> tuple[Any, dict[str, Any]]:
+def _start(
+    environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str, states: NDArray | None
+) -> tuple[Any, dict[str, Any]]:
     """Resets to where the recorded episode began; returns the observation and the info there."""
     inner = suite_env(environment)
-    task = inner.environment.task
+    task = inner.composer_task
     observation, info = reset_to_seed(environment, recorded.seed or 0, seeding, _options(task, recorded))
-    physics = inner.environment.physics
-    states = _task_states(environment, recorded)
     if states is None:
         return observation, info
-    first = states[0]
     if recorded.seed is None:
-        task.set_observed_positions(first)
-    if np.isfinite(first).all() and not task.is_initial(physics, first):
-        task.restore(physics, first)
+        task.set_observed_positions(states[0])
+    physics = inner.environment.physics
+    if np.isfinite(states[0]).all() and not task.is_initial(physics, states[0]):
+        task.restore(physics, states[0])
         observation = inner.set_state(inner.get_state())
     return observation, info
 
@@ -126,28 +134,6 @@ def _options(task: SuiteTask, recorded: EpisodeArrays) -> dict[str, Any] | None:
     prefix = f"info/{VARIATION_VALUES}/"
     values = {name.removeprefix(prefix): rows[0] for name, rows in recorded.arrays.items() if name.startswith(prefix)}
     return {**({VARIATION_VALUES: values} if values else {}), **task.requests.recorded(recorded.arrays)} or None
-
-
-def _task_states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
-    """Returns the observations of `_states` without the extra observables, which come last."""
-    states = _states(environment, recorded)
-    return None if states is None else states[:, : states.shape[1] - suite_env(environment).environment.task.extra_size]
-
-
-def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
-    """Returns the flat observations `(T + 1, ...)` of a recording; None if it does not hold them as a whole.
-
-    Raises:
-      ValueError: it lacks arrays of the environment's observation type.
-    """
-    try:
-        states = suite_env(environment).observations.recover_flat(unflatten(recorded.arrays, "observation"))
-        has_other_type = isinstance(states, Mapping)
-    except (IndexError, KeyError, TypeError):
-        has_other_type = True
-    if has_other_type:
-        raise ValueError(f"episode {recorded.index} has no observations of the state")
-    return states
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -267,7 +253,7 @@ class ReplayJob:
         """Prepares the replay, so that bad settings are refused before the first episode."""
         self._settings = settings
         with minari_root(settings.data_path):
-            self._source = sources.find(settings.source, settings.data_path)
+            self._source = find_source(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
         self._environment = self._source.make_environment(**settings.rendering)
         try:

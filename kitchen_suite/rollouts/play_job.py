@@ -1,5 +1,7 @@
 """The work of `kitchen-play`, and of others that play a trained policy."""
 
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout_job import RolloutJob
+from kitchen_suite.rollouts.rollout_job import ListJob, RolloutJob
 from kitchen_suite.settings import PlaySettings, RolloutSettings
 
 _DEFAULT_POLICY = "top_drawer_grasp"
@@ -46,22 +48,10 @@ class PlayJob(RolloutJob):
         is_default = not (settings.video or settings.novideo or settings.web)
         self._reason_against_video = _reason_against_video() if is_default else ""
         self._video = _DEFAULT_VIDEO if is_default and not self._reason_against_video else settings.video
-        rollout = policy_rollout(
-            settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY),
-            num_episodes=settings.num_episodes,
-            seed=settings.seed,
-            max_episode_steps=settings.max_episode_steps,
-            web=settings.web,
-            web_episodes=settings.web_episodes,
-            video=self._video,
-            video_episodes=settings.video_episodes,
-            video_fps=settings.video_fps,
-            camera=settings.camera,
-            width=settings.width,
-            height=settings.height,
-            render_quality=settings.render_quality,
-        )
-        super().__init__(rollout)
+        file = settings.policy_file or shipped_as(settings.shipped or _DEFAULT_POLICY)
+        of_rollout = {field.name for field in dataclasses.fields(RolloutSettings)}
+        shared = {name: value for name, value in vars(settings).items() if name in of_rollout}
+        super().__init__(policy_rollout(file, **{**shared, "video": self._video}))
 
     def run(self) -> bool:
         super().run()
@@ -69,28 +59,17 @@ class PlayJob(RolloutJob):
             print_line(f"video {self._video}")
         if self._reason_against_video:
             print_line(f"no video: {self._reason_against_video}")
-        print_line(f"success {self.successes}/{self.finished}")
+        print_line(f"success {self._report.successes}/{self.finished}")
         return True
 
 
-class ListShippedJob:
-    """Lists the trained policies that come with the package."""
-
-    failures = (OSError,)
-    usage_errors = ()
-
-    def progress(self) -> str:
-        return "while listing"
-
-    def run(self) -> bool:
-        """Prints a row for each policy: its task, success in the evaluation that chose it, its networks and file."""
-        rows = [_row(path) for path in sorted(SHIPPED.glob("*.npz"))]
-        print_line(tabulate(rows, headers="keys"))
-        return True
+def _shipped_policies() -> Iterator[str]:
+    """Yields the table of the trained policies that come with the package."""
+    yield tabulate([_row(path) for path in sorted(SHIPPED.glob("*.npz"))], headers="keys")
 
 
 def _row(path: Path) -> dict[str, str]:
-    """Returns the cells of a policy by the names of their columns."""
+    """Returns task, success in the evaluation that chose it, networks and file size of a policy, by column."""
     policy = load_policy(path)
     metadata = policy.metadata
     return {
@@ -102,9 +81,9 @@ def _row(path: Path) -> dict[str, str]:
     }
 
 
-def make_job(settings: PlaySettings) -> PlayJob | ListShippedJob:
+def make_job(settings: PlaySettings) -> PlayJob | ListJob:
     """Returns the job that settings ask for."""
-    return ListShippedJob() if settings.list else PlayJob(settings)
+    return ListJob(_shipped_policies()) if settings.list else PlayJob(settings)
 
 
 def _reason_against_video() -> str:

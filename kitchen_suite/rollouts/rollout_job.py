@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dm_control.rl.control import PhysicsError
@@ -58,20 +58,11 @@ class RolloutJob:
         """Number of episodes that have been played, and written."""
         return self._report.count
 
-    @property
-    def successes(self) -> int:
-        """Number of those that succeeded."""
-        return self._report.successes
-
     def progress(self) -> str:
         return f"after {self.finished} of {self._settings.num_episodes} episodes"
 
     def run(self) -> bool:
-        """Plays all episodes; prints a table row by row, and a summary, also of those finished before an error.
-
-        Raises:
-          ClusterError: the workers cannot be started, or die again and again.
-        """
+        """Plays all episodes; prints a table row by row, and a summary, also of those finished before an error."""
         spec = self._spec
         print_line(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}\n")
         try:
@@ -134,25 +125,34 @@ class RolloutJob:
 
 
 class ListJob:
-    """Lists all domains with their tasks and cameras."""
+    """Prints the lines of a list as they are made."""
 
     failures = (OSError,)
     usage_errors = ()
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self._lines = lines
 
     def progress(self) -> str:
         return "while listing"
 
     def run(self) -> bool:
-        for domain, tasks in suite.TASKS_BY_DOMAIN.items():
-            with contextlib.closing(suite.load(domain, tasks[0], task_kwargs={"visuals": False})) as environment:
-                names = camera_names(environment.physics)
-            print(domain, _listing("tasks", tasks), _listing("cameras", names), sep="\n")
+        for line in self._lines:
+            print_line(line)
         return True
 
 
 def make_job(settings: RolloutSettings) -> RolloutJob | ListJob:
     """Returns the job that settings ask for."""
-    return ListJob() if settings.list else RolloutJob(settings)
+    return ListJob(_domains()) if settings.list else RolloutJob(settings)
+
+
+def _domains() -> Iterator[str]:
+    """Yields all domains, with their tasks and cameras."""
+    for domain, tasks in suite.TASKS_BY_DOMAIN.items():
+        with contextlib.closing(suite.load(domain, tasks[0], task_kwargs={"visuals": False})) as environment:
+            names = camera_names(environment.physics)
+        yield "\n".join((domain, _listing("tasks", tasks), _listing("cameras", names)))
 
 
 def _listing(title: str, names: Sequence[str]) -> str:

@@ -86,7 +86,7 @@ class EnvironmentSpec:
         """
         policies.find(policy)
         return EpisodeSpec(
-            **self._environment,
+            **vars(self),
             policy=policy,
             seed=seed,
             seeding=checks.choice(seeding, SEEDINGS, "seeding"),
@@ -131,11 +131,6 @@ class EnvironmentSpec:
             **{**self._arguments, **extra},
         )
         return cast(SuiteVectorEnv, environments)
-
-    @property
-    def _environment(self) -> dict[str, Any]:
-        """The attributes of `EnvironmentSpec`."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(EnvironmentSpec)}
 
     @property
     def _arguments(self) -> dict[str, Any]:
@@ -224,7 +219,7 @@ class EpisodeSpec(EnvironmentSpec):
           PolicyError: the policy cannot be built.
         """
         with contextlib.closing(self.make_environment()) as environment:
-            task = suite_env(environment).environment.task
+            task = suite_env(environment).composer_task
             missing = policies.missing_observables(self.policy, task)
             if not missing:
                 self.check_policy(environment)
@@ -254,7 +249,7 @@ def reset_to_seed(
       options: of `reset`.
     """
     inner = suite_env(environment)
-    inner.environment.task.reset_statistics()
+    inner.composer_task.reset_statistics()
     if seeding == "gymnasium":
         return environment.reset(seed=seed, options=options)
     inner.np_random = legacy_generator(seed)

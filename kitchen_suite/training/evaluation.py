@@ -34,7 +34,7 @@ def episode_metrics(task: SuiteTask, infos: Mapping[str, Any]) -> dict[str, NDAr
 
 def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> Controller:
     """Returns a controller that acts by a policy of PPO in all environments at once."""
-    flatten = environments.template_env.environment.task.policy_inputs.flatten
+    flatten = environments.composer_task.policy_inputs.flatten
     return NetworkController(lambda observations: policy(flatten(observations)))
 
 
@@ -51,7 +51,7 @@ def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequen
       in which the physics has diverged.
     """
     rollout = VectorRollout(environments, controller)
-    task = environments.template_env.environment.task
+    task = environments.composer_task
     metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
     for index, episode in rollout.play(collections.deque(enumerate(seeds))):
         if episode:

@@ -196,7 +196,7 @@ class PPOLearner(Learner):
         self.agent = Agent(size, action_space, config)
         self._observations = torch.empty(0)
         self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
-        self._task: SuiteTask = environments.template_env.environment.task
+        self._task: SuiteTask = environments.composer_task
         self._balance = TaskBalance.of(self._task)
         # Whether the standardisation of observations has been fitted.
         self._standardised = False

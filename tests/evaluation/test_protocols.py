@@ -82,7 +82,7 @@ def test_a_protocol_has_its_numbers(name):
 def test_diffusion_policys_episodes_are_those_of_its_code():
     (spec,) = plan(protocol="diffusion-policy").specs.values()
     environment = spec.make_environment()
-    task = suite_env(environment).environment.task
+    task = suite_env(environment).composer_task
     assert len(task.mdp.goals.tasks) == 7
     assert task.threshold == 0.3
     # Tasks count once, and only the last one of all ends the episode.

@@ -39,7 +39,7 @@ def through_vector(task, count):
         **suite.task_arguments("kitchen", task),
     )
     observations, infos = environments.reset(seed=UNSEEN)
-    flatten = environments.template_env.environment.task.policy_inputs.flatten
+    flatten = environments.composer_task.policy_inputs.flatten
     ended, successes = np.zeros(count, bool), np.zeros(count, bool)
     while not ended.all():
         observations, _, terminations, truncations, infos = environments.step(policy(flatten(observations)))

@@ -108,7 +108,7 @@ def split(environment, observation):
     """Returns copies of the parts of an observation, one for each of the suite environment's own."""
     if isinstance(observation, dict):
         parts = np.split(observation["observation"].copy(), [9, 18, 39])
-        tasks = environment.unwrapped.environment.task.goals
+        tasks = environment.unwrapped.composer_task.goals
         return parts + [observation[kind][task].copy() for kind in ("achieved_goal", "desired_goal") for task in tasks]
     return np.split(observation.copy(), [8, 16, 19, 23, 24])
 

@@ -13,7 +13,7 @@ from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
 
 from kitchen_suite.cli.commands import record
-from kitchen_suite.recordings.sources import find
+from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import flatten
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -182,8 +182,8 @@ def test_the_instruction_is_read_back(run, monkeypatch, arguments, sentence):
     metadata = minari.load_dataset(ID).storage.get_episode_metadata(range(3))
     assert [about["instruction"] for about in metadata] == [sentence] * 3
     assert [recorded(index)[0]["instruction"] for index in range(3)] == [sentence] * 3
-    assert [find(ID).load(index).instruction for index in range(3)] == [sentence] * 3
-    assert [find("runs").load(index).instruction for index in range(3)] == [sentence] * 3
+    assert [find_source(ID).load(index).instruction for index in range(3)] == [sentence] * 3
+    assert [find_source("runs").load(index).instruction for index in range(3)] == [sentence] * 3
 
 
 def test_few_episodes_are_in_memory_at_once(run, monkeypatch):

@@ -26,7 +26,7 @@ def infos_of(asked, completed):
 def test_the_weights_fall_with_the_success_of_a_task(envs):
     from kitchen_suite.training.learner import TaskBalance
 
-    task = envs.template_env.environment.task
+    task = envs.composer_task
     balance = TaskBalance.of(task)
     asked, completed = [[1, 0], [1, 0], [0, 1]], [[1, 0], [0, 0], [0, 1]]
     # The last episode has not ended.
@@ -43,7 +43,7 @@ def test_the_weights_fall_with_the_success_of_a_task(envs):
 def test_tasks_that_were_never_attempted_leave_the_balance_as_it_was(envs):
     from kitchen_suite.training.learner import TaskBalance
 
-    balance = TaskBalance.of(envs.template_env.environment.task)
+    balance = TaskBalance.of(envs.composer_task)
     balance.success[:] = 0.5
     infos = {**infos_of([[1, 1]], [[1, 0]]), "attempted_tasks_mask": np.array([[True, False]])}
     assert set(balance.add(infos, np.array([True]))) == {"episode/success/kettle"}
@@ -67,4 +67,4 @@ def test_a_learner_has_curves_of_the_tasks_that_were_asked(envs):
     names = {f"episode/success/{name}" for name in TASKS}
     assert names & means.keys()
     assert all(means[name] == 0 for name in names & means.keys())
-    np.testing.assert_allclose(envs.template_env.environment.task.task_weights, [1.05, 1.05])
+    np.testing.assert_allclose(envs.composer_task.task_weights, [1.05, 1.05])

@@ -34,7 +34,7 @@ def job_of(capsys, monkeypatch, tmp_path):
 
 
 def task_of(environments):
-    return environments.template_env.environment.task
+    return environments.composer_task
 
 
 def length_of(environments):

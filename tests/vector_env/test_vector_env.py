@@ -137,7 +137,7 @@ def test_make_vec_builds_one_by_default_with_the_spaces_and_metadata_of_gymnasiu
         assert getattr(env, name) == getattr(sync, name), name
     assert env.metadata == sync.metadata
     assert (env.render_mode, env.closed) == (sync.render_mode, sync.closed)
-    assert repr(env) == f"{CLASSES[env_id].__name__}({env_id}, {env.template_env.environment.task!r}, num_envs=2)"
+    assert repr(env) == f"{CLASSES[env_id].__name__}({env_id}, {env.composer_task!r}, num_envs=2)"
 
 
 def test_make_vec_works_by_itself_in_a_fresh_process_and_again_from_its_spec():

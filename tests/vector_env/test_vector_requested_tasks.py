@@ -81,7 +81,7 @@ def test_a_reset_asks_for_given_tasks_in_some_environments():
 def test_weights_of_the_template_are_those_of_later_episodes():
     envs = make(max_episode_steps=2, tasks_per_episode=1, info_format="arrays")
     envs.reset(seed=0)
-    envs.template_env.environment.task.task_weights = dict.fromkeys(("kettle", "microwave"), 0.0)
+    envs.composer_task.task_weights = dict.fromkeys(("kettle", "microwave"), 0.0)
     actions = np.zeros((COUNT, 9), np.float32)
     seen = np.zeros(7, bool)
     for step in range(30):

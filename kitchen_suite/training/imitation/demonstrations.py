@@ -97,7 +97,7 @@ def load_recording(
     if len(indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
-        task = suite_env(environment).environment.task
+        task = suite_env(environment).composer_task
     episodes = [recording.load(index).arrays for index in indices]
     lengths = [len(arrays["action"]) for arrays in episodes]
     observations = (unflatten(arrays, "observation") for arrays in episodes)
@@ -147,7 +147,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
         raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     episodes = [recording.load(index).arrays for index in recording.indices]
     with spec.make_environment() as environment:
-        flatten = suite_env(environment).environment.task.policy_inputs.flatten
+        flatten = suite_env(environment).composer_task.policy_inputs.flatten
     observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])
     return observations.astype(np.float32), actions.astype(np.float32)
@@ -196,5 +196,5 @@ def _in_mode(spec: EnvironmentSpec, name: str, value: Any) -> Any:
     if value is not None:
         return value
     with contextlib.closing(spec.make_environment()) as environment:
-        mode = suite_env(environment).environment.task.mdp.action_mode
+        mode = suite_env(environment).composer_task.mdp.action_mode
     return mode.name if name == "control_mode" else getattr(mode, name, None)

@@ -161,7 +161,7 @@ class ImitationTraining(Training):
         self.max_episode_steps = spec.max_episode_steps
         self._num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
-            self._tasks = suite_env(environment).environment.task.requests.drawn_tasks
+            self._tasks = suite_env(environment).composer_task.requests.drawn_tasks
         self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
 
     def make_learner(self, seed: int) -> ImitationLearner:
