@@ -1,7 +1,8 @@
 """Demonstrations of the kitchen that other programs recorded: files of D4RL, and Minari datasets of FrankaKitchen-v1.
 
-Both have nine joint velocities as actions, in units of 2 rad/s and 2 m/s, which are added to the positions last
-observed, with their noise: the control mode `joint_velocity`.
+There are such data of the kitchen alone, so that this module reads its goals and its MDP itself. The actions of both
+formats are nine joint velocities in units of 2 rad/s and 2 m/s, which are added to the positions last observed, with
+their noise: the control mode `joint_velocity`.
 """
 
 import abc
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import files
-from kitchen_suite.entities import Scene, build_kitchen_scene
+from kitchen_suite.entities import Scene
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource, minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
@@ -28,7 +30,7 @@ from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenReading
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, in_order, order_of
+from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
 
@@ -232,36 +234,37 @@ def _check_actions(actions: NDArray, steps: int, what: str) -> None:
         )
 
 
-def convert(task: KitchenTask, index: int, shown: Demonstration) -> tuple[EpisodeArrays, Metrics, list[str]]:
+def convert(environment: SuiteEnv, index: int, shown: Demonstration) -> tuple[EpisodeArrays, Metrics, list[str]]:
     """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
 
     Rewards, completions and infos are those that the task's MDP computes from the recorded positions.
 
     Args:
-      task: the kitchen's, with `tasks_per_episode`.
+      environment: the kitchen, with `tasks_per_episode`; it is not stepped.
       index: number of the episode.
       shown: the demonstration.
 
     Returns:
       The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
     """
-    achieved, mdp = _achieved(task, shown), task.mdp
+    task: KitchenTask = environment.composer_task
+    mdp, observe = task.mdp, environment.observations
+    achieved = _achieved(task, shown)
     order = _completion_order(task, achieved)
     noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT]
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
-    buffer = EpisodeBuffer(_observation(task, state, shown.observations[0]), _info(task, state, 0))
+    buffer = EpisodeBuffer(observe(shown.observations[0], state, {}), _info(task, state, 0))
     for step, action in enumerate(shown.actions, start=1):
         reading = readings[step]
         state = mdp.step(state, action=action, target=reading.positions, reading=reading, draws=noise)
-        is_last = step == len(shown.actions)
         buffer.add(
             np.asarray(action, np.float32),
-            _observation(task, state, shown.observations[step]),
+            observe(shown.observations[step], state, {}),
             float(mdp.reward(state)),
-            False,
-            is_last,
-            _info(task, state, step),
+            termination=False,
+            truncation=step == len(shown.actions),
+            info=_info(task, state, step),
         )
     completed = task.requests.tasks_in(order)
     instruction = task.requests.instructions_in(order)[0] if completed else ""
@@ -287,17 +290,6 @@ def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArr
     return order_of(in_order(first), first.size)
 
 
-def _observation(task: KitchenTask, state: KitchenState, observed: NDArray[np.float64]) -> dict[str, Any]:
-    """Returns the observation as `FrankaKitchen` lays it out."""
-    goals = task.mdp.goals
-    return {
-        "observation": observed,
-        "achieved_goal": goals.split(state.achieved),
-        "desired_goal": goals.split(goals.desired),
-        REQUESTED: task.mdp.current_mask(state).astype(np.float64),
-    }
-
-
 def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
     info = task.mdp.info(state)
     return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
@@ -313,8 +305,8 @@ class ConvertJob:
         """Opens the data, and starts the recording."""
         self._settings = settings
         environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
-        # The MDP needs no physics.
-        self._task = KitchenTask(build_kitchen_scene(visuals=False), **_TASK_KWARGS)
+        self._environment = suite_env(environments.make_environment())
+        self._task = self._environment.composer_task
         with minari_root(settings.data_path):
             self._data = open_data(settings.source, self._task.scene)
         if not len(self._data):
@@ -336,13 +328,11 @@ class ConvertJob:
 
     def run(self) -> bool:
         """Converts the episodes; prints how many there are, and which tasks they complete."""
-        tasks: collections.Counter[str] = collections.Counter()
-        numbers: collections.Counter[int] = collections.Counter()
-        goals: set[str] = set()
-        steps = 0
+        tasks, numbers = collections.Counter[str](), collections.Counter[int]()
+        goals, steps = set[str](), 0
         with minari_root(self._settings.data_path):
             for index, shown in enumerate(tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)):
-                episode, metrics, completed = convert(self._task, index, shown)
+                episode, metrics, completed = convert(self._environment, index, shown)
                 self._folder.save(episode, EpisodeStats.of(episode, metrics))
                 tasks.update(completed)
                 numbers[len(completed)] += 1
