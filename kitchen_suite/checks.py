@@ -1,4 +1,8 @@
-"""Checks of arguments; the error messages name the argument, its value and the values allowed."""
+"""Checks of arguments.
+
+Each raises a TypeError for a value of the wrong type, and a ValueError for another that is refused, unless it says
+otherwise. The message names the argument, its value and the values allowed.
+"""
 
 import difflib
 import importlib.util
@@ -20,12 +24,7 @@ MAX_THREADS = 2**10
 
 
 def choice(value: object, choices: Collection[str], name: str) -> str:
-    """Returns `value` if it is one of `choices`.
-
-    Raises:
-      TypeError: `value` is not a string.
-      ValueError: `value` is none of the choices; the message lists them and suggests the nearest.
-    """
+    """Returns `value` if it is one of `choices`; the error lists them and suggests the nearest."""
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a string, got {value!r}")
     if value not in choices:
@@ -34,16 +33,7 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
 
 
 def installed(packages: Iterable[str], what: str, extra: str) -> None:
-    """Checks that packages can be imported.
-
-    Args:
-      packages: names of modules.
-      what: needs them; begins the message.
-      extra: that installs them.
-
-    Raises:
-      ImportError: some are missing; the message has the pip command.
-    """
+    """Raises an ImportError with the pip command of an extra if `what` needs packages that are not installed."""
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
         raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
 
@@ -51,12 +41,7 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
 def imported(name: str, what: str) -> Any:
     """Returns the object that `module:name` names; modules are also looked for in the working directory.
 
-    Args:
-      name: of module and object.
-      what: kind of the object, for the message.
-
-    Raises:
-      ValueError: it cannot be imported.
+    The ValueError of one that cannot be imported calls it `what`.
     """
     # Unlike `python -m`, console scripts do not look there. Last, so that it hides no installed module.
     if (directory := str(Path.cwd())) not in sys.path:
@@ -82,16 +67,13 @@ def nearest(value: str, choices: Collection[str]) -> str | None:
 
 
 def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
-    """Checks that functions have keyword arguments of given names.
+    """Raises a TypeError unless functions have keyword arguments of given names.
 
     Args:
       names: of the arguments.
       *takers: functions, or classes, that share the arguments among them.
       what: kind of the arguments, for the message.
       exclude: arguments of the functions that are set otherwise.
-
-    Raises:
-      TypeError: there is no such argument; the message lists them and suggests the nearest.
     """
     parameters = [parameter for taker in takers for parameter in inspect.signature(taker).parameters.values()]
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -102,12 +84,7 @@ def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, ex
 
 
 def number(value: object, name: str, *, positive: bool = False) -> float:
-    """Returns `value` as a float if it is a finite number that is not negative, nor zero if `positive`.
-
-    Raises:
-      TypeError: `value` is not a real number, or a bool.
-      ValueError: `value` is negative, infinite or NaN, or zero where it must be positive.
-    """
+    """Returns `value` as a float if it is a finite number that is not negative, nor zero if `positive`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a number, got {value!r}")
     if not _is_finite(value) or value < 0 or (positive and value == 0):
@@ -124,12 +101,7 @@ def _is_finite(value: numbers.Real) -> bool:
 
 
 def integer(value: object, name: str, *, minimum: int, maximum: int | None = None) -> int:
-    """Returns `value` as an int if it is an integer from `minimum` to `maximum`.
-
-    Raises:
-      TypeError: `value` is no integer, or a bool.
-      ValueError: `value` is out of range.
-    """
+    """Returns `value` as an int if it is an integer, and no bool, from `minimum` to `maximum`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
     if value < minimum:
@@ -140,11 +112,7 @@ def integer(value: object, name: str, *, minimum: int, maximum: int | None = Non
 
 
 def boolean(value: object, name: str) -> bool:
-    """Returns `value` if it is a bool.
-
-    Raises:
-      TypeError: `value` is no bool.
-    """
+    """Returns `value` if it is a bool."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
@@ -159,11 +127,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
     Args:
       value: the options.
       names: of the options that the environment has.
-      elsewhere: names of options that other environments of the suite have.
-
-    Raises:
-      TypeError: they are no dict, or a name is no string.
-      ValueError: an option is spelt much like one of `names` or `elsewhere`, or is one of `elsewhere`.
+      elsewhere: names of options that other environments of the suite have, which are refused.
     """
     if value is not None and not isinstance(value, Mapping):
         raise TypeError(f"options must be a dict, got {value!r}")
@@ -174,12 +138,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
 
 
 def unique_names(values: object, name: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection of at least one element without repetitions.
-
-    Raises:
-      TypeError: `values` is a string, a set, a mapping or an iterator, or no collection at all.
-      ValueError: `values` is empty, or repeats an element.
-    """
+    """Returns `values` as a tuple if it is an ordered collection of at least one element without repetitions."""
     if isinstance(values, str | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{name} must be a sequence of names, got {values!r}")
     result = tuple(values)
@@ -191,12 +150,7 @@ def unique_names(values: object, name: str) -> tuple[object, ...]:
 
 
 def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
-    """Returns `value` as a float64 vector, unrounded, if it has `size` finite real elements.
-
-    Raises:
-      TypeError: the elements are not real numbers.
-      ValueError: `value` has another shape, or holds NaN or inf.
-    """
+    """Returns `value` as a float64 vector, unrounded, if it has `size` finite real elements."""
     array = array_of(value, name)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name} must hold {size} numbers, got {value!r}")
@@ -213,11 +167,7 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 
 def array_of(value: object, name: str) -> NDArray:
-    """Returns `value` as an array.
-
-    Raises:
-      ValueError: `value` is a list of parts that differ in length.
-    """
+    """Returns `value` as an array, unless it is a list of parts that differ in length."""
     try:
         return np.asarray(value)
     except ValueError as error:
@@ -231,10 +181,6 @@ def matching(value: object, template: Any, name: str) -> Any:
       value: nested dicts of strings and arrays.
       template: nested dicts of strings and arrays; a number counts as an array of shape `()`.
       name: name of `value`, for messages.
-
-    Raises:
-      TypeError: `value` has another type where `template` has a dict or a number.
-      ValueError: a key is missing or unknown, a string or a shape differs, or a number is not finite.
     """
     if isinstance(template, Mapping):
         if not isinstance(value, Mapping):

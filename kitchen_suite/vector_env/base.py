@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 
@@ -207,11 +207,15 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._check_process()
         task = self._task
         seeds = vector_checks.seeds(seed, self.num_envs)
-        mask = vector_checks.reset_mask(options, self.num_envs, task.requests.options)
+        names = (RESET_MASK, VARIATION, VARIATION_VALUES, *task.requests.options)
+        chosen = checks.reset_options(options, names, elsewhere=(STATE,))
+        mask = np.full(self.num_envs, True)
+        if RESET_MASK in chosen:
+            mask = vector_checks.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        requests = vector_checks.variation_requests(options, task.variations, mask)
-        own_requests = vector_checks.task_requests(options, task, mask)
+        requests = vector_checks.variation_requests(chosen, task.variations, mask)
+        own_requests = vector_checks.task_requests(chosen, task, mask)
         with self._all_or_nothing():
             self._episodes.request(requests, own_requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})

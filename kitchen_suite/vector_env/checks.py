@@ -1,4 +1,7 @@
-"""Checks of the arguments of vectorised environments, and infos and states with a leading axis."""
+"""Checks of the arguments of vectorised environments, and infos and states with a leading axis.
+
+The checks raise a TypeError for a value of the wrong type, and a ValueError for another that is refused.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,18 +13,13 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES
+from kitchen_suite.gymnasium_env.base import VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.tasks.variations.variations import VariationRequest, Variations, flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
-    """Returns the actions of all environments as a fresh float64 array, unrounded.
-
-    Raises:
-      TypeError: the actions do not hold real numbers.
-      ValueError: the actions have another shape than `space`, or hold NaN or inf.
-    """
+    """Returns finite actions of all environments as a fresh float64 array, unrounded."""
     array = value if isinstance(value, np.ndarray) else checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"actions must hold numbers, got {value!r}")
@@ -42,10 +40,6 @@ def seeds(value: int | Sequence[int | None] | None, count: int) -> list[int | No
       value: seed of environment 0, to which environment `i` adds `i`; or a sequence of seeds, in which `None` continues
         the environment's stream.
       count: number of environments.
-
-    Raises:
-      TypeError: a seed is no integer.
-      ValueError: a seed is negative, or the number of seeds is not `count`.
     """
     if value is None:
         return [None] * count
@@ -65,32 +59,8 @@ def autoreset_mode(mode: AutoresetMode, required: AutoresetMode) -> None:
         raise ValueError(f"autoreset_mode must be {required.value!r}, got {mode.value!r}")
 
 
-def reset_mask(options: Mapping[str, Any] | None, count: int, own: Sequence[str] = ()) -> NDArray[np.bool_]:
-    """Returns the mask `(count,)` of environments that a reset with these options starts; all without options.
-
-    Args:
-      options: of the reset.
-      count: number of environments.
-      own: names of options that belong to the task.
-
-    Raises:
-      TypeError: the options are no dict, or the mask is no array of bools.
-      ValueError: an option is spelt much like one of the suite's and is none of these, or the mask has the wrong shape
-        or is False everywhere.
-    """
-    chosen = checks.reset_options(options, (RESET_MASK, VARIATION, VARIATION_VALUES, *own), elsewhere=(STATE,))
-    if RESET_MASK not in chosen:
-        return np.full(count, True)
-    return checked_mask(chosen[RESET_MASK], count, RESET_MASK)
-
-
 def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
-    """Returns a mask `(count,)` of environments.
-
-    Raises:
-      TypeError: it is no array of bools.
-      ValueError: it has the wrong shape or is False everywhere.
-    """
+    """Returns a mask `(count,)` of environments, which must choose at least one."""
     if not isinstance(value, np.ndarray) or value.dtype != bool:
         raise TypeError(f"{name} must be an array of bools, got {value!r}")
     if value.shape != (count,):
@@ -100,16 +70,12 @@ def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
     return value
 
 
-def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:
+def task_requests(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:
     """Returns the task's own requests of a reset's options for the environments of its mask, by index.
 
     Each option is a sequence with an element for each environment, None for none; see `ResetRequests.checked`.
-
-    Raises:
-      TypeError: an option is no sequence, or one of its elements is of the wrong type.
-      ValueError: an option has not one element for each environment, or one that the task refuses.
     """
-    each = {name: (options or {})[name] for name in task.requests.options if (options or {}).get(name) is not None}
+    each = {name: options[name] for name in task.requests.options if options.get(name) is not None}
     for name, rows in each.items():
         if not isinstance(rows, list | tuple | np.ndarray):
             raise TypeError(f"{name} must be a sequence of one element for each environment, got {rows!r}")
@@ -120,17 +86,12 @@ def task_requests(options: Mapping[str, Any] | None, task: SuiteTask, mask: NDAr
 
 
 def variation_requests(
-    options: Mapping[str, Any] | None, variations: Variations, mask: NDArray[np.bool_]
+    options: Mapping[str, Any], variations: Variations, mask: NDArray[np.bool_]
 ) -> dict[int, VariationRequest]:
     """Returns the requests of a reset's options for the environments of its mask, by index.
 
     Values are arrays `(n, ...)`, with a row for each environment; see `Variations.request`.
-
-    Raises:
-      TypeError: an option is of the wrong type.
-      ValueError: an unknown name, a value out of range, or an array has not one row for each environment.
     """
-    options = options or {}
     names, values = options.get(VARIATION), options.get(VARIATION_VALUES)
     if names is None and values is None:
         return {}
