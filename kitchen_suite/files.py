@@ -260,14 +260,11 @@ def load_metadata(path: Path, what: str = "an episode") -> dict[str, Any]:
 
 
 def load_json(path: Path, what: str) -> Any:
-    """Returns the contents of a JSON file.
+    """Returns the contents of a JSON file; raises an OSError unless it is one of at most 16 MiB.
 
     Args:
       path: path of the file.
       what: its expected contents, for the error.
-
-    Raises:
-      OSError: the file does not exist, is larger than 16 MiB, or holds no JSON.
     """
     with reading(path, what):
         check_size(path.stat().st_size, _MAX_JSON_BYTES)
@@ -275,11 +272,7 @@ def load_json(path: Path, what: str) -> Any:
 
 
 def parse(value: Any, kind: type[T], what: str) -> T:
-    """Converts decoded JSON to a dataclass, whose annotations say which types its fields have.
-
-    Raises:
-      ValueError: a field is missing or has another type.
-    """
+    """Converts decoded JSON to a dataclass; raises a ValueError unless it has fields of the annotated types."""
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:

@@ -162,11 +162,7 @@ class TaskSettings:
 
     @property
     def environment_kwargs(self) -> dict[str, Any]:
-        """Arguments of the task's Gymnasium environment.
-
-        Raises:
-          ValueError: one is given twice, with different values.
-        """
+        """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
         variations = None if self.variations is None else parsed_variations(self.variations)
         chosen = {"control_mode": self.control_mode, "variations": variations, "variation_split": self.variation_split}
         given = {name: value for name, value in chosen.items() if value is not None}
@@ -182,11 +178,7 @@ class TaskSettings:
 
 
 def parsed_variations(text: str) -> Any:
-    """Returns what varies: a list of the names that commas separate, or the contents of a JSON object.
-
-    Raises:
-      ValueError: the text begins like a JSON object and is none.
-    """
+    """Returns what varies: a list of the names that commas separate, or what a text that begins as JSON holds."""
     if not text.lstrip().startswith("{"):
         return text.split(",")
     try:
@@ -471,11 +463,7 @@ class TrainSettings(TaskSettings):
 
     @property
     def schedule(self) -> "Schedule":
-        """When to evaluate and when to stop, with the domain's values for those that are None.
-
-        Raises:
-          ValueError: an unknown domain.
-        """
+        """When to evaluate and when to stop, with the domain's values for those that are None."""
         recipe = suite.find_domain(self.domain_name).resolve("training")
         own = _IMITATION if self.algorithm != PPO else {} if recipe is None else recipe.settings
         defaults: dict[str, Any] = {**_TRAINING, **own}

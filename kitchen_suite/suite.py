@@ -163,15 +163,11 @@ def _arrays(observation: Any, key: str = "observation") -> dict[str, np.ndarray]
 
 
 def find_domain(name: str) -> Domain:
-    """Returns a domain.
+    """Returns a domain; raises a ValueError if there is none, or it cannot be imported or registered.
 
     Args:
       name: a key of `DOMAINS`; or `module:NAME`, a `Domain` of the user's own, which is imported and, unless it is
         registered already, registered. Modules are also looked for in the working directory.
-
-    Raises:
-      TypeError: the name is no string.
-      ValueError: there is no domain of that name, or the `Domain` cannot be imported or registered.
     """
     if not isinstance(name, str) or ":" not in name:
         return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
@@ -184,12 +180,7 @@ def find_domain(name: str) -> Domain:
 
 
 def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
-    """Returns the arguments that define a named task: of `Domain.load`, and of its Gymnasium environment.
-
-    Raises:
-      TypeError: a name is no string.
-      ValueError: an unknown domain or task.
-    """
+    """Returns the arguments that define a named task: of `Domain.load`, and of its Gymnasium environment."""
     domain = find_domain(domain_name)
     others = [other.name for other in DOMAINS.values() if task_name in tuple(other.tasks)]
     if others and domain.name not in others:
@@ -198,11 +189,7 @@ def task_arguments(domain_name: str, task_name: str) -> dict[str, Any]:
 
 
 def check_not_fixed(domain_name: str, task_name: str, task_kwargs: Mapping[str, Any]) -> None:
-    """Checks that arguments leave the definition of a named task unchanged, except for what is `replaceable`.
-
-    Raises:
-      ValueError: an argument is fixed by the task.
-    """
+    """Raises a ValueError if arguments change the definition of a named task beyond what is `replaceable`."""
     fixed = task_arguments(domain_name, task_name).keys() - find_domain(domain_name).replaceable
     if clash := sorted(fixed & task_kwargs.keys()):
         raise ValueError(f"task {task_name!r} fixes {clash}: task_kwargs cannot change it; choose another task")
@@ -240,10 +227,5 @@ def load(
 
 
 def default_task(domain_name: str) -> str:
-    """Returns the name of a domain's first task in `BENCHMARKING`, or of its first task if it has none there.
-
-    Raises:
-      TypeError: the name is no string.
-      ValueError: an unknown domain.
-    """
+    """Returns the name of a domain's first task in `BENCHMARKING`, or of its first task if it has none there."""
     return find_domain(domain_name).default_task

@@ -50,11 +50,7 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def check_private_names(required: Mapping[str, Collection[str]] = PRIVATE_NAMES) -> None:
-    """Checks that the installed dm_control has the required names, by class.
-
-    Raises:
-      ImportError: some are missing; the message names them and the versions that have them.
-    """
+    """Raises an ImportError unless the installed dm_control has the required names, by class."""
     missing = [f"{path}.{name}" for path, names in required.items() for name in sorted(set(names) - names_of(path))]
     if missing:
         installed = importlib.metadata.version("dm-control")

@@ -186,7 +186,7 @@ class Environment(composer.Environment):
         flat_observation: bool = False,
         **kwargs: Any,
     ) -> None:
-        """Builds the environment.
+        """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
 
         Args:
           task: the task.
@@ -194,10 +194,6 @@ class Environment(composer.Environment):
           random_state: seed, or random state to draw from.
           flat_observation: whether to concatenate all observations under the key `observations`.
           **kwargs: further arguments of `composer.Environment`.
-
-        Raises:
-          TypeError: `flat_observation` is no bool.
-          ValueError: `time_limit` is not positive.
         """
         if not time_limit > 0:
             raise ValueError(f"time_limit must be positive, got {time_limit!r}")
@@ -390,10 +386,6 @@ def make_random_state(random: int | np.random.RandomState | None) -> np.random.R
     Args:
       random: a RandomState, which is returned as it is; a seed of any size, whose bits above the 32nd are folded onto
         the lower ones; or `None` for fresh entropy.
-
-    Raises:
-      TypeError: `random` has another type.
-      ValueError: the seed is negative.
     """
     if random is None or isinstance(random, np.random.RandomState):
         return random or np.random.RandomState()
@@ -416,12 +408,7 @@ def legacy_generator(seed: int | None) -> np.random.Generator:
 
 
 def _checked_random(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:
-    """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it.
-
-    Raises:
-      TypeError: it is no dict.
-      ValueError: it belongs to another bit generator, or is broken.
-    """
+    """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it."""
     if not isinstance(stored, Mapping):
         raise TypeError(f"state['random'] must be a dict, got {stored!r}")
     generator = random_state.get_state(legacy=False)["bit_generator"]

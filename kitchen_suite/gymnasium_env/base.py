@@ -89,7 +89,7 @@ class SuiteEnv(gymnasium.Env):
         action_limit: float | None = None,
         **arguments: Any,
     ) -> None:
-        """Builds the environment.
+        """Builds the environment; a bad argument raises a TypeError or ValueError that names it.
 
         Args:
           domain: name of the domain; that of the class when omitted.
@@ -111,10 +111,6 @@ class SuiteEnv(gymnasium.Env):
             control modes without bounds of their own. The space is unbounded when omitted.
           **arguments: of the domain's scene and task, documented there: among them `control_mode` with its arguments,
             `cameras`, `extra_observables` and `variations`.
-
-        Raises:
-          TypeError: an argument of the wrong type, or an unknown one.
-          ValueError: an unknown name, or a number out of range.
         """
         record = suite.find_domain(domain or self.default_domain)
         self.check_keywords(record, arguments)
@@ -161,15 +157,12 @@ class SuiteEnv(gymnasium.Env):
 
     @classmethod
     def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
-        """Checks that the environments of a domain have keyword arguments of given names.
+        """Raises a TypeError unless the environments of a domain have keyword arguments of given names.
 
         Args:
           domain: whose scene and task share the arguments with the class.
           names: of the arguments.
           exclude: arguments that are set otherwise.
-
-        Raises:
-          TypeError: there is no such argument.
         """
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         domain.check_arguments(names, *cls._constructors(), what="keyword argument", exclude=("domain", *exclude))
@@ -302,7 +295,7 @@ class SuiteEnv(gymnasium.Env):
         return {**self._get_info(), **(self._task.variations.info if self.varies else {})}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode.
+        """Starts an episode; a bad argument raises a TypeError or ValueError that names it.
 
         Args:
           seed: seed of the random stream, of any size; the stream continues when omitted.
@@ -311,11 +304,6 @@ class SuiteEnv(gymnasium.Env):
             `variations`; the others have their defaults. `{"variation_values": {name: value}}` replaces values that
             would be drawn. A task may have options of its own; see its environment. Options that no environment of
             the suite has are ignored.
-
-        Raises:
-          TypeError: the seed is no integer, or the options are no dict.
-          ValueError: the seed is negative, the state does not fit, or an option is none of these and spelt much like
-            one of them.
         """
         if seed is not None:
             checks.integer(seed, "seed", minimum=0)

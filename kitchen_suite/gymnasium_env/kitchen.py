@@ -203,7 +203,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
           A float, or a float64 array of the leading axes' shape.
 
         Raises:
-          TypeError: the goals hold no numbers.
           ValueError: a task is missing, shapes do not fit, or a dense reward lacks infos.
         """
         achieved, desired = self._flatten_goals(achieved_goal, desired_goal)

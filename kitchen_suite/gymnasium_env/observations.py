@@ -53,12 +53,7 @@ def has_pictures(obs_type: str) -> bool:
 def picture_options(
     options: Mapping[str, Any], obs_type: str, obs_types: Collection[str], default_cameras: Sequence[str]
 ) -> dict[str, Any]:
-    """Returns the arguments of a task with those of the pictures that an observation type needs.
-
-    Raises:
-      TypeError: `cameras` is no sequence of names.
-      ValueError: there are no cameras, or a setting of pictures beside an observation type without pictures.
-    """
+    """Returns the arguments of a task with those of the pictures that an observation type needs."""
     given = {name: value for name, value in options.items() if name in PICTURE_OPTIONS and value not in (None, False)}
     others = {name: value for name, value in options.items() if name not in PICTURE_OPTIONS}
     if has_pictures(obs_type):

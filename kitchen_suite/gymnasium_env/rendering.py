@@ -30,12 +30,7 @@ class Renderer:
         max_geom: int,
         visual_options: Mapping[int, bool] | None,
     ) -> None:
-        """Checks the arguments, which are those of `SuiteEnv`.
-
-        Raises:
-          TypeError: an argument of the wrong type.
-          ValueError: an unknown name, or a number out of range.
-        """
+        """Checks the arguments, which are those of `SuiteEnv`."""
         if camera_name is not None and camera_id is not None:
             raise ValueError(f"pass camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
         self._camera_id, self._camera_name = camera_id, camera_name
@@ -51,12 +46,7 @@ class Renderer:
         self._renderer: _MujocoRenderer | None = None
 
     def check_camera(self, environment: Environment) -> None:
-        """Checks that an environment has the camera.
-
-        Raises:
-          TypeError: the camera's name is no string, or its number no integer.
-          ValueError: there is no such camera.
-        """
+        """Raises a TypeError or ValueError unless an environment has the camera."""
         model = environment.physics.model
         names = [model.camera(i).name for i in range(model.ncam)]
         if self._camera_name is not None:
@@ -66,11 +56,7 @@ class Renderer:
             raise ValueError(f"camera_id must be below {len(names)}, got {number}; the cameras are {names}")
 
     def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
-        """Returns an image, or shows it in a window, by `render_mode`.
-
-        Raises:
-          RuntimeError: no GL library works here.
-        """
+        """Returns an image, or shows it in a window; raises a RuntimeError if no GL library works here."""
         if self._renderer is None:
             self._renderer = self._make_renderer(environment)
         return self._renderer.render(render_mode)
@@ -115,13 +101,7 @@ class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
 
 
 def checked_render_mode(render_mode: str) -> str:
-    """Returns a render mode of the environments.
-
-    Raises:
-      RuntimeError: the mode shows a window, but there is no display.
-      TypeError: it is no string.
-      ValueError: it is unknown, or needs `gymnasium.make`.
-    """
+    """Returns a render mode of the environments; raises a RuntimeError for a window where there is no display."""
     if render_mode == "rgb_array_list":
         raise ValueError("render_mode 'rgb_array_list' needs gymnasium.make; use 'rgb_array' here")
     if checks.choice(render_mode, RENDER_MODES, "render_mode") == "human":

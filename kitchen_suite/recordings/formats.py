@@ -106,11 +106,7 @@ class FolderSource(Source):
     """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens the folder; raises what `RecordingFolder.open` does.
-
-        Raises:
-          ValueError: other programs recorded the episodes.
-        """
+        """Opens the folder; raises as `RecordingFolder.open`, and a ValueError for episodes of other programs."""
         self._folder = RecordingFolder.open(folder)
         if self.spec.origin is not None:
             raise ValueError(f"{folder} was made by kitchen-convert, and holds no states from which to replay")

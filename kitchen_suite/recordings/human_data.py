@@ -187,11 +187,6 @@ def open_data(name: str, scene: Scene) -> HumanData:
     Args:
       name: path of the file, or name or folder of the dataset.
       scene: the kitchen.
-
-    Raises:
-      ImportError: an extra is missing.
-      OSError: there is no such file or dataset, or it cannot be read.
-      ValueError: it has another layout.
     """
     path = Path(name)
     if path.suffix in _SUFFIXES or path.is_file():

@@ -214,11 +214,7 @@ def home(root: Path | None = None) -> Path:
 
 
 def import_lerobot() -> Any:
-    """Returns the module with LeRobot's datasets.
-
-    Raises:
-      ImportError: LeRobot is not installed.
-    """
+    """Returns the module with LeRobot's datasets; raises an ImportError with the remedy."""
     try:
         return importlib.import_module("lerobot.datasets.lerobot_dataset")
     except ImportError as error:

@@ -129,12 +129,7 @@ class MinariSource(Source):
     """A Minari dataset of the suite's environments, or of Gymnasium-Robotics' kitchen."""
 
     def __init__(self, dataset: Any) -> None:
-        """Takes a dataset that Minari has loaded.
-
-        Raises:
-          OSError: its metadata cannot be read.
-          ValueError: the dataset is of another environment.
-        """
+        """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
         self._dataset = dataset
         with self._reading("the metadata of a dataset"):
             spec = dataset.storage.metadata.get(SPEC_KEY)
@@ -256,11 +251,7 @@ def minari_root(path: Path | None) -> Iterator[None]:
 
 
 def import_minari() -> Any:
-    """Returns the module.
-
-    Raises:
-      ImportError: Minari, or what it reads HDF5 with, is not installed.
-    """
+    """Returns the module; raises an ImportError with the remedy."""
     try:
         importlib.import_module("h5py")
         return importlib.import_module("minari")
@@ -269,11 +260,7 @@ def import_minari() -> Any:
 
 
 def check_id(dataset_id: str) -> None:
-    """Checks the name of a dataset.
-
-    Raises:
-      ValueError: Minari does not accept it.
-    """
+    """Raises a ValueError for a name of a dataset that Minari does not accept."""
     parse = importlib.import_module("minari.dataset.minari_dataset").parse_dataset_id
     try:
         parse(dataset_id)
@@ -282,11 +269,7 @@ def check_id(dataset_id: str) -> None:
 
 
 def check_size(data_path: Path, index: int) -> None:
-    """Checks that an episode in HDF5 declares no more than `files.MAX_ARRAY_BYTES`, before it is read.
-
-    Raises:
-      OSError: the episode declares more, or the file cannot be read.
-    """
+    """Raises an OSError if an episode in HDF5 declares more than `files.MAX_ARRAY_BYTES`, before it is read."""
     path = data_path / _DATA_FILE
     if not path.exists():  # Minari's other formats.
         return

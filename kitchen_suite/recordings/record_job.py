@@ -65,9 +65,7 @@ class RecordJob:
     def run(self) -> bool:
         """Plays the missing episodes, makes the dataset, and prints a summary, also after an error.
 
-        Raises:
-          ClusterError: the workers cannot be started, or die again and again.
-          PhysicsDivergedError: at the end, if episodes are missing because their physics diverged.
+        Raises a PhysicsDivergedError at the end if episodes are missing because their physics diverged.
         """
         spec = self._spec
         print(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, seeds from {spec.seed}")

@@ -83,10 +83,6 @@ def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | No
     """Returns the flat observations `(T + 1, ...)` of a recording, without extra observables.
 
     None if it does not hold them as a whole.
-
-    Raises:
-      ValueError: it lacks arrays of the environment's observation type, their shapes are others, it begins with
-        positions that MuJoCo does not simulate, or it has neither a seed nor states.
     """
     inner = suite_env(environment)
     try:
@@ -311,9 +307,6 @@ def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
       indices: of all episodes, in order.
       wanted: `all`, or numbers and ranges such as `0,5,7-9`; `count` of them when omitted.
       count: number of episodes, spread evenly from the first to the last.
-
-    Raises:
-      ValueError: there is none, there is no such episode, or `wanted` is malformed.
     """
     if not indices:
         raise ValueError("there are no episodes")

@@ -59,11 +59,7 @@ class EpisodeArrays:
         return len(self.arrays["reward"])
 
     def check(self) -> None:
-        """Checks that the arrays have the names, types and lengths of an episode.
-
-        Raises:
-          ValueError: a name is missing, or an array has another type or length.
-        """
+        """Raises a ValueError unless the arrays have the names, types and lengths of an episode."""
         if missing := [name for name in STEP_ARRAYS if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
@@ -114,11 +110,7 @@ def _part(name: str) -> str:
 
 
 def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
-    """Checks that an array is of numbers, and has a row for each reward, or one more: that of the reset.
-
-    Raises:
-      ValueError: the array has another type or another number of rows or dimensions.
-    """
+    """Raises a ValueError unless an array has numbers, and a row for each reward or one more, that of the reset."""
     kinds, extra, dimensions = _LAYOUT.get(_part(name), ("", 0, 0))
     if array.dtype.kind not in kinds or array.ndim != (dimensions or array.ndim):
         raise ValueError(f"{name} is an array of {array.dtype} with {array.ndim} dimensions")
@@ -152,11 +144,7 @@ def unflatten(arrays: Mapping[str, NDArray], name: str) -> Any:
 
 
 def check_file_size(observation_space: spaces.Space, steps: int) -> None:
-    """Checks that the observations of `steps` control steps can be read again from an episode's file.
-
-    Raises:
-      ValueError: they are larger than `files.MAX_ARRAY_BYTES`.
-    """
+    """Raises a ValueError if an episode's file of `steps` control steps would be too large to be read again."""
     parts = flatten(observation_space, "observation").values()
     size = (steps + 1) * sum(part.dtype.itemsize * math.prod(part.shape) for part in parts)
     if size > files.MAX_ARRAY_BYTES:

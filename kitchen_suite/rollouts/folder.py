@@ -39,12 +39,7 @@ class RecordingFolder:
 
     @classmethod
     def create(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
-        """Starts a new recording.
-
-        Raises:
-          OSError: the folder cannot be made or written to, or holds episodes already.
-          ValueError: it holds a recording of another specification.
-        """
+        """Starts a new recording; raises as `claim`, and a FileExistsError for a folder that holds episodes already."""
         if any(folder.glob(_PATTERN)):
             raise FileExistsError(f"{folder} holds episodes already, which are never overwritten: name another folder")
         return cls.claim(folder, spec)
@@ -70,11 +65,7 @@ class RecordingFolder:
 
     @classmethod
     def open(cls, folder: Path) -> "RecordingFolder":
-        """Opens a recording.
-
-        Raises:
-          OSError: there is none, or its specification cannot be read.
-        """
+        """Opens a recording; raises an OSError if there is none, or it cannot be read."""
         path = folder / SPEC_FILE
         record = files.load_json(path, "the specification of a recording")
         try:
@@ -113,11 +104,7 @@ class RecordingFolder:
         files.save_arrays(self._path(episode.index), episode.arrays, metadata)
 
     def load(self, index: int) -> EpisodeArrays:
-        """Reads an episode.
-
-        Raises:
-          OSError: its file cannot be read, or is of another episode or recording.
-        """
+        """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
         arrays, record = files.load_arrays(self._path(index))
         metadata = self._parse(index, record)
         try:
@@ -134,11 +121,7 @@ class RecordingFolder:
         return episode
 
     def digest(self, indices: Iterable[int]) -> str:
-        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order.
-
-        Raises:
-          OSError: an episode cannot be read.
-        """
+        """Returns a SHA-256 of the names, types, shapes and contents of the arrays of some episodes, in their order."""
         digest = hashlib.sha256()
         for index in indices:
             for name, array in sorted(self.load(index).arrays.items()):

@@ -173,11 +173,7 @@ class EpisodeSpec(EnvironmentSpec):
 
     @classmethod
     def from_json(cls, record: Mapping[str, Any]) -> "EpisodeSpec":
-        """Returns the specification that `as_json` wrote.
-
-        Raises:
-          ValueError: an attribute is missing, unknown, or has a value that `make` would refuse.
-        """
+        """Returns the specification that `as_json` wrote; raises a ValueError if it is another record."""
         spec = files.parse(record, cls, "not a specification")
         if unknown := sorted(record.keys() - {field.name for field in dataclasses.fields(cls)}):
             raise ValueError(f"unknown attributes {unknown}")
@@ -203,20 +199,13 @@ class EpisodeSpec(EnvironmentSpec):
         return policies.find(self.policy, digest=self.policy_sha256)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
-        """Builds the policy for an environment of the episodes, so that bad options are refused before the first one.
-
-        Raises:
-          PolicyError: the policy cannot be built.
-        """
+        """Builds the policy once, so that a PolicyError on bad options is raised before the first episode."""
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
 
     def prepared(self) -> "EpisodeSpec":
         """Returns the specification with what the policy needs to act, and the digest of the policy's file.
 
         The expert needs extra observables where layouts vary.
-
-        Raises:
-          PolicyError: the policy cannot be built.
         """
         with contextlib.closing(self.make_environment()) as environment:
             task = suite_env(environment).composer_task

@@ -112,9 +112,6 @@ class Page:
         """Yields a function that adds the present step of an environment; in the end the page is written.
 
         An exception, such as an interrupt, ends the page early: the steps until then are kept.
-
-        Raises:
-          OSError: the page cannot be written.
         """
         path = self._settings.web
         if path is None:

@@ -58,7 +58,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
-        """Builds the environments.
+        """Builds the environments; a bad argument raises a TypeError or ValueError that names it.
 
         Args:
           num_envs: number of environments.
@@ -67,10 +67,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             `Disabled` for a call of `reset` with a `reset_mask`; see `step`.
           max_episode_steps: control steps after which an episode truncates; never when omitted or -1.
           **settings: arguments of the single environment.
-
-        Raises:
-          TypeError: an argument of the wrong type, or an unknown one.
-          ValueError: an unknown name, or a number out of range.
         """
         self.num_envs = checks.integer(num_envs, "num_envs", minimum=1, maximum=checks.MAX_ENVS)
         threads = processors() if num_threads is None else num_threads
