@@ -136,14 +136,7 @@ class DescribedFolder:
     def resume(self, folder: Path, present: Any, wanted: Mapping[str, Any]) -> None:
         """Prepares a folder to be added to: removes unfinished files.
 
-        Args:
-          folder: to be added to.
-          present: its description.
-          wanted: the description that it must have.
-
-        Raises:
-          OSError: the folder cannot be written to.
-          ValueError: the descriptions differ.
+        Raises a ValueError if its `present` description differs from the `wanted` one.
         """
         check_writable(folder)
         if found := first_difference(present, wanted):
@@ -238,13 +231,7 @@ def load_arrays(
 ) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Returns the arrays and the metadata that `save_arrays` wrote.
 
-    Args:
-      path: path of the file.
-      what: its expected contents, for the error.
-      max_bytes: bound of the arrays together [bytes], looked at before any is read.
-
-    Raises:
-      OSError: the file does not exist, is larger, or holds something else.
+    Raises an OSError unless the file holds `what`, in arrays of at most `max_bytes` together.
     """
     with reading(path, what), zipfile.ZipFile(path) as archive:
         check_size(sum(info.file_size for info in archive.infolist()), max_bytes)
@@ -260,12 +247,7 @@ def load_metadata(path: Path, what: str = "an episode") -> dict[str, Any]:
 
 
 def load_json(path: Path, what: str) -> Any:
-    """Returns the contents of a JSON file; raises an OSError unless it is one of at most 16 MiB.
-
-    Args:
-      path: path of the file.
-      what: its expected contents, for the error.
-    """
+    """Returns the contents of a JSON file; raises an OSError unless it holds `what`, in at most 16 MiB."""
     with reading(path, what):
         check_size(path.stat().st_size, _MAX_JSON_BYTES)
         return json.loads(path.read_text(encoding="utf-8"))
@@ -281,12 +263,7 @@ def parse(value: Any, kind: type[T], what: str) -> T:
 
 @contextlib.contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Raises an OSError that names the file in place of whatever a decoder raises for damaged contents.
-
-    Args:
-      path: of the file or folder that is read.
-      what: its expected contents.
-    """
+    """Raises an OSError that names the file, and `what` it should hold, in place of what a decoder raises."""
     try:
         # Devices and pipes may have no end.
         if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):

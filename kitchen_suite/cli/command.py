@@ -82,14 +82,7 @@ class Command:
         return run_process(self.name, self.main)
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
-        """Runs the command.
-
-        Args:
-          arguments: the command line without the program's name; by default that of this process.
-
-        Returns:
-          The exit status.
-        """
+        """Runs the command with some arguments, by default those of this process; returns the exit status."""
         job, succeeded = None, True
         try:
             settings = self.parse(sys.argv[1:] if arguments is None else arguments)
@@ -166,14 +159,9 @@ def fail(name: str, problem: object, status: int) -> int:
 
 
 def run_process(name: str, main: Callable[[], int]) -> int:
-    """Runs a command as a process of its own: with its signals, and standard streams that may be closed or full.
+    """Runs `main` as the process of a command, with its signals, and standard streams that may be closed or full.
 
-    Args:
-      name: of the command.
-      main: runs it, and returns the exit status.
-
-    Returns:
-      The exit status.
+    Both return the exit status.
     """
     _raise_interrupts()
     _open_closed_streams()

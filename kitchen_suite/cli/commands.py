@@ -267,14 +267,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs `kitchen-suite`: the command that the first argument names, with the others; without any, lists all.
-
-    Args:
-      arguments: the command line without the program's name; by default that of this process.
-
-    Returns:
-      The exit status.
-    """
+    """Runs the command that the first argument names with the others, or lists all; returns the exit status."""
     name, *others = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if name in ("--help", "-h"):
         print(_listing())

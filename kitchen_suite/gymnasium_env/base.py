@@ -157,13 +157,7 @@ class SuiteEnv(gymnasium.Env):
 
     @classmethod
     def check_keywords(cls, domain: Domain, names: Iterable[str], exclude: Iterable[str] = ()) -> None:
-        """Raises a TypeError unless the environments of a domain have keyword arguments of given names.
-
-        Args:
-          domain: whose scene and task share the arguments with the class.
-          names: of the arguments.
-          exclude: arguments that are set otherwise.
-        """
+        """Raises a TypeError unless the environments of a domain have keyword arguments of these names."""
         # TorchRL tries arguments of its own, and drops one if the error is "unexpected keyword argument" and its name.
         domain.check_arguments(names, *cls._constructors(), what="keyword argument", exclude=("domain", *exclude))
 

@@ -15,7 +15,6 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT, SuiteEnv
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
@@ -166,10 +165,6 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         """Whether infos have the task's sentence."""
         return self._instructed
 
-    @property
-    def _goals(self) -> GoalSet:
-        return self._task.mdp.goals
-
     def _get_info(self) -> dict[str, Any]:
         task = self._task
         info = task.mdp.info(task.state)
@@ -231,8 +226,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         return _item(truncated)
 
     def _flatten_goals(self, achieved: Goal, desired: Goal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        flat = goal_rewards.flatten
-        return flat(achieved, self._goals, "achieved_goal"), flat(desired, self._goals, "desired_goal")
+        flat, goals = goal_rewards.flatten, self._task.mdp.goals
+        return flat(achieved, goals, "achieved_goal"), flat(desired, goals, "desired_goal")
 
     def _number(self, value: int) -> int | NDArray:
         """Returns a number of the info in the `info_format`."""

@@ -77,14 +77,10 @@ class Observations:
     def __init__(
         self, environment: Environment, obs_type: str, *, robot_keys: Collection[str], limit: float, dtype: Any
     ) -> None:
-        """Finds the parts of the flat observation, and those of the observation type.
+        """Finds the parts of the flat observation, and those of the observation type, a key of `OBS_TYPES`.
 
-        Args:
-          environment: the suite's environment, with all observables enabled that it is to have.
-          obs_type: a key of `OBS_TYPES`.
-          robot_keys: parts of the flat observation that are the robot's, by their names in the suite's own observation.
-          limit: bound of the flat observation, extra observables apart.
-          dtype: type of the flat observation.
+        The environment has to have all its observables enabled. `robot_keys`, `limit` (extra observables have none) and
+        `dtype` are those of the flat observation, see `SuiteEnv`.
         """
         self._task, self._dtype, self.has_pictures = environment.task, dtype, has_pictures(obs_type)
         extras, pictures = environment.task.extras, environment.task.pictures

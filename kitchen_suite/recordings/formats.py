@@ -29,13 +29,7 @@ class DatasetPlan(abc.ABC):
     """
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
-        """Checks that the dataset can be made, or has been made already.
-
-        Args:
-          dataset_id: its name.
-          spec: of the recording.
-          count: number of episodes.
-          root: folder of the datasets; that of the format's library when omitted.
+        """Checks that the dataset can be made in a folder, by default the library's own, or has been made already.
 
         Raises:
           ImportError: the library is not installed.
@@ -55,13 +49,7 @@ class DatasetPlan(abc.ABC):
 
     @abc.abstractmethod
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        """Makes the dataset as a whole or, after an error, not at all.
-
-        Args:
-          environment: of the recording.
-          folder: of the recording.
-          indices: numbers of the episodes.
-        """
+        """Makes the dataset of episodes that were recorded in an environment; after an error there is none."""
 
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""

@@ -102,12 +102,7 @@ class D4RLData(HumanData):
     has_velocities = False
 
     def __init__(self, path: Path, scene: Scene) -> None:
-        """Reads a file.
-
-        Args:
-          path: of the file.
-          scene: the kitchen.
-        """
+        """Reads a file, given the scene of the kitchen."""
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
@@ -182,12 +177,7 @@ class MinariData(HumanData):
 
 
 def open_data(name: str, scene: Scene) -> HumanData:
-    """Opens a file of D4RL, or a Minari dataset.
-
-    Args:
-      name: path of the file, or name or folder of the dataset.
-      scene: the kitchen.
-    """
+    """Opens a file of D4RL by its path, or a Minari dataset by its name or folder."""
     path = Path(name)
     if path.suffix in _SUFFIXES or path.is_file():
         return D4RLData(path, scene)

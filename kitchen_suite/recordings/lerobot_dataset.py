@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 
 from kitchen_suite import files
-from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features, digest, frames_per_second
 from kitchen_suite.rollouts.episode import EpisodeArrays
@@ -104,7 +104,14 @@ class LeRobotPlan(DatasetPlan):
                 assert episode.seed is not None
                 episodes.append(RecordedEpisode(index=index, seed=episode.seed, sha256=digest(episode)))
             dataset.finalize()
-            self._save_record(elsewhere, inner, episodes)
+            record = _Record(
+                recording=self.spec.as_json(),
+                num_episodes=self.count,
+                control_frequency=float(inner.metadata["render_fps"]),
+                episodes=episodes,
+            )
+            text = json.dumps(dataclasses.asdict(record), indent=2)
+            (elsewhere / RECORDING_FILE).write_text(f"{text}\n", encoding="utf-8")
 
     def _add(self, dataset: Any, episode: EpisodeArrays, observations: LeRobotObservations) -> None:
         """Adds an episode to a dataset."""
@@ -117,16 +124,6 @@ class LeRobotPlan(DatasetPlan):
         for step in range(episode.steps):
             dataset.add_frame({**{name: rows[step] for name, rows in columns.items()}, "task": task})
         dataset.save_episode()
-
-    def _save_record(self, folder: Path, environment: SuiteEnv, episodes: list[RecordedEpisode]) -> None:
-        record = _Record(
-            recording=self.spec.as_json(),
-            num_episodes=self.count,
-            control_frequency=float(environment.metadata["render_fps"]),
-            episodes=episodes,
-        )
-        text = json.dumps(dataclasses.asdict(record), indent=2)
-        (folder / RECORDING_FILE).write_text(f"{text}\n", encoding="utf-8")
 
 
 class LeRobotSource(Source):

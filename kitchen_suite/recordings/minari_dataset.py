@@ -86,13 +86,10 @@ class MinariPlan(DatasetPlan):
         with files.temporary_folder(root / "kitchen-record") as elsewhere:
             with minari_root(elsewhere):
                 yield
-            if "/" in self.dataset_id:
-                self._make_namespace(self.dataset_id.rpartition("/")[0])
+            namespace, api = self.dataset_id.rpartition("/")[0], self._minari.namespace
+            if namespace and namespace not in api.list_local_namespaces():
+                api.create_namespace(namespace)
             os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
-
-    def _make_namespace(self, namespace: str) -> None:
-        if namespace not in self._minari.namespace.list_local_namespaces():
-            self._minari.namespace.create_namespace(namespace)
 
     def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
         """Returns a new dataset without episodes; `options` are further ones of Minari."""

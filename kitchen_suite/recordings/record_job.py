@@ -54,7 +54,10 @@ class RecordJob:
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
         self._spec.check_policy(self._template_env)
         self._wanted = range(settings.num_episodes)
-        self._plan = self._plan_dataset()
+        self._plan: DatasetPlan | None = None
+        if settings.dataset is not None:
+            chosen = FORMATS[settings.format or MINARI.name]
+            self._plan = chosen.make_plan(settings.dataset, self._spec, settings.num_episodes, settings.data_path)
         self._folder = RecordingFolder.claim(settings.output, self._spec)
         self._found = len(self._present())
 
@@ -86,21 +89,16 @@ class RecordJob:
             raise PhysicsDivergedError(f"the physics diverged in {len(diverged)} episodes, left out: seeds {diverged}")
         return True
 
-    def _plan_dataset(self) -> DatasetPlan | None:
-        settings = self._settings
-        if settings.dataset is None:
-            return None
-        chosen = FORMATS[settings.format or MINARI.name]
-        return chosen.make_plan(settings.dataset, self._spec, settings.num_episodes, settings.data_path)
-
     def _play(self) -> list[int]:
         """Plays and saves the missing episodes; returns the seeds of those in which the physics diverged."""
-        present = set(self._present())
+        present = {*self._present()}
         missing = [(index, self._spec.seed + index) for index in self._wanted if index not in present]
         if not missing:
             return []
         task, diverged = suite_env(self._template_env).composer_task, []
-        with contextlib.closing(self._episodes(missing)) as episodes, self._bar() as bar:
+        successes = sum(bool(self._load_stats(index).metrics["success"]) for index in present)
+        bar = EpisodeBar(len(self._wanted), self._found, successes)
+        with contextlib.closing(self._episodes(missing)) as episodes, bar:
             for index, episode in episodes:
                 if episode is None:
                     diverged.append(self._spec.seed + index)
@@ -113,24 +111,18 @@ class RecordJob:
 
     def _episodes(self, missing: Sequence[tuple[int, int]]) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
         """Yields episodes of given numbers and seeds as `play_many` does, played here or by workers."""
-        num_threads, num_envs = self._settings.num_threads, self._num_envs(len(missing))
+        # No more environments in each process than keep all of them playing to the end.
+        num_envs = even_count(math.ceil(len(missing) / self._processes), self._settings.num_envs)
+        num_threads = self._settings.num_threads
         if not self._ray:
             return play_many(self._spec, collections.deque(missing), num_envs, num_threads)
         build = functools.partial(VectorRunner, self._spec, num_envs, num_threads or 1)
         return self._ray.run(build, missing, capacity=num_envs, num_threads=num_threads or 1)
 
-    def _num_envs(self, count: int) -> int:
-        """Returns the number of environments in each process: no more than keep all of them playing to the end."""
-        return even_count(math.ceil(count / self._processes), self._settings.num_envs)
-
     @property
     def _processes(self) -> int:
         """Number of processes that play."""
         return self._ray.workers if self._ray else 1
-
-    def _bar(self) -> EpisodeBar:
-        successes = sum(bool(self._load_stats(index).metrics["success"]) for index in self._present())
-        return EpisodeBar(len(self._wanted), self._found, successes)
 
     def _load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode; raises an OSError unless its metrics are those of the task."""

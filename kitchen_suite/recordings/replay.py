@@ -170,11 +170,7 @@ class Comparison:
 def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
     """Compares an episode with its replay.
 
-    Args:
-      task: of the environment that replayed it.
-      recorded: the episode.
-      replayed: its replay.
-      truncations: whether these are compared, or only terminations: other recorders truncate where they stop.
+    Without `truncations` only terminations are compared: other recorders truncate where they stop.
     """
     one, other = recorded.arrays, replayed.arrays
     ends = one["termination"] != other["termination"]

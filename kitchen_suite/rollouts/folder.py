@@ -31,11 +31,14 @@ class _Metadata:
 
 
 class RecordingFolder:
-    """The folder of one recording."""
+    """The folder of one recording; see `create`, `claim` and `open`.
+
+    Attributes:
+      spec: the specification of the episodes.
+    """
 
     def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
-        """Names the folder; see `create`, `claim` and `open`."""
-        self._folder, self._spec = folder, spec
+        self._folder, self.spec = folder, spec
 
     @classmethod
     def create(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
@@ -74,11 +77,6 @@ class RecordingFolder:
             raise OSError(f"{path} does not describe a recording: {error}") from error
 
     @property
-    def spec(self) -> EpisodeSpec:
-        """The specification of the episodes."""
-        return self._spec
-
-    @property
     def indices(self) -> list[int]:
         """Numbers of the episodes in the folder, in order."""
         first = len(_PATTERN.partition("*")[0])
@@ -99,7 +97,7 @@ class RecordingFolder:
             "seconds": episode.seconds,
             "results": stats.metrics,
             "instruction": episode.instruction,
-            "recording": self._spec.as_json(),
+            "recording": self.spec.as_json(),
         }
         files.save_arrays(self._path(episode.index), episode.arrays, metadata)
 
@@ -147,7 +145,7 @@ class RecordingFolder:
             metadata = files.parse(record, _Metadata, f"{path} does not hold an episode")
         except ValueError as error:
             raise OSError(str(error)) from error
-        expected = (index, self._spec.seed_of(index), self._spec.as_json())
+        expected = (index, self.spec.seed_of(index), self.spec.as_json())
         if (metadata.episode, metadata.seed, metadata.recording) != expected:
             raise OSError(f"{path} holds an episode of another number, seed or recording than its folder's")
         return metadata

@@ -20,12 +20,7 @@ _DEFAULT_VIDEO = Path("kitchen-play.mp4")
 
 
 def policy_rollout(file: Path, **settings: Any) -> RolloutSettings:
-    """Returns the settings that play a trained policy in the task that it was trained for.
-
-    Args:
-      file: of the policy.
-      **settings: further fields of `RolloutSettings`.
-    """
+    """Returns settings, some of them given, that play a trained policy in the task that it was trained for."""
     trained_for = load_policy(file).metadata
     return RolloutSettings(
         domain_name=trained_for["domain_name"],

@@ -22,11 +22,7 @@ class Report:
     """Collects the statistics of episodes; each is a row, all together a summary."""
 
     def __init__(self, *, last_seed: int) -> None:
-        """Starts an empty report.
-
-        Args:
-          last_seed: the greatest seed to come, which decides the width of its column.
-        """
+        """Starts an empty report; the greatest seed to come decides the width of its column."""
         self._widths = {"seed": len(str(last_seed)), "return": 8}
         self._episodes: list[EpisodeStats] = []
 
@@ -41,12 +37,7 @@ class Report:
         return sum(stats.metrics["success"] is True for stats in self._episodes)
 
     def add(self, stats: EpisodeStats, index: int | None = None) -> str:
-        """Returns the episode's row; the first time with the heading above it.
-
-        Args:
-          stats: of the episode.
-          index: its number; by default the next one.
-        """
+        """Returns the row of an episode, by default the next one; the first time with the heading above it."""
         cells = _cells(len(self._episodes) if index is None else index, stats)
         heading = "" if self._episodes else self._row({name: name for name in cells}) + "\n"
         self._episodes.append(stats)
@@ -84,13 +75,7 @@ class EpisodeBar:
     """A progress bar that counts episodes and shows how many of them succeeded."""
 
     def __init__(self, total: int, found: int = 0, successes: int = 0) -> None:
-        """Shows the bar where stderr is a terminal.
-
-        Args:
-          total: number of episodes in the end.
-          found: number of episodes that were there before.
-          successes: number of those that succeeded.
-        """
+        """Shows the bar where stderr is a terminal; of the total, `found` episodes were there before."""
         self._bar = tqdm(total=total, initial=found, unit="episode", disable=None, leave=False)
         self._count, self._successes = found, successes
 

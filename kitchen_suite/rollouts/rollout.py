@@ -106,12 +106,7 @@ class PolicyController:
     """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
 
     def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
-        """Prepares to build policies.
-
-        Args:
-          environments: in which they act.
-          build_policy: builds the policy of an episode.
-        """
+        """Prepares to build the policies that act in some environments."""
         self._environments, self._build_policy = environments, build_policy
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
@@ -199,12 +194,7 @@ class VectorRollout:
     """Plays many episodes at once; each is the one that a new environment of its seed would play alone."""
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
-        """Prepares to play.
-
-        Args:
-          environments: with autoreset mode `Disabled`.
-          controller: chooses the actions.
-        """
+        """Prepares to play in environments with autoreset mode `Disabled`, by the actions of a controller."""
         self._environments, self._controller = environments, controller
         count = environments.num_envs
         self._running: list[_Running | None] = [None] * count
@@ -214,8 +204,7 @@ class VectorRollout:
     def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode | None]]:
         """Yields the number of each episode as it ends, and the episode: None if its physics has diverged.
 
-        Args:
-          waiting: numbers and seeds of episodes, taken from the left; it may grow while they are played.
+        `waiting` has numbers and seeds, taken from the left; it may grow while they are played.
         """
         needs_reset = np.full(len(self._running), True)
         while True:
@@ -357,11 +346,7 @@ def play_many(
 ) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
     """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
 
-    Args:
-      spec: specification of the episodes.
-      waiting: numbers and seeds of episodes; it may grow while they are played.
-      num_envs: number of environments.
-      num_threads: number of threads that step them.
+    `waiting` is that of `VectorRollout.play`.
     """
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
         controller = PolicyController(environments, spec.find_policy())

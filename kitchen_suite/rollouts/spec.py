@@ -229,14 +229,7 @@ def _policy_digest(policy: str) -> str | None:
 def reset_to_seed(
     environment: gymnasium.Env, seed: int, seeding: str, options: dict[str, Any] | None = None
 ) -> tuple[Any, dict[str, Any]]:
-    """Starts an episode that depends on nothing but its seed and the options of its reset.
-
-    Args:
-      environment: of the suite, in Gymnasium's wrappers.
-      seed: of the episode.
-      seeding: one of `SEEDINGS`.
-      options: of `reset`.
-    """
+    """Starts an episode that depends on nothing but its seed, by one of `SEEDINGS`, and the options of its reset."""
     inner = suite_env(environment)
     inner.composer_task.reset_statistics()
     if seeding == "gymnasium":

@@ -31,14 +31,7 @@ class Film:
     def __init__(
         self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
     ) -> None:
-        """Checks that the film can be made.
-
-        Args:
-          settings: of the film.
-          environment: that is filmed.
-          num_episodes: number of episodes that will be played.
-          max_steps: maximum number of control steps in an episode; None where there is none.
-        """
+        """Checks that the film of some episodes can be made; None as `max_steps` stands for no limit."""
         self._settings, self._environment = settings, environment
         self._camera = cameras.find_camera(environment.physics, settings.camera)
         if settings.video:
@@ -97,12 +90,7 @@ class Page:
     """Records the first episodes of a command for a web page; does nothing where none is asked for."""
 
     def __init__(self, settings: PageSettings, *, num_episodes: int) -> None:
-        """Checks that the page can be made.
-
-        Args:
-          settings: of the page.
-          num_episodes: maximum number of episodes in the page.
-        """
+        """Checks that the page, of `num_episodes` at most, can be made."""
         if settings.web:
             viser_servers.check_extra("a web page")
         self._settings, self._num_episodes = settings, num_episodes
@@ -118,26 +106,24 @@ class Page:
             yield lambda buffer, environment: None
             return
         with SceneRecorder() as recorder:
-            writer = _Writer(recorder, self._settings.camera, self._num_episodes)
+            writer, is_complete = _Writer(recorder, self._settings.camera, self._num_episodes), False
             try:
                 yield writer.add
-            except BaseException:
+                is_complete = True
+            finally:
                 writer.end_episode()
                 if writer.page:
                     writer.write(path)
-                    print_line(f"web page {path} ends early, in episode {len(writer.page)}")
-                raise
-            writer.end_episode()
-        if writer.page:
-            writer.write(path)
-            print_line(f"web page {path}, {path.stat().st_size / 1e6:.1f} MB")
+                    size, count = path.stat().st_size / 1e6, len(writer.page)
+                    end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {count}"
+                    print_line(f"web page {path}{end}")
 
 
 class _Writer:
     """Collects the episodes of a page."""
 
     def __init__(self, recorder: SceneRecorder, camera: str, num_episodes: int) -> None:
-        self.page, self._title = WebPage(), ""
+        self.page = WebPage()
         self._recorder, self._camera, self._num_episodes = recorder, camera, num_episodes
         self._about: dict[str, Any] | None = None
 

@@ -187,6 +187,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     ) -> tuple[Any, dict[str, Any]]:
         """Starts an episode in every environment, or in some.
 
+        A bad argument raises a TypeError or ValueError that names it.
+
         Args:
           seed: environment `i` is seeded with `seed + i`, or with element `i` of a sequence.
           options: `{"reset_mask": mask}`, with a bool array `(n,)`, starts episodes only where the mask is True;
@@ -194,9 +196,6 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             of the task, in sequences with an element for each environment; others are ignored, as by the single one.
 
         Raises:
-          TypeError: a seed is no integer, the options are no dict, or the mask is no array of bools.
-          ValueError: a seed is negative, the number of seeds is not that of environments, the mask has the wrong shape
-            or is False everywhere, or an option is none of these and spelt much like one of the suite's.
           gymnasium.error.ResetNeeded: the mask omits environments that have no episode yet.
           gymnasium.error.ClosedEnvironmentError: after `close`.
         """
@@ -264,11 +263,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
           infos without meaning.
 
         Raises:
-          gymnasium.error.ResetNeeded: as `step`, where the mask is True.
-          gymnasium.error.ClosedEnvironmentError: after `close`.
-          TypeError: the actions do not hold real numbers, or the mask is no array of bools.
-          ValueError: the actions are refused as by `step`, the mask has the wrong shape or is False everywhere, or the
-            autoreset mode is not `Disabled`.
+          ValueError: the autoreset mode is not `Disabled`. Other errors are those of `step`, where the mask is True.
         """
         self._check_process()
         vector_checks.autoreset_mode(self._autoreset, AutoresetMode.DISABLED)

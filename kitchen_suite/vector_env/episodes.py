@@ -111,12 +111,7 @@ class BatchEpisodes:
             getattr(self.state.mdp, name)[slice(None) if mask is None else mask] = total_steps
 
     def request(self, variations: Mapping[int, VariationRequest], own: Mapping[int, Any]) -> None:
-        """Makes the next start of some episodes follow requests, by index of the episode.
-
-        Args:
-          variations: those of variations.
-          own: those that `ResetRequests.checked` returned.
-        """
+        """Makes the next start of episodes follow checked requests, by index: for variations, and the task's."""
         self._requests, self._own_requests = dict(variations), dict(own)
 
     def start(self, mask: NDArray[np.bool_]) -> None:
@@ -237,12 +232,7 @@ class BatchPictures:
     """
 
     def __init__(self, environment: Environment, episodes: BatchEpisodes) -> None:
-        """Prepares to take the pictures of the environment's task.
-
-        Args:
-          environment: with the compiled model; nothing else may step it.
-          episodes: that are shown.
-        """
+        """Prepares to show episodes in an environment with their compiled model, which nothing else may step."""
         self._episodes, count = episodes, episodes.steps.size
         pictures = environment.task.pictures
         self._takers = pictures.takers(environment.physics)

@@ -46,14 +46,7 @@ class Pool:
     """A fixed number of workers."""
 
     def __init__(self, build: RunnerFactory, *, workers: int, capacity: int, num_threads: int) -> None:
-        """Starts the workers.
-
-        Args:
-          build: builds the episode runner in a worker process; must be picklable.
-          workers: number of workers.
-          capacity: maximum number of episodes that a worker holds.
-          num_threads: processors that a worker uses.
-        """
+        """Starts the workers; arguments as of `RaySettings.run`."""
         self._start_arguments = pickle.dumps(build), installed_versions()
         self._capacity, self._num_threads = capacity, num_threads
         self._actor_class = ray.remote(Worker).options(num_cpus=num_threads)

@@ -33,14 +33,9 @@ class Worker:
     """A Ray actor that runs episodes."""
 
     def start(self, pickled: bytes, versions: Mapping[str, str]) -> None:
-        """Builds the episode runner.
+        """Builds the episode runner of a pickled `RunnerFactory`.
 
-        Args:
-          pickled: a `RunnerFactory`.
-          versions: package versions of the main process, which must be installed here, too.
-
-        Raises:
-          ClusterError: other versions are installed, or the runner cannot be built on this machine.
+        Raises a ClusterError if it cannot be built on this machine, or versions differ from those of the main process.
         """
         try:
             gl.prepare(rendering=False)
@@ -55,13 +50,7 @@ class Worker:
 
 
 def waiting_line(num_threads: int, *, free: float, machines: Sequence[float]) -> str:
-    """Returns why no worker has started yet.
-
-    Args:
-      num_threads: processors that a worker uses.
-      free: processors of the cluster that are free.
-      machines: number of processors of each machine.
-    """
+    """Returns why no worker has started yet, by processors: those that one needs, the free ones, and each machine's."""
     line, largest = f"waiting for processors: a worker needs {num_threads}", max(machines, default=0)
     if num_threads <= largest:
         return f"{line}, {free:g} of the cluster's are free"
