@@ -21,14 +21,15 @@ from hypothesis import strategies as st
 
 import kitchen_suite
 from kitchen_suite import checks, suite
-from kitchen_suite.cli import commands, flags
+from kitchen_suite.cli import commands
+from kitchen_suite.cli.command import settings_of as list_settings
 from kitchen_suite.cli.commands import COMMANDS, export, record, rollout
 
 KITCHEN_SUITE = [sys.executable, "-m", "kitchen_suite"]
 
 
 def settings_of(name):
-    return flags.settings_of(COMMANDS[name].settings)
+    return list_settings(COMMANDS[name].settings)
 
 
 def test_every_console_script_is_in_the_table():
