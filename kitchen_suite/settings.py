@@ -114,19 +114,11 @@ seed_flag = functools.partial(
 )
 num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=_MAX_COUNT)
 max_episode_steps_flag = functools.partial(
-    flag,
-    "Control steps after which an episode ends.",
-    minimum=1,
-    maximum=_MAX_EPISODE_STEPS,
-    unset="the domain's",
+    flag, "Control steps after which an episode ends.", minimum=1, maximum=_MAX_EPISODE_STEPS, unset="the domain's"
 )
 num_envs_flag = functools.partial(flag, "Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS)
 num_threads_flag = functools.partial(
-    flag,
-    "Threads that step the environments.",
-    minimum=1,
-    maximum=checks.MAX_THREADS,
-    unset="one per processor",
+    flag, "Threads that step the environments.", minimum=1, maximum=checks.MAX_THREADS, unset="one per processor"
 )
 output_flag = functools.partial(flag, "Folder to write to.", check=check_folder)
 data_path_flag = functools.partial(flag, "Folder of the datasets.", unset="Minari's or LeRobot's own")

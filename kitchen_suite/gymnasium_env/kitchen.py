@@ -1,9 +1,10 @@
 """The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
+import functools
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -147,13 +148,13 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             name = type(self._task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
 
-    def _make_observations(self, obs_type: str) -> observations.Observations:
+    def _make_observations(
+        self, obs_type: str, make: Callable[..., observations.Observations] = KitchenObservations
+    ) -> observations.Observations:
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in self._task.task_observables.items():
             part.enabled = not key.startswith((*_GOALS, REQUESTED))
-        return KitchenObservations(
-            self._environment, obs_type, flat_goals=self._goal_format == "flat", **self._observation_settings
-        )
+        return super()._make_observations(obs_type, functools.partial(make, flat_goals=self._goal_format == "flat"))
 
     @property
     def info_format(self) -> str:
