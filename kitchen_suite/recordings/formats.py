@@ -176,7 +176,7 @@ def find_source(name: str, root: Path | None = None) -> Source:
 
     Args:
       name: of the folder or the dataset.
-      root: folder of LeRobot's datasets; its own when omitted.
+      root: folder of the datasets; that of their program when omitted.
 
     Raises:
       ImportError: it may be a dataset, but the library of its format is not installed.

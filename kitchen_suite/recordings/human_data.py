@@ -7,6 +7,7 @@ their noise: the control mode `joint_velocity`.
 
 import abc
 import collections
+import contextlib
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ from kitchen_suite import files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.recordings.formats import find_source
-from kitchen_suite.recordings.minari_dataset import MinariSource, minari_root
+from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import SEEDINGS, EnvironmentSpec, EpisodeSpec
@@ -176,12 +177,12 @@ class MinariData(HumanData):
             yield Demonstration(arrays[key].astype(np.float64), arrays["action"], achieved, tuple(achieved))
 
 
-def open_data(name: str, scene: Scene) -> HumanData:
-    """Opens a file of D4RL by its path, or a Minari dataset by its name or folder."""
+def open_data(name: str, root: Path | None, scene: Scene) -> HumanData:
+    """Opens a file of D4RL by its path, or a Minari dataset by its name below `root`, or by its own folder."""
     path = Path(name)
     if path.suffix in _SUFFIXES or path.is_file():
         return D4RLData(path, scene)
-    source = find_source(name)
+    source = find_source(name, root)
     if not isinstance(source, MinariSource):
         raise ValueError(f"{name} is a recording of this suite already")
     return MinariData(source, name)
@@ -292,8 +293,7 @@ class ConvertJob:
         environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
         self._environment = suite_env(environments.make_environment())
         self._task = self._environment.composer_task
-        with minari_root(settings.data_path):
-            self._data = open_data(settings.source, self._task.scene)
+        self._data = open_data(settings.source, settings.data_path, self._task.scene)
         if not len(self._data):
             raise ValueError(f"{settings.source} holds no episodes of two or more observations")
         origin = {"format": self._data.format, "source": settings.source}
@@ -315,7 +315,7 @@ class ConvertJob:
         """Converts the episodes; prints how many there are, and which tasks they complete."""
         tasks, numbers = collections.Counter[str](), collections.Counter[int]()
         goals, steps = set[str](), 0
-        with minari_root(self._settings.data_path):
+        with contextlib.closing(self._environment):
             for index, shown in enumerate(tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)):
                 episode, metrics, completed = convert(self._environment, index, shown)
                 self._folder.save(episode, EpisodeStats.of(episode, metrics))

@@ -191,10 +191,7 @@ def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:
 
 
 def find(name: str, root: Path | None) -> MinariSource | None:
-    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`.
-
-    The folder of all datasets is that of `minari_root`.
-    """
+    """Returns the dataset of a name or in a folder, None if there is none; see `formats.Format.source`."""
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():
             return MinariSource(_load_dataset(import_minari().MinariDataset, data))
@@ -202,9 +199,10 @@ def find(name: str, root: Path | None) -> MinariSource | None:
         return None
     minari = import_minari()
     check_id(name)
-    if not (absolute_root() / name / "data").exists():
-        return None
-    return MinariSource(_load_dataset(minari.load_dataset, name))
+    with minari_root(root):
+        if not (absolute_root() / name / "data").exists():
+            return None
+        return MinariSource(_load_dataset(minari.load_dataset, name))
 
 
 def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:

@@ -16,7 +16,6 @@ from tqdm import tqdm
 
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.recordings.formats import find_source
-from kitchen_suite.recordings.minari_dataset import minari_root
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import episode_name
@@ -244,8 +243,7 @@ class ReplayJob:
     def __init__(self, settings: ReplaySettings) -> None:
         """Prepares the replay, so that bad settings are refused before the first episode."""
         self._settings = settings
-        with minari_root(settings.data_path):
-            self._source = find_source(settings.source, settings.data_path)
+        self._source = find_source(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
         self._environment = self._source.make_environment(**settings.rendering)
         try:
@@ -266,11 +264,7 @@ class ReplayJob:
         exactly = self._source.spec is not None
         print_line(f"{self._heading()}\n")
         equal = 0
-        with (
-            contextlib.closing(self._environment),
-            minari_root(self._settings.data_path),
-            self._views.open() as watch,
-        ):
+        with contextlib.closing(self._environment), self._views.open() as watch:
             print_line(_row({name: name for name in _COLUMNS}))
             for index in tqdm(self._indices, unit="episode", disable=None, leave=False):
                 comparison = self._compare(index, watch, exactly)
