@@ -79,8 +79,8 @@ class Observations:
     ) -> None:
         """Finds the parts of the flat observation, and those of the observation type, a key of `OBS_TYPES`.
 
-        The environment has to have all its observables enabled. `robot_keys`, `limit` (extra observables have none) and
-        `dtype` are those of the flat observation, see `SuiteEnv`.
+        The flat observation consists of the environment's enabled observables. Its `robot_keys`, its `limit`, which
+        extra observables do not have, and its `dtype` are attributes of `SuiteEnv`.
         """
         self._task, self._dtype, self.has_pictures = environment.task, dtype, has_pictures(obs_type)
         extras, pictures = environment.task.extras, environment.task.pictures

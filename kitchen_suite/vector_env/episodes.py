@@ -29,14 +29,14 @@ def keep_alive_across_fork(batch: Batch) -> None:
     _batches.add(batch)
 
 
-def _leak() -> None:
+def _keep_batches() -> None:
     for batch in _batches:
         # Module globals are destroyed when the interpreter ends, so no Python reference lasts for ever.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leak)
+    os.register_at_fork(after_in_child=_keep_batches)
 
 
 class Stream:
