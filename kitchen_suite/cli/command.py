@@ -27,12 +27,11 @@ from absl import flags
 import kitchen_suite
 from kitchen_suite import checks
 from kitchen_suite.rendering import gl
-from kitchen_suite.settings import Flag
+from kitchen_suite.settings import WIDTH, Flag
 
 SUCCESS, FAILURE, USAGE, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 
 _MAX_MESSAGE = 1000  # Characters of an error, which may quote any argument.
-_WIDTH = 100  # Characters in a line of the help.
 _RAISE_AGAIN_AFTER = 0.01  # [s]
 
 # Flags that show the help in other programs: `-?` on Windows, the others in absl's.
@@ -221,7 +220,7 @@ def describe(settings: Sequence[Setting], positional: str | None) -> str:
     rows = []
     for setting in (*settings, _HELP, _VERSION):
         first = f"  {setting.name.upper():<21} " if setting.name == positional else f"  --{setting.name:<19} "
-        wrapper = textwrap.TextWrapper(_WIDTH, first, subsequent_indent=" " * 24, break_on_hyphens=False)
+        wrapper = textwrap.TextWrapper(WIDTH, first, subsequent_indent=" " * 24, break_on_hyphens=False)
         rows.append(wrapper.fill(f"{setting.flag.help}{setting.ending}"))
     return "\n".join(rows)
 
