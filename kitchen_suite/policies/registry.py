@@ -20,12 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies import stored
-from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy
-from kitchen_suite.policies.stored import StoredPolicy
-from kitchen_suite.policies.trained import TrainedPolicy, shipped
 
 if TYPE_CHECKING:
+    from kitchen_suite.policies.stored import StoredPolicy
     from kitchen_suite.tasks.task import SuiteTask
 
 Policy = Callable[[dm_env.TimeStep], ArrayLike]
@@ -134,9 +131,11 @@ class ExpertSource(PolicySource):
         return experts.expert_class(task).missing_in(task)
 
 
-def load_policy(path: Path) -> StoredPolicy:
+def load_policy(path: Path) -> "StoredPolicy":
     """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
-    return stored.load(path, (TrainedPolicy, ClonedPolicy, FlowPolicy, TokenPolicy))
+    from kitchen_suite.policies import imitated, stored, trained
+
+    return stored.load(path, (trained.TrainedPolicy, imitated.ClonedPolicy, imitated.FlowPolicy, imitated.TokenPolicy))
 
 
 class TrainedSource(PolicySource):
@@ -156,7 +155,7 @@ class TrainedSource(PolicySource):
     def __call__(
         self, environment: dm_env.Environment, generator: np.random.Generator, *, file: str | None = None
     ) -> Policy:
-        path = Path(file) if file else shipped(environment.task)
+        path = Path(file) if file else _shipped(environment.task)
         return self._load(path).episode(environment.task, generator)
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
@@ -166,13 +165,20 @@ class TrainedSource(PolicySource):
         file = options.get("file")
         if isinstance(file, str):
             return Path(file)
-        return shipped(task) if task else None
+        return _shipped(task) if task else None
 
-    def _load_checked(self, path: Path) -> StoredPolicy:
+    def _load_checked(self, path: Path) -> "StoredPolicy":
         policy = load_policy(path)
         if self._digest is not None and files.file_digest(path) != self._digest:
             raise ValueError(f"{path} is not the file that the command began with: it was replaced, or differs here")
         return policy
+
+
+def _shipped(task: "SuiteTask") -> Path:
+    """Returns the path of the policy that comes with the package for a task; raises a ValueError if there is none."""
+    from kitchen_suite.policies.trained import shipped
+
+    return shipped(task)
 
 
 POLICIES: Mapping[str, PolicySource] = MappingProxyType(
@@ -202,10 +208,9 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       ImportError: the policy needs an extra that is not installed.
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
-    is_call = "(" in name
     if name.endswith(".npz"):
         raise ValueError(f"policy {name!r} is a file, not a name: write trained(file={name!r})")
-    if ":" in name and not is_call:
+    if ":" in name and "(" not in name:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
     key, options = _key_and_options(name)
@@ -229,26 +234,24 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     return build_with_checks
 
 
-def policy_file(name: str) -> Path | None:
-    """Returns the file that `trained(file=...)` names; None for other policies."""
-    source, options = _source_and_options(name)
-    return source.file(options) if source else None
+def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
+    """Returns the file that a named policy is read from; None for policies without a file.
 
-
-def file_of(name: str, task: "SuiteTask") -> Path | None:
-    """Returns the file that a named policy is read from in a task; None for policies without a file.
+    Args:
+      name: of the policy.
+      task: that it acts in; without it, only files that are named as in `trained(file=...)` are found.
 
     Raises:
       ValueError: the policy is the one that comes with the package for the task, and there is none.
     """
-    source, options = _source_and_options(name)
-    return source.file(options, task) if source else None
+    key, options = _key_and_options(name)
+    return POLICIES[key].file(options, task) if key in POLICIES else None
 
 
 def missing_observables(name: str, task: "SuiteTask") -> list[str]:
     """Returns the extra observables that a named policy needs and that a task does not have."""
-    source, _ = _source_and_options(name)
-    return source.missing_observables(task) if source else []
+    key, _ = _key_and_options(name)
+    return POLICIES[key].missing_observables(task) if key in POLICIES else []
 
 
 def without_file(name: str) -> str:
@@ -260,19 +263,10 @@ def without_file(name: str) -> str:
     return f"{key}({others})" if others else key
 
 
-def _source_and_options(name: str) -> tuple[PolicySource | None, dict[str, Any]]:
-    """Returns the source of a named policy, None for `module:callable`, and its options; raises as `_parse_call`."""
-    key, options = _key_and_options(name)
-    return POLICIES.get(key), options
-
-
-def _key_and_options(name: str) -> tuple[str, dict[str, Any]]:
-    """Returns the key of a named policy in `POLICIES`, and its options; raises as `_parse_call`."""
-    return _parse_call(name) if "(" in name else (name, {})
-
-
-def _parse_call(text: str) -> tuple[str, dict[str, Any]]:
-    """Returns name and options of a policy that is written as a Python call, such as `expert(speed=0.8)`."""
+def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
+    """Returns the name of a policy without its options, and these; they are written as in a Python call."""
+    if "(" not in text:
+        return text, {}
     if len(text) > _MAX_LENGTH:
         raise ValueError(f"policy {text[:40]!r} (continued) is not well-formed: it has {len(text)} characters")
     # Python's parser raises the last two for nested text.

@@ -212,7 +212,7 @@ class EpisodeSpec(EnvironmentSpec):
             missing = policies.missing_observables(self.policy, task)
             if not missing:
                 self.check_policy(environment)
-                file = policies.file_of(self.policy, task)
+                file = policies.policy_file(self.policy, task)
                 return dataclasses.replace(self, policy_sha256=files.file_digest(file) if file else None)
             extras = [*task.extra_observables, *missing]
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras}).prepared()
