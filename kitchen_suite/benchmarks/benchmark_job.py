@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kitchen_suite import checks, suite
-from kitchen_suite.benchmarks import baselines, memory, rendering, speed
+from kitchen_suite.benchmarks import memory, rendering, speed
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.rollouts.report import table
 from kitchen_suite.settings import BenchmarkSettings
@@ -18,9 +18,6 @@ from kitchen_suite.versions import installed_versions
 
 # Header and rows.
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
-
-_DEFAULT_NUM_ENVS = {"speed": (32,), "scaling": (1, 8, 32, 128, 512), "soak": (32,), "rendering": (1,)}
-_DEFAULT_NUM_STEPS = {"speed": 0, "scaling": 10_000, "soak": 1_000_000, "rendering": 0}
 
 
 class BenchmarkJob:
@@ -31,15 +28,15 @@ class BenchmarkJob:
 
     def __init__(self, settings: BenchmarkSettings) -> None:
         """Checks the settings."""
-        measure = checks.choice(settings.measure, _DEFAULT_NUM_ENVS, "measure")
         self._settings = settings
+        self._measure = MEASURES[checks.choice(settings.measure, MEASURES, "measure")]
         self._domain = find_cases(settings.domain_name)
-        self._num_envs = settings.num_envs or _DEFAULT_NUM_ENVS[measure]
-        self._num_steps = _DEFAULT_NUM_STEPS[measure] if settings.num_steps is None else settings.num_steps
-        if measure != "scaling" and len(self._num_envs) != 1:
-            raise ValueError(f"{measure} takes exactly one number of environments, got {self._num_envs}")
+        self._num_envs = settings.num_envs or self._measure.num_envs
+        if settings.measure != "scaling" and len(self._num_envs) != 1:
+            raise ValueError(f"{settings.measure} takes exactly one number of environments, got {self._num_envs}")
+        self._num_steps = self._measure.num_steps
         if settings.num_steps is not None:
-            checks.integer(settings.num_steps, "num_steps", minimum=1)
+            self._num_steps = checks.integer(settings.num_steps, "num_steps", minimum=1)
 
     def run(self) -> bool:
         """Measures and prints the results; returns True."""
@@ -53,39 +50,12 @@ class BenchmarkJob:
 
     def measure(self) -> dict[str, Any]:
         """Measures; returns the results with the command and the versions, as JSON represents them."""
-        measures = {
-            "speed": self._speed,
-            "scaling": self._scaling,
-            "soak": self._soak,
-            "rendering": self._rendering,
-        }
         return {
             "measure": self._settings.measure,
             "command": command_line(self._settings),
             "versions": versions(),
-            **measures[self._settings.measure](),
+            **self._measure.run(self._domain, self._settings, self._num_envs, self._num_steps),
         }
-
-    def _speed(self) -> dict[str, Any]:
-        domain, settings, (num_envs,) = self._domain, self._settings, self._num_envs
-        steps = settings.max_episode_steps or domain.max_episode_steps
-        cases = domain.cases(num_envs)
-        rates = speed.measure_rates(domain, cases, rounds=settings.rounds, steps=steps)
-        return {
-            "results": speed.summarize(rates, cases),
-            "ratios": speed.named_ratios(rates, domain.ratios(num_envs)),
-            "overhead": speed.overhead(*domain.environments(), repeats=settings.rounds),
-        }
-
-    def _scaling(self) -> dict[str, Any]:
-        return {"results": memory.scaling(self._domain, self._num_envs, num_steps=self._num_steps)}
-
-    def _soak(self) -> dict[str, Any]:
-        (num_envs,) = self._num_envs
-        return {"results": memory.soak(self._domain, num_envs=num_envs, num_steps=self._num_steps)}
-
-    def _rendering(self) -> dict[str, Any]:
-        return {"results": rendering.measure(self._domain, rounds=self._settings.rounds)}
 
 
 def find_cases(domain_name: str) -> BenchmarkDomain:
@@ -111,8 +81,42 @@ def command_line(settings: BenchmarkSettings) -> str:
 
 def versions() -> dict[str, str]:
     """Returns the versions that speed depends on: of Python, the suite, its packages, and EnvPool where installed."""
-    envpool = {"envpool": importlib.metadata.version("envpool")} if baselines.has_envpool() else {}
-    return {"python": platform.python_version(), **installed_versions(), **envpool}
+    known = {"python": platform.python_version(), **installed_versions()}
+    try:
+        return {**known, "envpool": importlib.metadata.version("envpool")}
+    except importlib.metadata.PackageNotFoundError:
+        return known
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Measure:
+    """One of the measurements of `kitchen-benchmark`.
+
+    Attributes:
+      run: returns the results of a domain, as JSON represents them, with the settings, numbers of environments and a
+        number of control steps.
+      tables: returns the tables of all results.
+      num_envs: numbers of environments where the settings name none.
+      num_steps: control steps where the settings name none.
+    """
+
+    run: Callable[[BenchmarkDomain, BenchmarkSettings, Sequence[int], int], dict[str, Any]]
+    tables: Callable[[Mapping[str, Any]], list[Table]]
+    num_envs: tuple[int, ...]
+    num_steps: int = 0
+
+
+def _run_speed(
+    domain: BenchmarkDomain, settings: BenchmarkSettings, num_envs: Sequence[int], num_steps: int
+) -> dict[str, Any]:
+    steps = settings.max_episode_steps or domain.domain.episode_steps
+    cases = domain.cases(num_envs[0])
+    rates = speed.measure_rates(domain, cases, rounds=settings.rounds, steps=steps)
+    return {
+        "results": speed.summarize(rates, cases),
+        "ratios": speed.named_ratios(rates, domain.ratios(num_envs[0])),
+        "overhead": speed.overhead(domain.load(visuals=False), domain.adapter(), repeats=settings.rounds),
+    }
 
 
 def speed_tables(results: Mapping[str, Any]) -> list[Table]:
@@ -179,12 +183,25 @@ def _milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.1f}"
 
 
-# By measure.
-TABLES: Mapping[str, Callable[[Mapping[str, Any]], list[Table]]] = {
-    "speed": speed_tables,
-    "scaling": scaling_tables,
-    "soak": soak_tables,
-    "rendering": rendering_tables,
+MEASURES: Mapping[str, Measure] = {
+    "speed": Measure(run=_run_speed, tables=speed_tables, num_envs=(32,)),
+    "scaling": Measure(
+        run=lambda domain, settings, *sizes: {"results": memory.scaling(domain, *sizes)},
+        tables=scaling_tables,
+        num_envs=(1, 8, 32, 128, 512),
+        num_steps=10_000,
+    ),
+    "soak": Measure(
+        run=lambda domain, settings, num_envs, num_steps: {"results": memory.soak(domain, num_envs[0], num_steps)},
+        tables=soak_tables,
+        num_envs=(32,),
+        num_steps=1_000_000,
+    ),
+    "rendering": Measure(
+        run=lambda domain, settings, *_: {"results": rendering.measure(domain.renderers, rounds=settings.rounds)},
+        tables=rendering_tables,
+        num_envs=(1,),
+    ),
 }
 
 
@@ -199,6 +216,6 @@ def markdown(results: Mapping[str, Any]) -> str:
 
 
 def _document(results: Mapping[str, Any], style: str) -> str:
-    tables = TABLES[results["measure"]](results)
+    tables = MEASURES[results["measure"]].tables(results)
     versions = ", ".join(f"{name} {version}" for name, version in results["versions"].items())
     return "\n\n".join([*(table(*each, style) for each in tables), f"`{results['command']}`: {versions}"])

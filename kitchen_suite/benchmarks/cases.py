@@ -1,14 +1,19 @@
 """Benchmark cases: simulations and environments that run one episode with given actions."""
 
+import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
+from kitchen_suite import suite
+from kitchen_suite.benchmarks.rendering import suite_renderers
+from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 
@@ -18,11 +23,6 @@ SUITE = "suite.load, without visuals"
 ADAPTER = "Gymnasium adapter, without visuals"
 
 NUM_THREADS = (1, 2)
-
-# Builds a vectorised environment of (num_envs, num_threads).
-VectorEnvFactory = Callable[[int, int], gymnasium.vector.VectorEnv]
-# Draws actions of a leading shape; the last axis is the action's.
-DrawActions = Callable[[np.random.Generator, tuple[int, ...]], NDArray[np.float64]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,29 +40,84 @@ class Case:
     num_threads: int = 1
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BenchmarkDomain:
-    """Cases of a domain and what they are compared by.
+class BenchmarkDomain(abc.ABC):
+    """Environments of a domain whose speed is measured, and what they are compared with.
 
     Attributes:
-      max_episode_steps: control steps of an episode.
-      draw_actions: draws the actions of an episode.
-      cases: builds the cases, by name, the vectorised ones with `num_envs` environments; the first is the denominator
-        of every case's ratio.
-      ratios: named ratios as (numerator case, denominator case), for `num_envs` environments.
-      environments: builds the suite's environment and a Gymnasium environment, both without a time limit.
-      vector_envs: name -> f(num_envs, num_threads); the suite's first.
-      renderers: builds renderers of square images of `size` pixels, by name; the first is the denominator of every
-        renderer's ratio.
+      domain: of the suite.
+      task_name: one of the domain's tasks.
+      options: arguments of all environments, with which no episode terminates.
+      vector_options: further arguments of the suite's vectorised environments, by the name of each.
     """
 
-    max_episode_steps: int
-    draw_actions: DrawActions
-    cases: Callable[[int], dict[str, Case]]
-    ratios: Callable[[int], dict[str, tuple[str, str]]]
-    environments: Callable[[], tuple[Environment, SuiteEnv]]
-    vector_envs: Mapping[str, VectorEnvFactory]
-    renderers: Callable[[int], Mapping[str, MujocoRenderer]]
+    domain: ClassVar[Domain]
+    task_name: ClassVar[str]
+    options: ClassVar[Mapping[str, Any]] = {}
+    vector_options: ClassVar[Mapping[str, Mapping[str, Any]]] = {"vectorised": {}}
+
+    @abc.abstractmethod
+    def draw_actions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Draws actions `(*shape, n)` with which no episode terminates."""
+
+    @abc.abstractmethod
+    def bare_cases(self) -> dict[str, Case]:
+        """Builds the cases of bare physics by name; the first is the denominator of every case's ratio."""
+
+    @abc.abstractmethod
+    def further_cases(self) -> dict[str, Case]:
+        """Builds the cases by name that no other domain has."""
+
+    def load(self, **options: Any) -> Environment:
+        """Builds the suite's environment, without a time limit."""
+        task_kwargs = {"random": 0, "time_limit": None, **self.options, **options}
+        return suite.load(self.domain.name, self.task_name, task_kwargs)
+
+    def adapter(self, **options: Any) -> SuiteEnv:
+        """Builds the Gymnasium environment, without a time limit."""
+        adapter: SuiteEnv = self.domain.resolve("env")(**self.options, **options)
+        return adapter
+
+    @property
+    def vector_names(self) -> tuple[str, ...]:
+        """Names of the vectorised environments, the suite's first."""
+        return tuple(self.vector_options)
+
+    def vector_env(self, name: str, num_envs: int, num_threads: int) -> gymnasium.vector.VectorEnv:
+        """Builds one of the vectorised environments."""
+        options = {**self.options, **self.vector_options[name]}
+        build: Callable[..., gymnasium.vector.VectorEnv] = self.domain.resolve("vector_env")
+        return build(num_envs, num_threads=num_threads, max_episode_steps=self.domain.episode_steps, **options)
+
+    def cases(self, num_envs: int) -> dict[str, Case]:
+        """Builds all cases by name, the vectorised ones with `num_envs` environments."""
+        vectorised = {
+            vector_case_name(name, num_envs, num_threads): environment_case(
+                self.vector_env(name, num_envs, num_threads), num_envs=num_envs, num_threads=num_threads
+            )
+            for num_threads in NUM_THREADS
+            for name in self.vector_names
+        }
+        return {
+            **self.bare_cases(),
+            SUITE: environment_case(self.load(visuals=False)),
+            ADAPTER: environment_case(self.adapter()),
+            "suite.load, with visuals": environment_case(self.load(visuals=True)),
+            **self.further_cases(),
+            **vectorised,
+        }
+
+    def ratios(self, num_envs: int) -> dict[str, tuple[str, str]]:
+        """Returns named ratios as (numerator case, denominator case), for `num_envs` environments."""
+        one, two = (vector_case_name("vectorised", num_envs, num_threads) for num_threads in NUM_THREADS)
+        return {"Gymnasium adapter / suite.load": (ADAPTER, SUITE), "vectorised, two threads / one": (two, one)}
+
+    def renderers(self, size: int) -> dict[str, MujocoRenderer]:
+        """Builds renderers of square images by name; the first is the denominator of every renderer's ratio.
+
+        Args:
+          size: width and height [pixels].
+        """
+        return suite_renderers(lambda quality: self.load(render_quality=quality), size)
 
 
 def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 1) -> Case:
@@ -76,17 +131,32 @@ def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 
     return Case(episode=episode, num_envs=num_envs, num_threads=num_threads)
 
 
+def bare_case(
+    model: mujoco.MjModel,
+    qpos: NDArray[np.float64],
+    substeps: int,
+    control: Callable[[mujoco.MjData, NDArray[np.float64]], None],
+) -> Case:
+    """Returns the case of bare physics steps.
+
+    Args:
+      model: of the scene.
+      qpos: generalised positions at the start.
+      substeps: physics steps in a control step.
+      control: sets the controls for an action.
+    """
+    data = mujoco.MjData(model)
+
+    def episode(actions: NDArray[np.float64]) -> None:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = qpos
+        for action in actions:
+            control(data, action)
+            mujoco.mj_step(model, data, substeps)
+
+    return Case(episode=episode)
+
+
 def vector_case_name(name: str, num_envs: int, num_threads: int) -> str:
     """Returns the name of the case of a vectorised environment."""
     return f"{name}, {num_envs} environments, {num_threads} {'thread' if num_threads == 1 else 'threads'}"
-
-
-def vector_cases(vector_envs: Mapping[str, VectorEnvFactory], num_envs: int) -> dict[str, Case]:
-    """Builds the cases of vectorised environments, with each of `NUM_THREADS`."""
-    return {
-        vector_case_name(name, num_envs, num_threads): environment_case(
-            build(num_envs, num_threads), num_envs=num_envs, num_threads=num_threads
-        )
-        for num_threads in NUM_THREADS
-        for name, build in vector_envs.items()
-    }

@@ -1,8 +1,16 @@
-"""Benchmark cases of the kitchen; none of their episodes terminates."""
+"""Benchmark cases of the kitchen, and other implementations of it: Gymnasium-Robotics' and, where installed, EnvPool's.
 
-import functools
-from typing import Any
+None of their episodes terminates.
+"""
 
+import contextlib
+import importlib.util
+import warnings
+from collections.abc import Iterator
+from typing import Any, ClassVar
+from unittest import mock
+
+import gymnasium
 import mujoco
 import numpy as np
 from dm_control import composer, mjcf
@@ -10,157 +18,123 @@ from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks import baselines
-from kitchen_suite.benchmarks.cases import (
-    ADAPTER,
-    BARE,
-    SUITE,
-    BenchmarkDomain,
-    Case,
-    VectorEnvFactory,
-    environment_case,
-    vector_case_name,
-    vector_cases,
-)
-from kitchen_suite.benchmarks.rendering import suite_renderers
-from kitchen_suite.entities import build_kitchen_scene
-from kitchen_suite.environment import Environment
-from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
+from kitchen_suite.benchmarks.cases import BARE, BenchmarkDomain, Case, bare_case, environment_case, vector_case_name
+from kitchen_suite.entities import assets, build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
-from kitchen_suite.vector_env.kitchen import FrankaKitchenVectorEnv
 
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"
+ENVPOOL = "EnvPool"
 
 _ACTION_SIZE = 9
-_MAX_EPISODE_STEPS = suite.DOMAINS["kitchen"].episode_steps
 
 
-def draw_actions(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Draws uniform actions `(*shape, 9)`."""
-    return rng.uniform(-1.0, 1.0, (*shape, _ACTION_SIZE))
+def original_model() -> mujoco.MjModel:
+    """Compiles the model of FrankaKitchen-v1."""
+    return mujoco.MjModel.from_xml_path(str(assets.asset_dir() / "kitchen_assets" / "kitchen_env_model.xml"))
 
 
-def load(**options: Any) -> Environment:
-    """Builds the suite's environment, without a time limit."""
-    task_kwargs = {"random": 0, "terminate_on_tasks_completed": False, "time_limit": None, **options}
-    return suite.load("kitchen", "all", task_kwargs)
+@contextlib.contextmanager
+def patched_kitchen_env() -> Iterator[Any]:
+    """Yields Gymnasium-Robotics' module `kitchen_env`, with the one helper replaced that fails since MuJoCo 3.12."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from gymnasium_robotics.envs.franka_kitchen import franka_env, kitchen_env
+
+    with mock.patch.object(franka_env, "robot_get_obs", _robot_get_obs):
+        yield kitchen_env
 
 
-def environments() -> tuple[Environment, FrankaKitchenEnv]:
-    """Builds the suite's environment and a Gymnasium environment, without visuals or a time limit."""
-    return load(visuals=False), FrankaKitchenEnv(terminate_on_tasks_completed=False)
+def _robot_get_obs(
+    model: mujoco.MjModel, data: mujoco.MjData, names: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the robot's joint positions (9,) and velocities (9,), as the helper did."""
+    return data.qpos[:9].copy(), data.qvel[:9].copy()
 
 
-def vectorised_kitchen(num_envs: int, num_threads: int, *, sleep: bool = False) -> FrankaKitchenVectorEnv:
-    """Builds the suite's vectorised environment."""
-    return FrankaKitchenVectorEnv(
-        num_envs,
-        num_threads=num_threads,
-        max_episode_steps=_MAX_EPISODE_STEPS,
-        terminate_on_tasks_completed=False,
-        sleep=sleep,
-    )
+def _has_envpool() -> bool:
+    return importlib.util.find_spec("envpool") is not None
 
 
-VECTOR_ENVS: dict[str, VectorEnvFactory] = {
-    "vectorised": vectorised_kitchen,
-    "vectorised, sleeping": functools.partial(vectorised_kitchen, sleep=True),
-}
-if baselines.has_envpool():
-    VECTOR_ENVS["EnvPool"] = baselines.envpool_kitchen
+class KitchenBenchmark(BenchmarkDomain):
+    """The benchmark of the kitchen."""
 
+    domain = suite.DOMAINS["kitchen"]
+    task_name = "all"
+    options: ClassVar = {"terminate_on_tasks_completed": False}
+    vector_options: ClassVar = {"vectorised": {}, "vectorised, sleeping": {"sleep": True}}
 
-def bare_case(model: mujoco.MjModel) -> Case:
-    """Returns the case of bare physics steps of a model, with controls computed as the task does."""
-    data = mujoco.MjData(model)
-    substeps = round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP)
+    def draw_actions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        return rng.uniform(-1.0, 1.0, (*shape, _ACTION_SIZE))
 
-    def episode(actions: NDArray[np.float64]) -> None:
-        mujoco.mj_resetData(model, data)
-        data.qpos[:] = INITIAL_QPOS
-        for action in actions:
-            positions = data.qpos[:_ACTION_SIZE]
-            data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
-            mujoco.mj_step(model, data, substeps)
-
-    return Case(episode=episode)
-
-
-def original_case() -> Case:
-    """Builds the case of Gymnasium-Robotics' environment."""
-    with baselines.patched_kitchen_env() as kitchen_env:
-        case = environment_case(kitchen_env.KitchenEnv(terminate_on_tasks_completed=False))
-
-    def episode(actions: NDArray[np.float64]) -> None:
-        with baselines.patched_kitchen_env():
-            case.episode(actions)
-
-    return Case(episode=episode)
-
-
-def stock_composer_case() -> Case:
-    """Builds the case of the suite's task in composer's own environment."""
-    task = KitchenTask(build_kitchen_scene(), terminate_on_tasks_completed=False)
-    settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
-    return environment_case(composer.Environment(task, random_state=0, **settings))
-
-
-def cases(num_envs: int) -> dict[str, Case]:
-    """Builds the cases: bare MuJoCo on the original's model, the suite in all its forms, and the baselines."""
-    environment, adapter = environments()
-    suite_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
-    adapter_with_visuals = FrankaKitchenEnv(terminate_on_tasks_completed=False, visuals=True)
-    return {
-        BARE: bare_case(baselines.original_model()),
-        "bare mj_step, the suite's model": bare_case(suite_model),
-        SUITE: environment_case(environment),
-        ADAPTER: environment_case(adapter),
-        "suite.load, with visuals": environment_case(load(visuals=True)),
-        "Gymnasium adapter, with visuals": environment_case(adapter_with_visuals),
-        "the same task in stock composer": stock_composer_case(),
-        ORIGINAL: original_case(),
-        **vector_cases(VECTOR_ENVS, num_envs),
-    }
-
-
-def ratios(num_envs: int) -> dict[str, tuple[str, str]]:
-    """Returns named ratios as (numerator case, denominator case)."""
-
-    def name(vector_env: str, num_threads: int) -> str:
-        return vector_case_name(vector_env, num_envs, num_threads)
-
-    named = {
-        "Gymnasium adapter / suite.load": (ADAPTER, SUITE),
-        "vectorised, two threads / one": (name("vectorised", 2), name("vectorised", 1)),
-        "vectorised, one thread / Gymnasium-Robotics": (name("vectorised", 1), ORIGINAL),
-    }
-    if baselines.has_envpool():
-        envpool = name("EnvPool", 1)
-        named |= {
-            "vectorised / EnvPool, one thread each": (name("vectorised", 1), envpool),
-            "vectorised, sleeping / EnvPool, one thread each": (name("vectorised, sleeping", 1), envpool),
-            "EnvPool, two threads / one": (name("EnvPool", 2), envpool),
+    def bare_cases(self) -> dict[str, Case]:
+        suite_model = mjcf.Physics.from_mjcf_model(build_kitchen_scene(visuals=False).arena.mjcf_model).model.ptr
+        return {
+            name: bare_case(model, INITIAL_QPOS, round(CONTROL_TIMESTEP / PHYSICS_TIMESTEP), _control)
+            for name, model in {BARE: original_model(), f"{BARE}, the suite's model": suite_model}.items()
         }
-    return named
+
+    def further_cases(self) -> dict[str, Case]:
+        return {
+            "Gymnasium adapter, with visuals": environment_case(self.adapter(visuals=True)),
+            "the same task in stock composer": self._stock_composer_case(),
+            ORIGINAL: self._original_case(),
+        }
+
+    def _stock_composer_case(self) -> Case:
+        """Builds the case of the suite's task in composer's own environment."""
+        task = KitchenTask(build_kitchen_scene(), **self.options)
+        settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
+        return environment_case(composer.Environment(task, random_state=0, **settings))
+
+    def _original_case(self) -> Case:
+        """Builds the case of Gymnasium-Robotics' environment."""
+        with patched_kitchen_env() as kitchen_env:
+            case = environment_case(kitchen_env.KitchenEnv(**self.options))
+
+        def episode(actions: NDArray[np.float64]) -> None:
+            with patched_kitchen_env():
+                case.episode(actions)
+
+        return Case(episode=episode)
+
+    @property
+    def vector_names(self) -> tuple[str, ...]:
+        return (*super().vector_names, ENVPOOL) if _has_envpool() else super().vector_names
+
+    def vector_env(self, name: str, num_envs: int, num_threads: int) -> gymnasium.vector.VectorEnv:
+        if name != ENVPOOL:
+            return super().vector_env(name, num_envs, num_threads)
+        import envpool
+
+        environments: gymnasium.vector.VectorEnv = envpool.make_gymnasium(
+            "FrankaKitchen-v1", num_envs=num_envs, num_threads=num_threads, **self.options
+        )
+        return environments
+
+    def ratios(self, num_envs: int) -> dict[str, tuple[str, str]]:
+        ours, sleeping, envpool = (vector_case_name(name, num_envs, 1) for name in (*self.vector_options, ENVPOOL))
+        named = {**super().ratios(num_envs), "vectorised, one thread / Gymnasium-Robotics": (ours, ORIGINAL)}
+        if _has_envpool():
+            named |= {
+                "vectorised / EnvPool, one thread each": (ours, envpool),
+                "vectorised, sleeping / EnvPool, one thread each": (sleeping, envpool),
+                "EnvPool, two threads / one": (vector_case_name(ENVPOOL, num_envs, 2), envpool),
+            }
+        return named
+
+    def renderers(self, size: int) -> dict[str, MujocoRenderer]:
+        with patched_kitchen_env() as kitchen_env:
+            original = kitchen_env.KitchenEnv(render_mode="rgb_array", width=size, height=size)
+            original.reset(seed=0)
+        return {"Gymnasium-Robotics": original.robot_env.mujoco_renderer, **super().renderers(size)}
 
 
-def renderers(size: int) -> dict[str, MujocoRenderer]:
-    """Builds Gymnasium-Robotics' own renderer, with its default camera, and those of the suite's environment."""
-    with baselines.patched_kitchen_env() as kitchen_env:
-        original = kitchen_env.KitchenEnv(render_mode="rgb_array", width=size, height=size)
-        original.reset(seed=0)
-    suite_own = suite_renderers(lambda quality: load(render_quality=quality), size)
-    return {"Gymnasium-Robotics": original.robot_env.mujoco_renderer, **suite_own}
+def _control(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
+    """Sets the controls as the task does."""
+    positions = data.qpos[:_ACTION_SIZE]
+    data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
 
 
-KITCHEN = BenchmarkDomain(
-    max_episode_steps=_MAX_EPISODE_STEPS,
-    draw_actions=draw_actions,
-    cases=cases,
-    ratios=ratios,
-    environments=environments,
-    vector_envs=VECTOR_ENVS,
-    renderers=renderers,
-)
+KITCHEN = KitchenBenchmark()

@@ -1,6 +1,7 @@
 """Measures memory: of each further environment, and in the course of a long run."""
 
 import concurrent.futures
+import contextlib
 import functools
 import itertools
 import multiprocessing
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain, DrawActions, VectorEnvFactory
+from kitchen_suite.benchmarks.cases import NUM_THREADS, BenchmarkDomain
 from kitchen_suite.benchmarks.speed import throughput
 from kitchen_suite.rendering import gl
 
@@ -30,27 +31,27 @@ def resident_memory() -> float:
     return pages * resource.getpagesize() / _MEBIBYTE
 
 
-def memory_in_use(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     """Returns the memory that this process holds with vectorised environments that have made a few steps [MiB]."""
     # Ctrl-C, which the command reports, ends the process silently.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    environments = build(num_envs, 1)
+    environments = domain.vector_env(name, num_envs, 1)
     environments.reset()
-    for actions in draw_actions(np.random.default_rng(0), (5, num_envs)):
+    for actions in domain.draw_actions(np.random.default_rng(0), (5, num_envs)):
         environments.step(actions)
     return resident_memory()
 
 
-def memory_per_environment(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     """Measures the memory of each environment beyond the first [MiB].
 
     One environment and `num_envs` of them are built in a new process each.
     """
-    one, many = (_in_new_process(build, draw_actions, count) for count in (1, num_envs))
+    one, many = (_in_new_process(domain, name, count) for count in (1, num_envs))
     return (many - one) / (num_envs - 1)
 
 
-def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs: int) -> float:
+def _in_new_process(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     executor = concurrent.futures.ProcessPoolExecutor(
         1,
         mp_context=multiprocessing.get_context("spawn"),
@@ -58,10 +59,10 @@ def _in_new_process(build: VectorEnvFactory, draw_actions: DrawActions, num_envs
         initializer=functools.partial(gl.prepare, rendering=False),
     )
     with executor:
-        return executor.submit(memory_in_use, build, draw_actions, num_envs).result()
+        return executor.submit(memory_in_use, domain, name, num_envs).result()
 
 
-def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], *, num_steps: int) -> list[dict[str, Any]]:
+def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) -> list[dict[str, Any]]:
     """Measures throughput by number of environments and threads, and memory per environment [MiB] on one thread.
 
     Args:
@@ -70,27 +71,18 @@ def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], *, num_steps: int)
       num_steps: control steps of each measurement, over all environments.
     """
     rows = []
-    for name, count, threads in tqdm([*itertools.product(domain.vector_envs, num_envs, NUM_THREADS)], disable=None):
+    for name, count, threads in tqdm([*itertools.product(domain.vector_names, num_envs, NUM_THREADS)], disable=None):
         if name == "EnvPool" and count > _MAX_ENVPOOL:
             continue
-        rate = _throughput_of(domain, name, count, threads, num_steps)
-        memory = None
-        if count > 1 and threads == 1:
-            memory = memory_per_environment(domain.vector_envs[name], domain.draw_actions, count)
+        with contextlib.closing(domain.vector_env(name, count, threads)) as environments:
+            rate = throughput(domain, environments, num_steps=num_steps)
+        memory = memory_per_environment(domain, name, count) if count > 1 and threads == 1 else None
         sizes = {"num_envs": count, "num_threads": threads}
         rows.append({"vector_env": name, **sizes, "memory": memory, "steps_per_second": rate})
     return rows
 
 
-def _throughput_of(domain: BenchmarkDomain, name: str, num_envs: int, num_threads: int, num_steps: int) -> float:
-    environments = domain.vector_envs[name](num_envs, num_threads)
-    try:
-        return throughput(domain.draw_actions, environments, num_steps=num_steps)
-    finally:
-        environments.close()
-
-
-def soak(domain: BenchmarkDomain, *, num_envs: int, num_steps: int) -> dict[str, list[float]]:
+def soak(domain: BenchmarkDomain, num_envs: int, num_steps: int) -> dict[str, list[float]]:
     """Samples the memory [MiB] in the course of a long run of the suite's vectorised environments.
 
     Args:
@@ -98,7 +90,7 @@ def soak(domain: BenchmarkDomain, *, num_envs: int, num_steps: int) -> dict[str,
       num_envs: number of environments.
       num_steps: control steps in total, rounded up to a multiple of the number of samples and environments.
     """
-    environments = domain.vector_envs["vectorised"](num_envs, NUM_THREADS[-1])
+    environments = domain.vector_env("vectorised", num_envs, NUM_THREADS[-1])
     rng = np.random.default_rng(0)
     steps_per_sample = -(-num_steps // (_SOAK_SAMPLES * num_envs))
     environments.reset(seed=0)

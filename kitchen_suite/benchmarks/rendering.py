@@ -2,16 +2,16 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, cast
 from unittest import mock
 
 import mujoco
 import numpy as np
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import BenchmarkDomain
 from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import quality
 
@@ -19,8 +19,7 @@ HIGH, FAST, LIGHT = "high", "fast, without light meshes", "fast"
 
 SIZES = (128, 480)  # Width and height of images [pixels].
 
-# Time that one measurement takes, at least one frame [s].
-_SECONDS = 0.2
+SECONDS = 0.2  # Time that one measurement takes, at least one frame [s].
 
 # A geom group that is not drawn by default.
 _HIDDEN = 5
@@ -58,8 +57,13 @@ class FrameTimer:
         drawn = (self._model.geom_type == _GEOM.mjGEOM_MESH) & (self._model.geom_group < 3)
         return int(self._model.mesh_facenum[self._model.geom_dataid[drawn]].sum())
 
+    def picture(self) -> NDArray[np.uint8]:
+        """Returns an image, as an environment returns it."""
+        self._viewer.make_context_current()
+        return cast(NDArray[np.uint8], self._renderer.render("rgb_array"))
+
     def frame(self) -> float:
-        """Returns the mean time of an image, as an environment returns it [s]."""
+        """Returns the mean time of an image [s]."""
         return self._mean(lambda: self._renderer.render("rgb_array"))
 
     def parts(self) -> dict[str, float]:
@@ -86,11 +90,6 @@ class FrameTimer:
         self._mean(frame)
         return {name: seconds / count for name, seconds in times.items()}
 
-    def without(self, content: str) -> float:
-        """Returns the mean time of an image without one of `CONTENTS` [s]."""
-        with self._leaving_out(content):
-            return self.frame()
-
     def close(self) -> None:
         """Frees the GL context, and before that what MuJoCo has in it, which would free the names of another one's."""
         self._viewer.make_context_current()
@@ -101,13 +100,14 @@ class FrameTimer:
         self._viewer.make_context_current()
         frame()  # Whatever ran before has emptied the processor's caches.
         count, started = 0, time.perf_counter()
-        while (elapsed := time.perf_counter() - started) < _SECONDS or not count:
+        while (elapsed := time.perf_counter() - started) < SECONDS or not count:
             frame()
             count += 1
         return elapsed / count
 
     @contextlib.contextmanager
-    def _leaving_out(self, content: str) -> Iterator[None]:
+    def leaving_out(self, content: str) -> Iterator[None]:
+        """Context in which images are without one of `CONTENTS`."""
         flags, groups = self._viewer.scn.flags.copy(), self._model.geom_group.copy()
         for flag in _FLAGS.get(content, ()):
             self._viewer.scn.flags[flag] = 0
@@ -140,21 +140,21 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
     return MujocoRenderer(physics.model.ptr, physics.data.ptr, width=size, height=size, camera_name="overview")
 
 
-def measure(domain: BenchmarkDomain, *, rounds: int) -> list[dict[str, Any]]:
-    """Measures all renderers of a domain in every round; returns the results by size of the images.
+def measure(renderers: Callable[[int], Mapping[str, MujocoRenderer]], *, rounds: int) -> list[dict[str, Any]]:
+    """Measures all renderers in every round; returns the results for each of `SIZES`.
 
     The best of the rounds counts, since other programs only make a frame slower.
 
     Args:
-      domain: has the renderers.
+      renderers: builds renderers by name for a width and height of the images [pixels].
       rounds: number of rounds.
     """
-    return [_measure_size(domain, size, rounds) for size in SIZES]
+    return [_measure_size(size, renderers(size), rounds) for size in SIZES]
 
 
-def _measure_size(domain: BenchmarkDomain, size: int, rounds: int) -> dict[str, Any]:
+def _measure_size(size: int, renderers: Mapping[str, MujocoRenderer], rounds: int) -> dict[str, Any]:
     contents = CONTENTS if size == SIZES[0] else ()
-    timers = {name: FrameTimer(renderer) for name, renderer in domain.renderers(size).items()}
+    timers = {name: FrameTimer(renderer) for name, renderer in renderers.items()}
     try:
         measured = [
             {name: _round(timer, contents) for name, timer in timers.items()}
@@ -166,7 +166,7 @@ def _measure_size(domain: BenchmarkDomain, size: int, rounds: int) -> dict[str, 
             timer.close()
     best = {name: {key: min(each[name][key] for each in measured) for key in measured[0][name]} for name in timers}
     first = best[next(iter(timers))]
-    renderers = {
+    results = {
         name: {
             "ratio": first["frame"] / times["frame"],
             "num_faces": faces[name],
@@ -175,10 +175,13 @@ def _measure_size(domain: BenchmarkDomain, size: int, rounds: int) -> dict[str, 
         }
         for name, times in best.items()
     }
-    return {"size": size, "renderers": renderers}
+    return {"size": size, "renderers": results}
 
 
 def _round(timer: FrameTimer, contents: Sequence[str]) -> dict[str, float]:
     """Returns the times of a frame, of its parts, and of frames without some contents [s]."""
-    without = {content: timer.without(content) for content in contents}
+    without = {}
+    for content in contents:
+        with timer.leaving_out(content):
+            without[content] = timer.frame()
     return {"frame": timer.frame(), **timer.parts(), **without}

@@ -12,7 +12,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite.benchmarks.cases import BenchmarkDomain, Case, DrawActions
+from kitchen_suite.benchmarks.cases import BenchmarkDomain, Case
 from kitchen_suite.environment import Environment
 
 # Control steps per second in each round, by name of the case.
@@ -119,10 +119,10 @@ def _minimum_time(step: Callable[[], object], repeats: int) -> float:
     return 1e6 * min(timeit.repeat(step, number=_OVERHEAD_STEPS, repeat=repeats)) / _OVERHEAD_STEPS
 
 
-def throughput(draw_actions: DrawActions, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:
+def throughput(domain: BenchmarkDomain, environments: gymnasium.vector.VectorEnv, *, num_steps: int) -> float:
     """Measures the control steps per second of vectorised environments, over about `num_steps` in total."""
     num_envs = environments.num_envs
-    actions = draw_actions(np.random.default_rng(0), (max(num_steps // num_envs, 1), num_envs))
+    actions = domain.draw_actions(np.random.default_rng(0), (max(num_steps // num_envs, 1), num_envs))
     environments.reset(seed=0)
     environments.step(actions[0])
     start = time.perf_counter()

@@ -8,8 +8,8 @@ from unittest import mock
 import mujoco
 import numpy as np
 
-from kitchen_suite.benchmarks.baselines import original_model as reference_model  # noqa: F401
-from kitchen_suite.benchmarks.baselines import patched_kitchen_env
+from kitchen_suite.benchmarks.kitchen import original_model as reference_model  # noqa: F401
+from kitchen_suite.benchmarks.kitchen import patched_kitchen_env
 
 # The reference's names of the moving bodies, by ours.
 BODIES = {
