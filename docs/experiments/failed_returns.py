@@ -38,9 +38,9 @@ def spec_of(task: str, arguments: dict[str, Any], steps: int) -> EnvironmentSpec
 
 def measure(task: str, reward: str, steps: int = STEPS) -> dict[str, Any]:
     """Trains a task with a reward; returns its row."""
-    from kitchen_suite.training.evaluation import evaluate, network_controller
     from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
-    from kitchen_suite.training.learner import PPOLearner
+    from kitchen_suite.training.learner import evaluate
+    from kitchen_suite.training.reinforcement import PPOLearner, network_controller
 
     domain, config = suite.DOMAINS["kitchen"], Hyperparameters.defaults("kitchen")
     options = dict(find_recipe("kitchen").options)

@@ -40,7 +40,7 @@ class Case:
     def __init__(self, name: str, threads: int) -> None:
         """Builds the learner of some settings; `threads` step its environments."""
         from kitchen_suite.training.hyperparameters import Hyperparameters
-        from kitchen_suite.training.learner import PPOLearner
+        from kitchen_suite.training.reinforcement import PPOLearner
 
         self.name, self.threads = name, threads
         self.config = Hyperparameters.for_domain("open_cabinet", SETTINGS[name])

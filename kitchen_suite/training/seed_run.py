@@ -1,6 +1,5 @@
 """One seed of a training run: it learns, is evaluated, and writes curves and checkpoints, from which it can resume."""
 
-import abc
 import contextlib
 import enum
 import os
@@ -20,8 +19,7 @@ from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint
-from kitchen_suite.training.evaluation import evaluate
-from kitchen_suite.training.learner import Learner
+from kitchen_suite.training.learner import Learner, evaluate
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 POLICY_FILE = "policy.npz"
@@ -31,32 +29,6 @@ _TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 500_000_000
 
 HEADING = "seed        steps  minutes     return  progress  success"
-
-
-class Training(abc.ABC):
-    """The settings of a run as its algorithm reads them, and the environments or demonstrations that it learns from.
-
-    Attributes:
-      title: name of the algorithm.
-      config: hyperparameters, a dataclass.
-      training_kwargs: arguments of the environments that are trained in alone.
-      max_episode_steps: of evaluations.
-    """
-
-    title: str
-    config: Any
-    training_kwargs: dict[str, Any]
-    max_episode_steps: int
-
-    @abc.abstractmethod
-    def make_learner(self, seed: int) -> Learner:
-        """Returns a new learner."""
-
-    def prepare(self, learner: Any) -> None:  # noqa: B027
-        """Prepares the learner of a new run for its first step, such as by cloning."""
-
-    def close(self) -> None:  # noqa: B027
-        """Closes the environments that are trained in."""
 
 
 class StopReason(enum.Enum):

@@ -21,9 +21,9 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
-from kitchen_suite.training.learner import DivergedError
+from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
-from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason, Training
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
 
 # Below the success rate and mean return of any evaluation.
 _NO_RESULT = (-1.0, 0.0)

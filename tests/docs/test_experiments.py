@@ -70,7 +70,7 @@ def test_bad_arguments_print_the_usage(results, capsys, arguments):
 
 @pytest.mark.clients
 def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path, monkeypatch):
-    from kitchen_suite.training import evaluation
+    from kitchen_suite.training import learner
 
     asked = []
 
@@ -79,7 +79,7 @@ def test_one_network_is_measured_with_each_of_the_tasks_asked(results, tmp_path,
         asked.append(infos["requested_tasks_mask"])
         return {"episode/success": np.ones(len(seeds))}
 
-    monkeypatch.setattr(evaluation, "evaluate", evaluate)
+    monkeypatch.setattr(learner, "evaluate", evaluate)
     assert results.main([str(tmp_path), "random_1:1"]) == 0
     (row,) = results.read()
     assert row["success"] == [2] * 7

@@ -23,7 +23,7 @@ def learner(envs, seed=0, domain="open_cabinet", **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.learner import PPOLearner
+    from kitchen_suite.training.reinforcement import PPOLearner
 
     # As in a training run.
     torch.set_num_threads(1)

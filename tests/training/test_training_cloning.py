@@ -116,15 +116,15 @@ ARGUMENTS = [
 
 
 def test_a_run_clones_first(demonstrations, tmp_path, capsys, monkeypatch):
-    from kitchen_suite.training import learner
+    from kitchen_suite.training import reinforcement
 
-    cloned, clone = [], learner.clone
+    cloned, clone = [], reinforcement.clone
 
     def counted(agent, observations, *rest):
         cloned.append(len(observations))
         clone(agent, observations, *rest)
 
-    monkeypatch.setattr(learner, "clone", counted)
+    monkeypatch.setattr(reinforcement, "clone", counted)
     arguments = [*ARGUMENTS, f"--demonstrations={demonstrations}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 0
     assert cloned == [6 * 150]

@@ -107,7 +107,7 @@ def test_episodes_begin_at_times_spread_over_the_length_of_training(job_of):
 
     job = job_of('--training_kwargs={"max_episode_steps": 6}')
     environments = job.training.environments
-    from kitchen_suite.training.learner import PPOLearner
+    from kitchen_suite.training.reinforcement import PPOLearner
 
     PPOLearner(environments, job.training.config, 0).start(0)
     # The steps 2 and 5 of six: the next one ends an episode.

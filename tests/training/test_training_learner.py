@@ -197,7 +197,8 @@ def random_policy(scale=0.02):
 
 
 def test_an_evaluation_does_not_depend_on_earlier_ones():
-    from kitchen_suite.training.evaluation import evaluate, network_controller
+    from kitchen_suite.training.learner import evaluate
+    from kitchen_suite.training.reinforcement import network_controller
 
     evaluated = environments(3, AutoresetMode.DISABLED)
     first = evaluate(network_controller(random_policy(), evaluated), evaluated, [7, 8, 9])
@@ -213,7 +214,8 @@ def test_an_evaluation_does_not_depend_on_earlier_ones():
 
 
 def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
-    from kitchen_suite.training.evaluation import evaluate, network_controller
+    from kitchen_suite.training.learner import evaluate
+    from kitchen_suite.training.reinforcement import network_controller
 
     # Wild enough that joints move too fast, which terminates episodes at different times.
     policy, seeds = random_policy(scale=0.1), [5, 6, 7, 8]
@@ -235,7 +237,8 @@ def test_an_evaluation_counts_each_episode_to_its_end_and_no_further():
 
 
 def test_an_episode_whose_physics_diverges_counts_as_a_failure(monkeypatch):
-    from kitchen_suite.training.evaluation import evaluate, network_controller
+    from kitchen_suite.training.learner import evaluate
+    from kitchen_suite.training.reinforcement import network_controller
 
     evaluated = environments(2, AutoresetMode.DISABLED)
     step = type(evaluated).step_some

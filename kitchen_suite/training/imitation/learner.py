@@ -19,8 +19,7 @@ from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, checked_changes
 from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
 from kitchen_suite.training.imitation.methods import METHODS, Method
-from kitchen_suite.training.learner import Learner
-from kitchen_suite.training.seed_run import Training
+from kitchen_suite.training.learner import Learner, Training
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.
