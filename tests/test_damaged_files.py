@@ -238,14 +238,14 @@ class Runs(Kind):
             hyperparameters={"b": 2.0},
             seed=3,
         )
-        run_folder.create_run(self.folder, self.description)
+        self.description.create(self.folder)
 
     @property
     def paths(self):
         return [self.folder / run_folder.RUN_FILE]
 
     def read(self, is_edit):
-        run_folder.open_run(self.folder, self.description)
+        self.description.resume(self.folder)
         entries = json.loads(self.paths[0].read_text())
         assert {**entries, **self.description.as_json()} == entries
 

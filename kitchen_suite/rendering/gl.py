@@ -160,7 +160,7 @@ def has_display() -> bool:
 
 def _choose() -> str | None:
     """Returns the library that `MUJOCO_GL` names. Where it is unset, names a headless one if there is no display."""
-    if not os.environ.get(_VARIABLE) and not has_display() and (library := _installed_library()):
+    if not os.environ.get(_VARIABLE) and not has_display() and (library := installed_library()):
         os.environ[_VARIABLE] = library
     return os.environ.get(_VARIABLE) or None
 
@@ -210,19 +210,19 @@ def find_library() -> str:
         raise OSError(problem)
     candidates = (given,) if given else _HEADLESS_LIBRARIES
     for library in candidates:
-        if _can_render(library):
+        if can_render(library):
             return library
     raise OSError(_advice(" or ".join(candidates)))
 
 
 @functools.cache
-def _can_render(library: str) -> bool:
+def can_render(library: str) -> bool:
     """Returns whether a frame can be rendered; tried in a child process, since a failed attempt cannot be undone."""
     command = [sys.executable, "-c", _RENDER_ONE_FRAME]
     return subprocess.run(command, env={**os.environ, _VARIABLE: library}, capture_output=True).returncode == 0
 
 
-def _installed_library() -> str | None:
+def installed_library() -> str | None:
     """Returns the first headless library that can be loaded; renders nothing, so that it takes milliseconds."""
     return next((library for library in _HEADLESS_LIBRARIES if _IS_INSTALLED[library]()), None)
 

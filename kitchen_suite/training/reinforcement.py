@@ -339,6 +339,7 @@ class PPOTraining(Training):
 
     Attributes:
       environments: that are trained in.
+      demonstrations: observations `(m, n)` and actions `(m, k)` that are cloned first; None for none.
     """
 
     title = "PPO"
@@ -365,7 +366,7 @@ class PPOTraining(Training):
         self.environments = training.make_vector_env(
             self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
         )
-        self._initial_policy, self._demonstrations = self._load_initial_policy(), self._load_demonstrations()
+        self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
 
     def make_learner(self, seed: int) -> PPOLearner:
         learner = PPOLearner(self.environments, self.config, seed)
@@ -374,9 +375,9 @@ class PPOTraining(Training):
         return learner
 
     def prepare(self, learner: PPOLearner) -> None:
-        if self._demonstrations:
+        if self.demonstrations:
             with _cloning_bar(self.config.clone_epochs) as report:
-                learner.imitate(*self._demonstrations, report)
+                learner.imitate(*self.demonstrations, report)
 
     def close(self) -> None:
         self.environments.close()

@@ -33,40 +33,27 @@ class RunDescription:
     seed: int
     algorithm: str = "ppo"
 
+    def create(self, folder: Path) -> None:
+        """Writes it to the folder of a new run, as `DescribedFolder.create`."""
+        _RUN.create(folder, self.as_json())
+
+    def resume(self, folder: Path) -> None:
+        """Prepares the folder of an interrupted run: checks its description, removes incomplete files.
+
+        Raises:
+          OSError: the folder cannot be written to, or holds no run.
+          ValueError: it holds a run with another description.
+        """
+        found = files.parse(_RUN.load(folder), RunDescription, str(folder / RUN_FILE))
+        _RUN.resume(folder, found.entries(), self.entries())
+        for subfolder in folder.glob("seed_*"):
+            files.remove_stale_partials(subfolder)
+
     def as_json(self) -> dict[str, Any]:
-        """Returns the description as JSON represents it."""
+        """Returns it as JSON represents it."""
         return json.loads(json.dumps(vars(self)))
 
-
-def create_run(folder: Path, description: RunDescription) -> None:
-    """Creates the folder of a new run, and writes the run's description to it.
-
-    Of several processes that create a run in one folder at the same time, one succeeds.
-
-    Args:
-      folder: created if it does not exist.
-      description: of the run.
-
-    Raises:
-      OSError: the folder cannot be created or written to, or holds another run.
-    """
-    _RUN.create(folder, description.as_json())
-
-
-def open_run(folder: Path, description: RunDescription) -> None:
-    """Prepares the folder of an interrupted run for resuming: checks its description, removes incomplete files.
-
-    Raises:
-      OSError: the folder cannot be written to, or holds no run.
-      ValueError: it holds a run with another description.
-    """
-    found = files.parse(_RUN.load(folder), RunDescription, str(folder / RUN_FILE))
-    _RUN.resume(folder, _entries(found), _entries(description))
-    for subfolder in folder.glob("seed_*"):
-        files.remove_stale_partials(subfolder)
-
-
-def _entries(description: RunDescription) -> dict[str, Any]:
-    """Returns a description with the arguments of the task and the hyperparameters beside the other entries."""
-    entries = description.as_json()
-    return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}
+    def entries(self) -> dict[str, Any]:
+        """Returns it as JSON, with the arguments of the task and the hyperparameters beside the other entries."""
+        entries = self.as_json()
+        return {**entries.pop("task_kwargs"), **entries.pop("hyperparameters"), **entries}

@@ -19,16 +19,14 @@ from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, PPO, PlaySettings, TrainSettings
-from kitchen_suite.training import run_folder
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
+from kitchen_suite.training.run_folder import RunDescription
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
 
 # Below the success rate and mean return of any evaluation.
 _NO_RESULT = (-1.0, 0.0)
-
-_VIDEO_FPS = PlaySettings.video_fps
 
 
 class TrainJob:
@@ -36,6 +34,8 @@ class TrainJob:
 
     Attributes:
       training: environments or demonstrations of the algorithm, and its settings.
+      evaluation_environments: those that policies are evaluated in.
+      metadata: of exported policies; `domain_name`, `task_name`, `task_kwargs`, `training_kwargs`, `hyperparameters`.
     """
 
     failures = (CheckpointError, DivergedError, OSError, PhysicsError, PolicyError)
@@ -56,7 +56,7 @@ class TrainJob:
         if settings.video:
             video.check_ffmpeg()
         self.training = make_training(settings, self._spec)
-        self._metadata: dict[str, Any] = {
+        self.metadata: dict[str, Any] = {
             "domain_name": settings.domain_name,
             "task_name": self._spec.task_name,
             "task_kwargs": settings.environment_kwargs,
@@ -65,20 +65,18 @@ class TrainJob:
         }
         evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
         options = self._spec.env_class.flat_options
-        self._evaluation_environments = evaluation.make_vector_env(
+        self.evaluation_environments = evaluation.make_vector_env(
             settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
         )
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
         self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
         self._best = self._present_best() if settings.resume else _NO_RESULT
-        prepare = run_folder.open_run if settings.resume else run_folder.create_run
-        prepare(settings.output, self._description)
-
-    @property
-    def _description(self) -> run_folder.RunDescription:
-        settings = self._settings
-        return run_folder.RunDescription(**self._metadata, seed=settings.seed, algorithm=settings.algorithm)
+        description = RunDescription(**self.metadata, seed=settings.seed, algorithm=settings.algorithm)
+        if settings.resume:
+            description.resume(settings.output)
+        else:
+            description.create(settings.output)
 
     def progress(self) -> str:
         steps = self._seed_run.steps if self._seed_run else 0
@@ -100,7 +98,7 @@ class TrainJob:
         settings = self._settings
         print_line(f"{settings.domain_name} {self._spec.task_name}, {self.training.title}, in {settings.output}")
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
-        with contextlib.closing(self.training), contextlib.closing(self._evaluation_environments):
+        with contextlib.closing(self.training), contextlib.closing(self.evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):
                 if self._train_seed(seed) is not StopReason.NO_PROGRESS:
                     break
@@ -113,7 +111,7 @@ class TrainJob:
         """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
         learner = self.training.make_learner(seed)
-        run = SeedRun(folder, seed, self._schedule, learner, self._evaluation_environments, self._metadata)
+        run = SeedRun(folder, seed, self._schedule, learner, self.evaluation_environments, self.metadata)
         self._seed_run = run
         if not run.resumed:
             self.training.prepare(learner)
@@ -148,7 +146,7 @@ class TrainJob:
         """Films the best policy on a seed that it was not trained with."""
         policy = self._settings.output / POLICY_FILE
         RolloutJob(
-            policy_rollout(policy, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=_VIDEO_FPS)
+            policy_rollout(policy, num_episodes=1, seed=EVALUATION_SEEDS, video=file, video_fps=PlaySettings.video_fps)
         ).run()
         print_line(f"video {file}")
 

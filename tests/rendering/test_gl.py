@@ -78,7 +78,7 @@ def headless(monkeypatch):
     # Set first, so that the old value comes back whatever the code under test does.
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(gl, "_installed_library", lambda: None)
+    monkeypatch.setattr(gl, "installed_library", lambda: None)
 
 
 @pytest.mark.parametrize("renders", ["suite", "gymnasium", "vector"])
@@ -92,7 +92,7 @@ def test_without_any_gl_library_rendering_raises_the_commands_sentence(headless,
 def test_an_empty_mujoco_gl_is_an_unset_one(headless, monkeypatch):
     environment = make("suite")
     monkeypatch.setenv("MUJOCO_GL", "")
-    monkeypatch.setattr(gl, "_can_render", lambda library: library == "osmesa")
+    monkeypatch.setattr(gl, "can_render", lambda library: library == "osmesa")
     assert gl.find_library() == "osmesa"
     with pytest.raises(RuntimeError, match="with MUJOCO_GL=egl or osmesa: install"):
         environment.physics.render()

@@ -199,16 +199,16 @@ def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
 
 
 def without_ffmpeg(monkeypatch):
-    monkeypatch.setattr(gl, "_can_render", lambda library: True)
+    monkeypatch.setattr(gl, "can_render", lambda library: True)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
 
 
 def without_gl(monkeypatch):
-    monkeypatch.setattr(gl, "_can_render", lambda library: False)
+    monkeypatch.setattr(gl, "can_render", lambda library: False)
 
 
 def without_a_free_name(monkeypatch):
-    monkeypatch.setattr(gl, "_can_render", lambda library: True)
+    monkeypatch.setattr(gl, "can_render", lambda library: True)
     os.mkdir("kitchen-play.mp4")
 
 

@@ -169,7 +169,7 @@ def test_the_first_gl_library_that_works_is_chosen(monkeypatch, working, chosen)
     # Set first, so that the old value comes back whatever the code under test does.
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(gl, "_can_render", lambda library: library in working)
+    monkeypatch.setattr(gl, "can_render", lambda library: library in working)
     gl.prepare(rendering=True)
     assert os.environ["MUJOCO_GL"] == chosen
 
@@ -177,13 +177,13 @@ def test_the_first_gl_library_that_works_is_chosen(monkeypatch, working, chosen)
 def test_where_no_gl_library_works_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "unset")
     monkeypatch.delenv("MUJOCO_GL")
-    monkeypatch.setattr(gl, "_can_render", lambda library: False)
+    monkeypatch.setattr(gl, "can_render", lambda library: False)
     with pytest.raises(OSError, match=r"MUJOCO_GL=egl or osmesa: install a GL library .*libosmesa6"):
         gl.prepare(rendering=True)
 
 
 def test_a_gl_library_that_the_user_named_is_the_only_one_tried(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    monkeypatch.setattr(gl, "_can_render", lambda library: library != "glfw")
+    monkeypatch.setattr(gl, "can_render", lambda library: library != "glfw")
     with pytest.raises(OSError, match="MUJOCO_GL=glfw:"):
         gl.prepare(rendering=True)

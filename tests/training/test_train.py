@@ -17,7 +17,7 @@ import pytest
 from kitchen_suite.cli.commands import play, train
 from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy
 from kitchen_suite.rendering import gl, video
-from kitchen_suite.settings import TrainSettings
+from kitchen_suite.settings import PlaySettings, TrainSettings
 
 clients = pytest.mark.clients
 COMMAND = [sys.executable, "-m", "kitchen_suite", "train"]
@@ -418,10 +418,8 @@ def test_help_lists_every_flag(run, flag):
 @clients
 @pytest.mark.rendering
 def test_the_best_policy_is_filmed_at_the_end(run, monkeypatch):
-    from kitchen_suite.training import train_job
-
     # The start and one more frame of the seven seconds.
-    monkeypatch.setattr(train_job, "_VIDEO_FPS", 0.2)
+    monkeypatch.setattr(PlaySettings, "video_fps", 0.2)
     status, out, err = run("--num_steps=64", "--video=film.mp4")
     assert (status, err) == (0, "")
     assert out.splitlines()[-1] == "video film.mp4"

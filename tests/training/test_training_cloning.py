@@ -282,7 +282,7 @@ def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_pat
     settings = TrainSettings(output=tmp_path, task_name="top_drawer", demonstrations=(demonstrations,) * 2, **options)
     training = PPOTraining(settings, spec)
     training.close()
-    for found, one in zip(training._load_demonstrations(), samples, strict=True):
+    for found, one in zip(training.demonstrations, samples, strict=True):
         np.testing.assert_array_equal(found, np.concatenate([one, one]))
 
 

@@ -15,7 +15,7 @@ from helpers.training import BATCH, METADATA, SMALL, environments, learner
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.settings import Schedule
 from kitchen_suite.tasks.open_cabinet import reward as drawer_reward
-from kitchen_suite.training.run_folder import RunDescription, create_run, open_run
+from kitchen_suite.training.run_folder import RunDescription
 
 pytestmark = pytest.mark.clients
 
@@ -200,21 +200,21 @@ def test_every_kept_checkpoint_is_readable(make_run, tmp_path):
 
 
 def test_incomplete_files_of_a_killed_run_are_removed(tmp_path):
-    create_run(tmp_path, DESCRIPTION)
+    DESCRIPTION.create(tmp_path)
     incomplete = left_behind(tmp_path / "seed_0" / "checkpoint_000000000064.pt")
     incomplete.parent.mkdir()
     incomplete.write_bytes(b"half")
-    open_run(tmp_path, DESCRIPTION)
+    DESCRIPTION.resume(tmp_path)
     assert not incomplete.exists()
 
 
 def test_hidden_files_of_the_user_survive_resuming(tmp_path):
-    create_run(tmp_path, DESCRIPTION)
+    DESCRIPTION.create(tmp_path)
     notes, backup = tmp_path / ".2023.notes", tmp_path / "seed_0" / ".2024.backup"
     backup.mkdir(parents=True)
     for path in (notes, backup / "precious"):
         path.write_text("mine")
-    open_run(tmp_path, DESCRIPTION)
+    DESCRIPTION.resume(tmp_path)
     assert notes.exists()
     assert (backup / "precious").exists()
 
@@ -225,7 +225,7 @@ def test_two_runs_started_together_in_one_folder_are_not_both_let_in(tmp_path):
     def start(seed, folder):
         barrier.wait()
         try:
-            create_run(folder, dataclasses.replace(DESCRIPTION, seed=seed))
+            dataclasses.replace(DESCRIPTION, seed=seed).create(folder)
             outcomes.append(seed)
         except FileExistsError as error:
             refusals.append(str(error))
@@ -256,7 +256,7 @@ BAD_DESCRIPTIONS = {
 
 @pytest.mark.parametrize("text", BAD_DESCRIPTIONS.values(), ids=BAD_DESCRIPTIONS)
 def test_a_description_that_cannot_be_read_is_named_in_one_line(tmp_path, text):
-    create_run(tmp_path, DESCRIPTION)
+    DESCRIPTION.create(tmp_path)
     (tmp_path / "training.json").write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises((OSError, ValueError), match=r"^[^\n]*training\.json[^\n]*$"):
-        open_run(tmp_path, DESCRIPTION)
+        DESCRIPTION.resume(tmp_path)

@@ -21,7 +21,7 @@ def test_training_is_in_environments_that_vary(flags, capsys, monkeypatch, tmp_p
     assert train.main(["--output=runs", "--eval_episodes=2", small, *flags]) == 0
     assert capsys.readouterr().err == ""
     (job,) = jobs
-    for environments in (job.training.environments, job._evaluation_environments):
+    for environments in (job.training.environments, job.evaluation_environments):
         _, info = environments.reset(seed=0)
         assert ("variation_values" in info) == bool(flags)
         if flags:
