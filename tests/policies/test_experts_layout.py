@@ -5,7 +5,7 @@ import pytest
 from helpers.errors import refused
 
 from kitchen_suite import experts, suite
-from kitchen_suite.policies.experts.kitchen_layout import ObservedLayout, needed_observables
+from kitchen_suite.policies.experts.kitchen import ObservedLayout, needed_observables
 from kitchen_suite.policies.experts.kitchen_skills import SKILLS
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.variations.distributions import SPLITS

@@ -50,19 +50,19 @@ class Expert(abc.ABC):
     Attributes:
       control_modes: classes of the control modes by name; the first is the default.
       observation_size: elements of an observation.
-      observed_extras: names of the extra observables that the expert reads.
     """
 
     # Share of the style's speed at which the trajectory is followed at present.
     _pace: float = 1.0
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
     observation_size: int
-    observed_extras: Collection[str] = ()
 
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
+        """Prepares for episodes; the encoder has the arm's kinematics and speed limits."""
         if not isinstance(style, MotionStyle | None):
             raise TypeError(f"style must be a MotionStyle, got {style!r}")
         self._style, self._encoder = style or MotionStyle(), encoder
+        self._kinematics, self._limits = encoder.arm.kinematics, encoder.limits
         self.reset(np.random.default_rng(0))
 
     @classmethod
@@ -81,11 +81,7 @@ class Expert(abc.ABC):
 
     @classmethod
     def missing_in(cls, task: Any) -> list[str]:
-        """Returns the names of the extra observables that the expert needs in a task and that the task does not have.
-
-        Args:
-          task: of the expert's domain.
-        """
+        """Returns the names of the extra observables that the expert needs in a task and that the task lacks."""
         return cls(**cls._task_settings(task)).missing_observables(_varied_layout(task))
 
     @classmethod
@@ -94,23 +90,16 @@ class Expert(abc.ABC):
         """Returns the arguments of the class that a task sets, other than those of its control mode."""
 
     def check_observes(self, varied: Collection[str]) -> None:
-        """Checks that the expert observes the poses of all objects that it moves and that a task varies.
+        """Raises a ValueError unless the expert observes the poses of all objects that it moves and that a task varies.
 
         Args:
           varied: names of the parameters that the task varies, such as `microwave/offset`.
-
-        Raises:
-          ValueError: extra observables are missing.
         """
         if missing := self.missing_observables(varied):
             raise ValueError(f"the expert needs extra_observables {missing} where the task varies {sorted(varied)}")
 
     def missing_observables(self, varied: Collection[str]) -> list[str]:
         """Returns the names of the extra observables that the expert lacks where parameters vary."""
-        return [name for name in self._needed_observables(varied) if name not in self.observed_extras]
-
-    def _needed_observables(self, varied: Collection[str]) -> list[str]:
-        """Returns the names of the extra observables without which the expert cannot act where parameters vary."""
         return []
 
     def reset(self, generator: np.random.Generator) -> None:
@@ -124,17 +113,10 @@ class Expert(abc.ABC):
         self._time, self._halted_steps = 0.0, 0
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Chooses the next action.
+        """Returns the next action, within its bounds.
 
         Args:
-          observation: the flat observation of the environment, without goals.
-
-        Returns:
-          The action, within its bounds.
-
-        Raises:
-          TypeError: the observation does not hold real numbers.
-          ValueError: it has the wrong shape, or is not finite.
+          observation: the flat observation of the environment, without goals; checked for its shape and finite numbers.
         """
         observation = checks.vector(observation, self.observation_size, "observation")
         positions = self._robot_positions(observation)
@@ -213,11 +195,7 @@ def make(task: composer.Task, **options: Any) -> Expert:
 
 
 def expert_class(task: composer.Task) -> type[Expert]:
-    """Returns the class of the expert for a task: that of its domain.
-
-    Raises:
-      ValueError: there is no expert for this kind of task.
-    """
+    """Returns the class of the expert for a task: that of its domain; raises a ValueError if there is none."""
     entry_points = {domain.name: domain.expert for domain in suite.DOMAINS.values() if domain.expert}
     name = getattr(task, "domain_name", None)
     if name not in entry_points:

@@ -96,6 +96,7 @@ class ActionEncoder(abc.ABC):
       limits: speeds that the mode can follow.
       low, high: bounds of the action's elements.
       arm_size: number of the action's leading elements that move the arm; the others move the fingers.
+      arm: the robot and its control.
     """
 
     turns_hand: ClassVar[bool] = True
@@ -107,7 +108,7 @@ class ActionEncoder(abc.ABC):
 
     def __init__(self, mode: Any, arm: ArmModel) -> None:
         """Stores the control mode, one of those that `ENCODERS` has for the class, and the robot."""
-        self._mode, self._arm = mode, arm
+        self._mode, self.arm = mode, arm
 
     def reset(self, joints: NDArray[np.float64]) -> None:  # noqa: B027
         """Begins an episode at joint positions `(7,)` [rad]."""
@@ -192,12 +193,12 @@ class HandEncoder(ActionEncoder):
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
         hand = self._pose(positions[ARM])
-        offset, turn = (error / self._arm.hand_response for error in hand.error(self._pose(target)))
+        offset, turn = (error / self.arm.hand_response for error in hand.error(self._pose(target)))
         return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), gripper_action(fingers))
 
     def _pose(self, joints: NDArray[np.float64]) -> _Pose:
         """Pose of the hand at joint positions `(7,)` [rad]."""
-        return _Pose.of(self._arm.kinematics.forward(joints))
+        return _Pose.of(self.arm.kinematics.forward(joints))
 
     @abc.abstractmethod
     def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
@@ -304,12 +305,12 @@ class VelocityEncoder(JointEncoder):
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        commanded = np.append(self._arm.servo_targets(positions[ARM], target), [fingers, fingers])
-        return (commanded - self._base_positions(positions)) / (self._mode.velocity_scale * self._arm.timestep)
+        commanded = np.append(self.arm.servo_targets(positions[ARM], target), [fingers, fingers])
+        return (commanded - self._base_positions(positions)) / (self._mode.velocity_scale * self.arm.timestep)
 
     def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
         if self._mode.feedback == "target":
-            unit = {"velocity_scale": self._mode.velocity_scale, "timestep": self._arm.timestep}
+            unit = {"velocity_scale": self._mode.velocity_scale, "timestep": self.arm.timestep}
             self._commanded = kitchen_action.position_target(self._base_positions(positions), action, **unit)
 
     def _base_positions(self, observed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -325,7 +326,7 @@ class PositionEncoder(JointEncoder):
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        arm = self._arm.servo_targets(positions[ARM], target)
+        arm = self.arm.servo_targets(positions[ARM], target)
         return np.append(arm, [fingers] * (self.low.size - arm.size))
 
 
@@ -344,7 +345,7 @@ class OffsetEncoder(JointEncoder):
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
         joints = positions[ARM]
-        offset = (target - joints) / self._arm.joint_response + self._arm.gravity_offset(joints)
+        offset = (target - joints) / self.arm.joint_response + self.arm.gravity_offset(joints)
         return np.append(offset, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
 
 
@@ -361,7 +362,7 @@ class DeltaEncoder(JointEncoder):
     def encode(
         self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
     ) -> NDArray[np.float64]:
-        change = self._arm.led(positions[ARM], target) - self._commanded
+        change = self.arm.led(positions[ARM], target) - self._commanded
         return np.append(change / self._step, gripper_action(fingers))
 
     def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:

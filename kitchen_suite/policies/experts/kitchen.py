@@ -1,27 +1,22 @@
-"""The kitchen's expert, which completes tasks one after the other."""
+"""The kitchen's expert, which completes tasks one after the other, also where furniture and robot stand elsewhere."""
 
+import collections
 import functools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
 import mink
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
+from kitchen_suite.entities import KITCHEN_FRANKA, KitchenArena, Scene, build_kitchen_scene
 from kitchen_suite.policies.experts import kitchen_skills
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
-from kitchen_suite.policies.experts.encoders import make_encoder
-from kitchen_suite.policies.experts.kinematics import ARM
-from kitchen_suite.policies.experts.kitchen_layout import (
-    ObservedLayout,
-    achieved,
-    arm_model,
-    needed_observables,
-    requested_in,
-    scene,
-)
-from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS, left_door_skill
+from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
+from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
+from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
@@ -30,10 +25,11 @@ from kitchen_suite.policies.experts.trajectories import (
     plan,
     plan_retreat,
 )
+from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import StrictSuccess, Thresholds, make_success
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
-from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS, THRESHOLD, build_goals
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
+from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.observation import AMPLITUDES, SLICES
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
@@ -58,47 +54,32 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 # Share of the arc of a door with which its task is completed.
 _ENOUGH_OF_ARC = 0.8
 
-_ROBOT = SLICES[0]
+_ROBOT, _, _OBJECTS, _ = SLICES
 _SIZE = AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
 
+BASE = "franka/base_pose"
 
-class TaskQueue:
-    """Tasks that remain to be done; the first one is the current one.
+# The observable of the object that each task moves and that stands on the floor, the counter or the wall; the kettle's
+# pose is part of the kitchen's observation.
+POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop != "kettle"}
 
-    Distances are by task, in units of its threshold.
+_OBSERVABLES = frozenset((BASE, *POSES.values()))
 
-    Attributes:
-      tasks: all tasks, in the order in which they were to be done.
-    """
+_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
+_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
+# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
+# first-order lag.
+_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
 
-    def __init__(self, tasks: Sequence[str]) -> None:
-        self.tasks = tuple(tasks)
-        self._remaining = list(tasks)
+# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
+# the torque of gravity.
+_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
 
-    @property
-    def size(self) -> int:
-        """Number of tasks that remain."""
-        return len(self._remaining)
-
-    @property
-    def current(self) -> str | None:
-        """The task under way; None when all are done."""
-        return self._remaining[0] if self._remaining else None
-
-    def complete(self) -> None:
-        """Removes the current task."""
-        del self._remaining[0]
-
-    def postpone(self) -> None:
-        """Moves the current task behind the others."""
-        self._remaining.append(self._remaining.pop(0))
-
-    def restart_undone(self, distances: Mapping[str, float]) -> None:
-        """Adds the completed tasks that have come undone, once no others remain."""
-        self._remaining = [task for task in self.tasks if distances[task] > _UNDONE]
+# Fraction of the hand's error that the control modes of the end effector remove in a control step.
+_HAND_RESPONSE = 0.55
 
 
 class KitchenExpert(Expert):
@@ -147,13 +128,11 @@ class KitchenExpert(Expert):
         self._order = tuple(task for task in order if task in self._goals.tasks)
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
-        self.observed_extras = self._layout.slices
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = _SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
-        self._limits, self._kinematics = encoder.limits, arm_model().kinematics
         super().__init__(style, encoder)
 
     @classmethod
@@ -176,37 +155,40 @@ class KitchenExpert(Expert):
         count = self._num_requests
         return np.concatenate([flat[: self.observation_size - count], flat[flat.size - count :]])
 
-    def _needed_observables(self, varied: Collection[str]) -> list[str]:
-        return needed_observables(self._goals.tasks, varied)
+    def missing_observables(self, varied: Collection[str]) -> list[str]:
+        needed = needed_observables(self._goals.tasks, varied)
+        return [name for name in needed if name not in self._layout.slices]
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._queue = TaskQueue(self._order)
+        self._set_tasks(self._order)
+
+    def _set_tasks(self, tasks: Sequence[str]) -> None:
+        """Sets the tasks to be done; the first of the remaining ones is under way."""
+        self._tasks, self._remaining = tuple(tasks), collections.deque(tasks)
 
     def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
         return observation[_ROBOT]
 
     def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
-        requested = self._requested(observation)
+        requested, distances = self._requested(observation), self._relative_distances(observation)
         if self._trajectory is None:
-            self._queue = TaskQueue(requested)
-            return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
-        if requested != self._queue.tasks:
+            self._set_tasks(requested)
+            return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
+        if requested != self._tasks:
             return self._turn_to(requested, observation, joints)
-        distances, task = self._relative_distances(observation), self._queue.current
+        distance = distances[self._remaining[0]] if self._remaining else None
         if self._is_strict:
-            self._pace = _pace(distances[task]) if task else 1.0
-        if task is None:
+            self._pace = _pace(distance)
+        if distance is None:
             return self._resume_from_rest(distances, observation, joints)
-        if distances[task] < _DONE:
-            retreat = self._plan_retreat(self._skill, joints)
-            self._queue.complete()
-            return self._then_current_task(retreat, observation)
+        if distance < _DONE:
+            self._remaining.popleft()
+            return self._then_first_task(self._plan_retreat(joints), observation)
         if self._has_ended(_SETTLE_STEPS):
             home = JointTrajectory.stationary(_HOME, OPEN)
-            retreat = self._plan_retreat(self._skill, joints).then(home, self._limits)
-            self._queue.postpone()
-            return self._then_current_task(retreat, observation)
+            self._remaining.rotate(-1)
+            return self._then_first_task(self._plan_retreat(joints).then(home, self._limits), observation)
         return None
 
     def _requested(self, observation: NDArray[np.float64]) -> tuple[str, ...]:
@@ -218,10 +200,9 @@ class KitchenExpert(Expert):
         self, tasks: Sequence[str], observation: NDArray[np.float64], joints: NDArray[np.float64]
     ) -> JointTrajectory:
         """Leaves what is under way for other tasks."""
-        is_busy = self._queue.current is not None
-        retreat = self._plan_retreat(self._skill, joints) if is_busy else JointTrajectory.stationary(joints, OPEN)
-        self._queue = TaskQueue(tasks)
-        return self._then_current_task(retreat, observation)
+        retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
+        self._set_tasks(tasks)
+        return self._then_first_task(retreat, observation)
 
     def _resume_from_rest(
         self, distances: Mapping[str, float], observation: NDArray[np.float64], joints: NDArray[np.float64]
@@ -229,35 +210,35 @@ class KitchenExpert(Expert):
         """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
         if not self._has_ended(_SETTLE_STEPS):
             return None
-        self._queue.restart_undone(distances)
-        if self._queue.current is None:
+        self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
+        if not self._remaining:
             return None
-        return self._then_current_task(JointTrajectory.stationary(joints, OPEN), observation)
+        return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
 
     def _relative_distances(self, observation: NDArray[np.float64]) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
         positions = np.concatenate([achieved(task, observation) for task in self._goals.tasks])
         return dict(zip(self._goals.tasks, self._success.ratios(positions).tolist(), strict=True))
 
-    def _then_current_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
-        """Appends the trajectory of the queue's current task, if there is one; postpones tasks that are out of reach.
+    def _then_first_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
+        """Appends the trajectory of the first remaining task, if there is one; postpones tasks that are out of reach.
 
         If all tasks are out of reach, the first one is tried.
         """
-        for _ in range(self._queue.size):
-            planned = self._plan(observation)
+        for _ in range(len(self._remaining)):
+            planned = self._plan(self._remaining[0], observation)
             if not self._layout.slices or _is_reachable(planned):
                 return trajectory.then(planned, self._limits)
-            self._queue.postpone()
-        return trajectory.then(self._plan(observation), self._limits) if self._queue.current else trajectory
+            self._remaining.rotate(-1)
+        if not self._remaining:
+            return trajectory
+        return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
 
-    def _plan_retreat(self, skill: Skill, joints: NDArray[np.float64]) -> JointTrajectory:
-        return plan_retreat(self._kinematics, self._limits, skill, joints=joints, fingers=self._current_fingers)
+    def _plan_retreat(self, joints: NDArray[np.float64]) -> JointTrajectory:
+        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
 
-    def _plan(self, observation: NDArray[np.float64]) -> JointTrajectory:
-        """Chooses and plans a skill for the current task, for the present positions of the joints of its goal."""
-        task = self._queue.current
-        assert task is not None, "there is a task under way"
+    def _plan(self, task: str, observation: NDArray[np.float64]) -> JointTrajectory:
+        """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
         positions, frame = achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
         skill = self._skill = self._choose_skill(task, observation, frame)
         position = positions[list(skill.object_joint.elements)] if skill.object_joint else None
@@ -289,21 +270,21 @@ class KitchenExpert(Expert):
     def _choose_skill(self, task: str, observation: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
         skill = self._skills[task]
         if task == "kettle":
-            skill = kitchen_skills.kettle_skill(achieved(task, observation)[:3]) or skill
+            skill = kitchen_skills.kettle_skill(skill, achieved(task, observation)[:3])
         if task == "slide cabinet":
             _, door = achieved("hinge cabinet", observation)
-            skill = kitchen_skills.slide_skill_beside_door(skill, door) or skill
+            skill = kitchen_skills.slide_skill(skill, door)
         if task == "left hinge cabinet":
-            skill = left_door_skill(*achieved(task, observation)) or skill
+            skill = kitchen_skills.left_door_skill(skill, *achieved(task, observation))
         if frame is None or self._encoder.turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
 
 
-def _pace(distance: float) -> float:
+def _pace(distance: float | None) -> float:
     """Returns the share of the speed at which an object is moved at a distance from its goal, in units of tolerance."""
-    return min(max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE), 1.0)
+    return 1.0 if distance is None else min(max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE), 1.0)
 
 
 def _is_reachable(trajectory: JointTrajectory) -> bool:
@@ -315,3 +296,94 @@ def _cached_plan(skill: Skill, object_position: tuple[float, ...] | None, limits
     """Trajectory of a skill without jitter; cached, as it is the same in nearly all episodes."""
     position = None if object_position is None else np.array(object_position)
     return plan(arm_model().kinematics, limits, skill, object_position=position)
+
+
+class ObservedLayout:
+    """Reads the poses among the extra observables of an observation.
+
+    Attributes:
+      slices: slice of each pose that is observed, among the extra observables.
+      size: number of all extra observables' elements; 0 if none of them is a pose of the layout.
+    """
+
+    def __init__(self, extras: Sequence[str]) -> None:
+        """Looks up the poses; `extras` are the names of the task's extra observables."""
+        slices = observables.slices(scene(), extras) if len(extras) else {}
+        self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
+        self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
+
+    def frame(self, task: str, extras: NDArray[np.float64]) -> mink.SE3 | None:
+        """Returns the transform of a task's poses, from the default layout to the observed one.
+
+        The transform is for planning with the robot's base at its default pose. It is None if no pose is observed.
+
+        Args:
+          task: name of the task.
+          extras: `(size,)`, the extra observables.
+        """
+        if not self.slices:
+            return None
+        return self._moved(BASE, extras).inverse() @ self._moved(POSES.get(task), extras)
+
+    def _moved(self, name: str | None, extras: NDArray[np.float64]) -> mink.SE3:
+        """Returns the transform from a default pose to the observed one; the identity if it is not observed."""
+        if name not in self.slices:
+            return mink.SE3.identity()
+        return _pose(extras[self.slices[name]]) @ _default_poses()[name].inverse()
+
+
+def needed_observables(tasks: Collection[str], varied: Collection[str]) -> list[str]:
+    """Returns the names of the poses that the expert must observe for its tasks where parameters vary."""
+    owners = {name.partition("/")[0] for name in varied if name.endswith(("/offset", "/yaw"))}
+    needed = {POSES[task] for task in tasks if task in POSES and GOALS[task].prop in owners}
+    return sorted(needed | ({BASE} if "pedestal" in owners else set()))
+
+
+@functools.cache
+def _default_poses() -> Mapping[str, mink.SE3]:
+    """Poses in the world of the default layout by name."""
+    physics = mjcf.Physics.from_mjcf_model(scene().arena.mjcf_model)
+    entities = {BASE: scene().robot, **{f"{name}/pose": prop for name, prop in scene().props.items()}}
+    frames = {name: physics.bind(mjcf.get_attachment_frame(entities[name].mjcf_model)) for name in _OBSERVABLES}
+    return {name: _pose(np.concatenate([frame.xpos, frame.xquat])) for name, frame in frames.items()}
+
+
+def _pose(values: NDArray[np.float64]) -> mink.SE3:
+    """Returns the pose of a position and a quaternion `(7,)`."""
+    return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=values[3:]).normalize(), values[:3])
+
+
+@functools.cache
+def arm_model() -> ArmModel:
+    """The arm in the kitchen, shared by all instances."""
+    return ArmModel(
+        kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
+        gains=_GAINS,
+        joint_response=_RESPONSE,
+        hand_response=_HAND_RESPONSE,
+        joint_speed=_JOINT_SPEED,
+        timestep=CONTROL_TIMESTEP,
+    )
+
+
+@functools.cache
+def scene() -> Scene:
+    """The kitchen without visuals, shared by all instances."""
+    return build_kitchen_scene(visuals=False)
+
+
+@functools.cache
+def _elements() -> Mapping[str, NDArray[np.int64]]:
+    """Indices of the positions of each goal's joints among the object positions of the observation, by task."""
+    return {task: goal.elements_in(scene()) for task, goal in GOALS.items()}
+
+
+def achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
+    return observation[_OBJECTS][_elements()[task]]
+
+
+def requested_in(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
+    """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
+    wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
+    return tuple(task for task in order if task in wanted)

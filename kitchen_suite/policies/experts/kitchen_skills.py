@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import mink
@@ -14,6 +14,7 @@ from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
+    UNLIMITED,
     ArcMove,
     HandOrientation,
     Move,
@@ -38,7 +39,9 @@ def direction(yaw: float, pitch: float) -> Vector:
     return math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)
 
 
-def push(*tips: Vector, orientation: HandOrientation, fingers: float = CLOSED, speed: float) -> tuple[Move, ...]:
+def push(
+    tips: Sequence[Vector], orientation: HandOrientation, *, fingers: float = CLOSED, speed: float
+) -> tuple[Move, ...]:
     """Moves that bring the finger tips to positions [m]: in free space, at the object, and then along the push."""
     free, start, *rest = (orientation.standoff_position(tip, TIP) for tip in tips)
     return (
@@ -48,31 +51,91 @@ def push(*tips: Vector, orientation: HandOrientation, fingers: float = CLOSED, s
     )
 
 
-def pull(bar: Vector, orientation: HandOrientation, arc: ArcMove) -> tuple[Move | ArcMove, ...]:
-    """Moves that grasp the upright bar of a door and swing the door open."""
-    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.13, 0.08, 0.01))
+def grasp(
+    bar: Vector,
+    orientation: HandOrientation,
+    distances: Vector,
+    *,
+    settle_steps: int,
+    speed: float = UNLIMITED,
+) -> tuple[Move, ...]:
+    """Moves that bring the open hand to a bar, in free space at first, and close the fingers around it.
+
+    Args:
+      bar: a point on the bar [m].
+      orientation: of the hand.
+      distances: of the site from the point: far, near and at the grasp [m].
+      settle_steps: control steps in which the fingers close.
+      speed: greatest speed of the last motion [m/s].
+    """
+    far, near, at = (orientation.standoff_position(bar, distance) for distance in distances)
     return (
         Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
         Move(position=near, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=4),
-        arc,
+        Move(position=at, orientation=orientation, fingers=OPEN, speed=speed),
+        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=settle_steps),
     )
 
 
 def carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
     """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
-    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.01))
-    up = (at[0], at[1], at[2] + lift)
+    moves = grasp(bar, orientation, (0.15, 0.09, 0.01), settle_steps=5)
+    x, y, z = moves[-1].position
+    up = (x, y, z + lift)
     to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
     return (
-        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
-        Move(position=near, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=5),
+        *moves,
         Move(position=up, orientation=orientation, fingers=CLOSED),
         Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
     )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Door:
+    """A door that the hand swings by its upright bar.
+
+    Attributes:
+      bar: a point on the bar when the door is closed [m].
+      anchor: a point on the hinges' axis, in the world [m].
+      hand_rotation_ratio: see `ArcMove`.
+      retreat: see `Skill`.
+    """
+
+    bar: Vector
+    anchor: Vector
+    hand_rotation_ratio: float
+    retreat: Vector
+
+    def opened(
+        self, angle: float, orientation: HandOrientation, ik_seed: tuple[float, ...], *, element: int = 0
+    ) -> Skill:
+        """Skill that grasps the bar of the closed door and swings the door open to an angle [rad].
+
+        Args:
+          angle: to open it to.
+          orientation: of the hand at the grasp.
+          ik_seed: see `Skill`.
+          element: index of the door's angle among the positions of the joints of the task's goal.
+        """
+        moves = grasp(self.bar, orientation, (0.13, 0.08, 0.01), settle_steps=4)
+        return Skill(
+            moves=(*moves, ArcMove(angle=angle, hand_rotation_ratio=self.hand_rotation_ratio, speed=1.0)),
+            ik_seed=ik_seed,
+            object_joint=Revolute(elements=(element,), anchor=self.anchor, axis=UP),
+            retreat=self.retreat,
+            release_steps=3,
+        )
+
+    def shut(self, opening: float, orientation: HandOrientation, ik_seed: tuple[float, ...]) -> Skill:
+        """Skill that grasps the bar of the open door and swings the door shut.
+
+        Args:
+          opening: usual angle of the open door [rad].
+          orientation: of the hand at the grasp, at that angle.
+          ik_seed: see `Skill`.
+        """
+        back = mink.SO3.exp(-opening * np.array(UP))
+        return self.opened(0.0, HandOrientation.from_rotation(back @ orientation.rotation), ik_seed)
 
 
 # Positions of the left and right knobs along x, of all along y, and heights of the lower and upper ones [m].
@@ -84,8 +147,20 @@ _LOW, _HIGH = 2.226, 2.34
 _AT_KNOBS = (-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0)
 _AT_LEFT_DOOR = (-1.0, -0.6, 0.6, -1.0, -0.2, 1.5, 1.2)
 
-_MICROWAVE_DOOR = Revolute(elements=(0,), anchor=(-1.1276, 0.455, 1.79), axis=UP)
-_LEFT_DOOR = Revolute(elements=(0,), anchor=(-0.984, 0.71, 2.6), axis=UP)
+_AT_KETTLE = (-0.4, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3)
+_AT_MICROWAVE = (-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7)
+
+_MICROWAVE = Door(
+    bar=(-0.642, 0.492, 1.87), anchor=(-1.1276, 0.455, 1.79), hand_rotation_ratio=-0.2, retreat=(0.05, -0.10, 0.0)
+)
+_HINGE_CABINET = Door(
+    bar=(-0.526, 0.582, 2.56), anchor=(-0.224, 0.71, 2.6), hand_rotation_ratio=-0.15, retreat=(0.10, -0.10, 0.0)
+)
+
+
+def _kettle(x: float, y: float) -> Prismatic:
+    """The joint of a kettle that stands at x and y at the start [m]."""
+    return Prismatic(elements=(0, 1, 2), initial_position=(x, y, 1.62))
 
 
 def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: float) -> Skill:
@@ -96,7 +171,7 @@ def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: flo
     free = (x - lever, _Y - 0.06, height + lever)
     return Skill(
         moves=(
-            *push(free, tip, orientation=orientation, speed=1.0),
+            *push((free, tip), orientation, speed=1.0),
             ArcMove(angle=angle, speed=1.5),
         ),
         ik_seed=_AT_KNOBS,
@@ -116,41 +191,9 @@ def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Sk
     tips: list[Vector] = [(x + lever * math.sin(angle), _Y, height + lever * math.cos(angle)) for angle in angles]
     free = (tips[0][0], _Y - 0.06, tips[0][2])
     return Skill(
-        moves=push(free, *tips, orientation=orientation, speed=0.07),
+        moves=push((free, *tips), orientation, speed=0.07),
         ik_seed=_AT_KNOBS,
         retreat=(0.0, -0.04, 0.0),
-    )
-
-
-def _swing_shut(
-    bar: Vector,
-    door: Revolute,
-    orientation: HandOrientation,
-    *,
-    opening: float,
-    hand_rotation_ratio: float,
-    ik_seed: tuple[float, ...],
-    retreat: Vector,
-) -> Skill:
-    """Skill that grasps the upright bar of an open door and swings the door shut.
-
-    Args:
-      bar: a point on the bar when the door is closed [m].
-      door: its joint.
-      orientation: of the hand at the grasp, at the usual opening.
-      opening: angle of the door there [rad].
-      hand_rotation_ratio: see `ArcMove`.
-      ik_seed: see `Skill`.
-      retreat: see `Skill`.
-    """
-    back = mink.SO3.exp(-opening * np.array(door.axis))
-    at_closed_door = HandOrientation.from_rotation(back @ orientation.rotation)
-    return Skill(
-        moves=pull(bar, at_closed_door, ArcMove(angle=0.0, hand_rotation_ratio=hand_rotation_ratio, speed=1.0)),
-        ik_seed=ik_seed,
-        object_joint=door,
-        retreat=retreat,
-        release_steps=3,
     )
 
 
@@ -162,13 +205,9 @@ def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2
       free: position of the finger tips before they move behind the door [m].
     """
     height = 2.44
+    behind = ((-0.60, 0.55, height), (-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height))
     return Skill(
-        moves=push(
-            *(free, (-0.60, 0.55, height)),
-            *((-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height)),
-            orientation=orientation,
-            speed=0.3,
-        ),
+        moves=push((free, *behind), orientation, speed=0.3),
         ik_seed=_AT_LEFT_DOOR,
         retreat=(0.1, -0.1, 0.0),
     )
@@ -183,21 +222,16 @@ def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Sk
       orientation: of the hand at the grasp.
       behind: of the hand behind the door.
     """
-    bar: Vector = (-0.683, 0.581, 2.46)
-    far, near, at = (orientation.standoff_position(bar, distance) for distance in (0.15, 0.09, 0.045))
     aside = behind.standoff_position((-0.70, 0.36, 2.42), TIP)
-    moves = (
-        Move(position=far, orientation=orientation, fingers=OPEN, in_free_space=True),
-        Move(position=near, orientation=orientation, fingers=OPEN),
-        Move(position=at, orientation=orientation, fingers=OPEN, speed=0.3),
-        Move(position=at, orientation=orientation, fingers=CLOSED, settle_steps=4),
+    moves: tuple[Move | ArcMove, ...] = (
+        *grasp((-0.683, 0.581, 2.46), orientation, (0.15, 0.09, 0.045), settle_steps=4, speed=0.3),
         ArcMove(angle=-0.6, speed=0.6),
         Move(position=aside, orientation=behind, fingers=OPEN, speed=0.2),
     )
     return Skill(
         moves=(*moves, *_push_left_door(behind).moves),
         ik_seed=_AT_LEFT_DOOR,
-        object_joint=_LEFT_DOOR,
+        object_joint=Revolute(elements=(0,), anchor=(-0.984, 0.71, 2.6), axis=UP),
         retreat=(0.1, -0.1, 0.0),
         release_steps=3,
     )
@@ -206,16 +240,25 @@ def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Sk
 def _close_left_door(orientation: HandOrientation) -> Skill:
     """Skill that closes the left door: the finger tips drag its edge to the right, and then push its face."""
     height, below = 2.425, 2.40
+    tips = (
+        *((-0.84, 0.26, below), (-0.88, 0.325, height), (-0.87, 0.36, height), (-0.80, 0.42, height)),
+        *((-0.72, 0.47, height), (-0.72, 0.36, below), (-0.83, 0.37, below), (-0.835, 0.40, height)),
+        *((-0.78, 0.48, height), (-0.72, 0.56, height), (-0.69, 0.63, height), (-0.68, 0.66, height)),
+    )
     return Skill(
-        moves=push(
-            *((-0.84, 0.26, below), (-0.88, 0.325, height), (-0.87, 0.36, height), (-0.80, 0.42, height)),
-            *((-0.72, 0.47, height), (-0.72, 0.36, below), (-0.83, 0.37, below), (-0.835, 0.40, height)),
-            *((-0.78, 0.48, height), (-0.72, 0.56, height), (-0.69, 0.63, height), (-0.68, 0.66, height)),
-            orientation=orientation,
-            speed=0.2,
-        ),
+        moves=push(tips, orientation, speed=0.2),
         ik_seed=_AT_LEFT_DOOR,
         retreat=(0.05, -0.10, 0.0),
+    )
+
+
+def _push_switch(tips: Vector, orientation: HandOrientation) -> Skill:
+    """Skill that pushes the light switch aside; `tips` are x in free space, beside it, and at the end [m]."""
+    free, start, end = tips
+    return Skill(
+        moves=push(((free, 0.56, 2.28), (start, 0.62, 2.28), (end, 0.62, 2.28)), orientation, speed=0.6),
+        ik_seed=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
+        retreat=(0.0, -0.05, 0.0),
     )
 
 
@@ -228,61 +271,34 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         beyond the goal.
     """
     return {
-        "close microwave": _swing_shut(
-            (-0.642, 0.492, 1.87),
-            _MICROWAVE_DOOR,
-            orientations["close microwave"],
-            opening=-0.75,
-            hand_rotation_ratio=-0.2,
-            ik_seed=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
-            retreat=(0.05, -0.10, 0.0),
-        ),
-        "close hinge cabinet": _swing_shut(
-            (-0.526, 0.582, 2.56),
-            Revolute(elements=(0,), anchor=(-0.224, 0.71, 2.6), axis=UP),
-            orientations["close hinge cabinet"],
-            opening=1.45,
-            hand_rotation_ratio=-0.15,
-            ik_seed=(-0.5, -1.05, 1.3, -1.8, -0.2, 0.93, 1.2),
-            retreat=(0.10, -0.10, 0.0),
+        "close microwave": _MICROWAVE.shut(-0.75, orientations["close microwave"], _AT_MICROWAVE),
+        "close hinge cabinet": _HINGE_CABINET.shut(
+            1.45, orientations["close hinge cabinet"], (-0.5, -1.05, 1.3, -1.8, -0.2, 0.93, 1.2)
         ),
         "close left hinge cabinet": _close_left_door(orientations["close left hinge cabinet"]),
         # Two fingers side by side, low on the kettle: one finger would turn it, a push high up would tip it over.
         "kettle": Skill(
             moves=push(
-                (-0.275, 0.150, 1.70),
-                (-0.275, 0.205, 1.70),
-                (-0.275, 0.360, 1.70),
-                (-0.260, 0.620, 1.70),
-                orientation=orientations["kettle"],
+                ((-0.275, 0.150, 1.70), (-0.275, 0.205, 1.70), (-0.275, 0.360, 1.70), (-0.260, 0.620, 1.70)),
+                orientations["kettle"],
                 fingers=OPEN,
                 speed=0.5,
             ),
-            ik_seed=(-0.40, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
-            object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
+            ik_seed=_AT_KETTLE,
+            object_joint=_kettle(-0.269, 0.35),
             retreat=(0.0, -0.05, 0.05),
         ),
         "return kettle": Skill(
             moves=carry(
                 (-0.23, 0.75, 1.879), orientations["return kettle"], lift=0.03, displacement=(-0.04, -0.40, 0.0)
             ),
-            ik_seed=(-0.4, -1.18, 2.43, -2.6, -0.1, 1.23, 2.3),
-            object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.23, 0.75, 1.62)),
+            ik_seed=_AT_KETTLE,
+            object_joint=_kettle(-0.23, 0.75),
             retreat=(0.0, -0.10, 0.0),
             release_steps=4,
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
-        "microwave": Skill(
-            moves=pull(
-                (-0.642, 0.492, 1.87),
-                orientations["microwave"],
-                ArcMove(angle=-1.0, hand_rotation_ratio=-0.2, speed=1.0),
-            ),
-            ik_seed=(-1.0, -1.5, 1.95, -1.8, 0.0, 1.4, 1.7),
-            object_joint=_MICROWAVE_DOOR,
-            retreat=(0.05, -0.10, 0.0),
-            release_steps=3,
-        ),
+        "microwave": _MICROWAVE.opened(-1.0, orientations["microwave"], _AT_MICROWAVE),
         "bottom burner": _turn_knob(_LEFT, _LOW, orientations["knob"], knob_angle),
         "bottom right burner": _turn_knob(_RIGHT, _LOW, orientations["knob"], knob_angle),
         "turn off bottom burner": _turn_knob_back(_LEFT, _LOW, orientations["knob"]),
@@ -293,10 +309,8 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         "turn off top right burner": _turn_knob_back(_RIGHT, _HIGH, orientations["knob"]),
         "slide cabinet": Skill(
             moves=push(
-                (-0.185, 0.565, 2.475),
-                (-0.160, 0.635, 2.475),
-                (0.280, 0.635, 2.475),
-                orientation=orientations["slide cabinet"],
+                ((-0.185, 0.565, 2.475), (-0.160, 0.635, 2.475), (0.280, 0.635, 2.475)),
+                orientations["slide cabinet"],
                 speed=0.8,
             ),
             ik_seed=(-0.83, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
@@ -306,45 +320,19 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         # The hand comes from below, so that it does not touch the bar on its way to the right of it.
         "close slide cabinet": Skill(
             moves=push(
-                *((0.40, 0.45, 2.38), (0.40, 0.56, 2.475), (0.39, 0.635, 2.475), (-0.08, 0.635, 2.475)),
-                orientation=orientations["close slide cabinet"],
+                ((0.40, 0.45, 2.38), (0.40, 0.56, 2.475), (0.39, 0.635, 2.475), (-0.08, 0.635, 2.475)),
+                orientations["close slide cabinet"],
                 speed=0.4,
             ),
             ik_seed=(-0.4, -0.83, 0.88, -2.07, 0.8, 1.12, 2.2),
             retreat=(0.0, -0.05, 0.0),
         ),
-        "light switch": Skill(
-            moves=push(
-                (-0.310, 0.560, 2.28),
-                (-0.315, 0.620, 2.28),
-                (-0.500, 0.620, 2.28),
-                orientation=orientations["light switch"],
-                speed=0.6,
-            ),
-            ik_seed=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
-            retreat=(0.0, -0.05, 0.0),
-        ),
-        "turn off light switch": Skill(
-            moves=push(
-                *((-0.49, 0.56, 2.28), (-0.485, 0.62, 2.28), (-0.30, 0.62, 2.28)),
-                orientation=orientations["turn off light switch"],
-                speed=0.6,
-            ),
-            ik_seed=(-0.87, -0.78, 1.22, -2.15, 1.2, 1.1, 1.6),
-            retreat=(0.0, -0.05, 0.0),
-        ),
+        "light switch": _push_switch((-0.310, -0.315, -0.500), orientations["light switch"]),
+        "turn off light switch": _push_switch((-0.49, -0.485, -0.30), orientations["turn off light switch"]),
         "left hinge cabinet": _open_left_door(orientations["left hinge cabinet"], orientations["behind left door"]),
         # The hand comes from the left, so that the left finger hooks behind the bar; the bar turns between the fingers.
-        "hinge cabinet": Skill(
-            moves=pull(
-                (-0.526, 0.582, 2.56),
-                orientations["hinge cabinet"],
-                ArcMove(angle=1.45, hand_rotation_ratio=-0.15, speed=1.0),
-            ),
-            ik_seed=(-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2),
-            object_joint=Revolute(elements=(1,), anchor=(-0.224, 0.71, 2.6), axis=UP),
-            retreat=(0.10, -0.10, 0.0),
-            release_steps=3,
+        "hinge cabinet": _HINGE_CABINET.opened(
+            1.45, orientations["hinge cabinet"], (-1.18, -1.05, 1.3, -1.35, -0.2, 0.93, 1.2), element=1
         ),
     }
 
@@ -369,20 +357,15 @@ _ORIENTATIONS = {
 SKILLS: Mapping[str, Skill] = MappingProxyType(_skills(_ORIENTATIONS, knob_angle=-1.3))
 """Skills of all tasks."""
 
-# The kettle is pushed straighter, and as far as its goal.
-_AT_KETTLE = HandOrientation(approach=direction(7, -15), spread=RIGHT)
-
 STRICT_SKILLS: Mapping[str, Skill] = MappingProxyType(
     {
         **SKILLS,
+        # The kettle is pushed straighter, and as far as its goal.
         "kettle": dataclasses.replace(
             SKILLS["kettle"],
             moves=push(
-                (-0.300, 0.150, 1.70),
-                (-0.300, 0.205, 1.70),
-                (-0.300, 0.360, 1.70),
-                (-0.290, 0.655, 1.70),
-                orientation=_AT_KETTLE,
+                ((-0.300, 0.150, 1.70), (-0.300, 0.205, 1.70), (-0.300, 0.360, 1.70), (-0.290, 0.655, 1.70)),
+                HandOrientation(approach=direction(7, -15), spread=RIGHT),
                 fingers=OPEN,
                 speed=0.5,
             ),
@@ -415,7 +398,7 @@ def _carry_skill(ik_seed: tuple[float, ...], displacement: Vector) -> Skill:
     return Skill(
         moves=carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
         ik_seed=ik_seed,
-        object_joint=Prismatic(elements=(0, 1, 2), initial_position=(-0.269, 0.35, 1.62)),
+        object_joint=_kettle(-0.269, 0.35),
         retreat=(-0.07, -0.07, 0.0),
         release_steps=4,
     )
@@ -431,11 +414,9 @@ KETTLE_SKILLS = (
 _RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
 
-def kettle_skill(position: NDArray[np.float64]) -> Skill | None:
-    """Returns the skill for a kettle at a position `(3,)` on a right burner [m]; None on the left."""
-    if position[0] <= _RIGHT_BURNERS:
-        return None
-    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)]
+def kettle_skill(skill: Skill, position: NDArray[np.float64]) -> Skill:
+    """Returns the skill for a kettle at a position `(3,)` [m]: `skill` on the left, another one on a right burner."""
+    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)] if position[0] > _RIGHT_BURNERS else skill
 
 
 # Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
@@ -445,18 +426,15 @@ _IN_THE_WAY = 0.2
 _BESIDE_DOOR = (0.0, 0.40, 2.33)
 
 
-def slide_skill_beside_door(skill: Skill, door: float) -> Skill | None:
-    """Returns a skill for the slide cabinet that goes round the open right door of the hinge cabinet.
+def slide_skill(skill: Skill, door: float) -> Skill:
+    """Returns the skill for the slide cabinet, which goes round the right door of the hinge cabinet if it is open.
 
     Args:
-      skill: of the slide cabinet, for a closed door.
+      skill: for a closed door.
       door: angle of that door [rad].
-
-    Returns:
-      The skill, or None where the door is not in the way.
     """
     if door < _IN_THE_WAY:
-        return None
+        return skill
     first = next(move for move in skill.moves if isinstance(move, Move))
     return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
 
@@ -466,13 +444,6 @@ _AJAR = -0.35
 _AJAR_SKILL = _push_left_door(HandOrientation(approach=direction(-35, 35), spread=DOWN), (-0.52, 0.40, 2.38))
 
 
-def left_door_skill(door: float) -> Skill | None:
-    """Returns the skill that opens the left door of the hinge cabinet where it stands ajar.
-
-    Args:
-      door: its angle [rad].
-
-    Returns:
-      The skill, or None where the door is nearly closed.
-    """
-    return _AJAR_SKILL if door < _AJAR else None
+def left_door_skill(skill: Skill, door: float) -> Skill:
+    """Returns the skill that opens the left door at an angle [rad]: `skill` unless the door stands ajar."""
+    return _AJAR_SKILL if door < _AJAR else skill

@@ -102,9 +102,7 @@ class DrawerExpert(Expert):
           **control_options: arguments of the control mode: the environment's.
         """
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
-        encoder = make_encoder(make_mode(control_mode, OFFSET_MODES, control_options), _arm_model())
-        self._limits, self._kinematics = encoder.limits, _arm_model().kinematics
-        super().__init__(style, encoder)
+        super().__init__(style, make_encoder(make_mode(control_mode, OFFSET_MODES, control_options), _arm_model()))
 
     @classmethod
     def _task_settings(cls, task: OpenCabinetTask) -> dict[str, Any]:
