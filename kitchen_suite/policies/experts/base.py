@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.experts.encoders import ActionEncoder
 from kitchen_suite.policies.experts.kinematics import ARM
+from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
 from kitchen_suite.tasks.mdp import ActionMode
 
@@ -157,18 +158,18 @@ class Expert(abc.ABC):
         """Whether the trajectory ended at least `settle_steps` control steps ago, or the arm cannot follow it."""
         return self._time >= self._current_trajectory.duration + settle_steps or self._halted_steps >= _MAX_HALTED_STEPS
 
-    def _draw_offsets(self, count: int) -> NDArray[np.float64]:
+    def _draw_offsets(self, count: int) -> Array:
         """Draws displacements `(count, 3)` of poses in free space [m]."""
         if not self._style.jitter:
             return np.zeros((count, 3))
         return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
 
     @abc.abstractmethod
-    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _robot_positions(self, observation: Array) -> Array:
         """Returns the observed positions of the robot's joints, those of the arm first [rad, m]."""
 
     @abc.abstractmethod
-    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         """Returns a trajectory from the present joint positions `(7,)`, or None to continue the current one.
 
         The first call of an episode must return one.

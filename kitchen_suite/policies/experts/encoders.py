@@ -8,11 +8,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import mink
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array
 from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes.end_effector import (
@@ -69,21 +69,21 @@ class ArmModel:
     """
 
     kinematics: ArmKinematics
-    gains: NDArray[np.float64]
-    joint_response: NDArray[np.float64] | float
+    gains: Array
+    joint_response: Array | float
     hand_response: float
     joint_speed: Sequence[float]
     timestep: float
 
-    def gravity_offset(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gravity_offset(self, joints: Array) -> Array:
         """Offsets `(7,)` of servo targets that hold the arm at joint positions `(7,)` [rad]."""
         return self.kinematics.gravity(joints) / self.gains
 
-    def servo_targets(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    def servo_targets(self, joints: Array, target: Array) -> Array:
         """Servo targets `(7,)` that move the arm from joint positions `(7,)` to a target `(7,)` and hold it [rad]."""
         return self.led(joints, target) + self.gravity_offset(joints)
 
-    def led(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    def led(self, joints: Array, target: Array) -> Array:
         """Joint positions `(7,)` that lead the target as far as the joints would lag behind it [rad]."""
         return joints + (target - joints) / self.joint_response
 
@@ -110,17 +110,15 @@ class ActionEncoder(abc.ABC):
         """Stores the control mode, one of those that `ENCODERS` has for the class, and the robot."""
         self._mode, self.arm = mode, arm
 
-    def reset(self, joints: NDArray[np.float64]) -> None:  # noqa: B027
+    def reset(self, joints: Array) -> None:  # noqa: B027
         """Begins an episode at joint positions `(7,)` [rad]."""
 
     @abc.abstractmethod
-    def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
+    def follows(self, joints: Array, target: Array) -> bool:
         """Returns whether the arm, at joint positions `(7,)`, is near its target `(7,)` [rad]."""
 
     @abc.abstractmethod
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         """Returns the action that moves joints and fingers to their targets within a control step, before clipping.
 
         Args:
@@ -129,7 +127,7 @@ class ActionEncoder(abc.ABC):
           fingers: target of each finger [m].
         """
 
-    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:  # noqa: B027
+    def applied(self, positions: Array, action: Array) -> None:  # noqa: B027
         """Updates the memory of the mode after an action.
 
         Args:
@@ -146,19 +144,19 @@ def gripper_action(fingers: float) -> float:
 class _Pose(NamedTuple):
     """Position `(3,)` [m] and orientation `(4,)`, as quaternion w, x, y, z."""
 
-    position: NDArray[np.float64]
-    orientation: NDArray[np.float64]
+    position: Array
+    orientation: Array
 
     @classmethod
     def of(cls, transform: mink.SE3) -> "_Pose":
         """The pose that a transform takes the world's frame to."""
         return cls(position=transform.translation(), orientation=transform.wxyz_xyz[:4])
 
-    def moved(self, offset: NDArray[np.float64], turn: NDArray[np.float64]) -> "_Pose":
+    def moved(self, offset: Array, turn: Array) -> "_Pose":
         """This pose, displaced by an offset `(3,)` [m] and turned by a rotation vector `(3,)` of the world."""
         return _Pose(self.position + offset, rotations.product(rotations.quaternion(turn), self.orientation))
 
-    def error(self, target: "_Pose") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def error(self, target: "_Pose") -> tuple[Array, Array]:
         """Offset `(3,)` [m] and rotation vector `(3,)` that bring this pose to a target, in the world."""
         return target.position - self.position, rotations.difference(target.orientation, self.orientation)
 
@@ -185,30 +183,28 @@ class HandEncoder(ActionEncoder):
             angular_speed=_SPEED_RESERVE * angular_speed,
         )
 
-    def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
+    def follows(self, joints: Array, target: Array) -> bool:
         offset, turn = self._pose(joints).error(self._pose(target))
         return bool(rotations.length(offset)[0] < _MAX_DISTANCE and rotations.length(turn)[0] < _MAX_ANGLE)
 
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         hand = self._pose(positions[ARM])
         offset, turn = (error / self.arm.hand_response for error in hand.error(self._pose(target)))
         return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), gripper_action(fingers))
 
-    def _pose(self, joints: NDArray[np.float64]) -> _Pose:
+    def _pose(self, joints: Array) -> _Pose:
         """Pose of the hand at joint positions `(7,)` [rad]."""
         return _Pose.of(self.arm.kinematics.forward(joints))
 
     @abc.abstractmethod
-    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+    def _encode_pose(self, pose: _Pose) -> Array:
         """Returns the elements of the action that command a pose."""
 
 
 class PoseEncoder(HandEncoder):
     """Encoder of `ee_pose`."""
 
-    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+    def _encode_pose(self, pose: _Pose) -> Array:
         to_base = rotations.inverse(self._base.orientation)
         position = rotations.rotated(to_base, pose.position - self._base.position) / REACH
         return np.append(position, rotations.product(to_base, pose.orientation))
@@ -223,14 +219,14 @@ class _DeltaEncoder(HandEncoder):
         super().__init__(mode, arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
         self._frame, self._step = mode.frame, mode.linear_speed * arm.timestep
 
-    def reset(self, joints: NDArray[np.float64]) -> None:
+    def reset(self, joints: Array) -> None:
         self._commanded = self._pose(joints)
 
-    def _axes(self) -> NDArray[np.float64]:
+    def _axes(self) -> Array:
         """Orientation `(4,)` of the frame of the action."""
         return self._base.orientation if self._frame == "base" else self._commanded.orientation
 
-    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+    def _encode_pose(self, pose: _Pose) -> Array:
         return rotations.rotated(rotations.inverse(self._axes()), pose.position - self._commanded.position) / self._step
 
 
@@ -243,7 +239,7 @@ class DeltaPositionEncoder(_DeltaEncoder):
     def __init__(self, mode: EndEffectorDeltaPosition, arm: ArmModel) -> None:
         super().__init__(mode, arm, angular_speed=_ANGULAR_SPEED)
 
-    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+    def applied(self, positions: Array, action: Array) -> None:
         offset = rotations.rotated(self._axes(), self._step * action[:3])
         moved = self._commanded._replace(position=self._commanded.position + offset)
         self._commanded = moved.near(self._pose(positions[ARM]))._replace(orientation=moved.orientation)
@@ -258,14 +254,14 @@ class DeltaPoseEncoder(_DeltaEncoder):
         super().__init__(mode, arm, angular_speed=mode.angular_speed)
         self._turn = mode.angular_speed * arm.timestep
 
-    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+    def applied(self, positions: Array, action: Array) -> None:
         axes = self._axes()
         moved = self._commanded.moved(
             rotations.rotated(axes, self._step * action[:3]), rotations.rotated(axes, self._turn * action[3:6])
         )
         self._commanded = moved.near(self._pose(positions[ARM]))
 
-    def _encode_pose(self, pose: _Pose) -> NDArray[np.float64]:
+    def _encode_pose(self, pose: _Pose) -> Array:
         turn = rotations.difference(pose.orientation, self._commanded.orientation)
         rotation = rotations.rotated(rotations.inverse(self._axes()), turn) / self._turn
         return np.append(super()._encode_pose(pose), rotation)
@@ -287,7 +283,7 @@ class JointEncoder(ActionEncoder):
         speeds = tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale)
         self.limits = JointSpeedLimits(joint_speed=speeds, timestep=arm.timestep)
 
-    def follows(self, joints: NDArray[np.float64], target: NDArray[np.float64]) -> bool:
+    def follows(self, joints: Array, target: Array) -> bool:
         return bool(np.max(np.abs(target - joints)) < _MAX_LAG)
 
 
@@ -298,22 +294,20 @@ class VelocityEncoder(JointEncoder):
         scale = checks.number(mode.velocity_scale, "velocity_scale", positive=True)
         super().__init__(mode, arm, scale=min(1.0, scale / _VELOCITY_SCALE))
 
-    def reset(self, joints: NDArray[np.float64]) -> None:
+    def reset(self, joints: Array) -> None:
         # The last position target, if the next one is relative to it.
-        self._commanded: NDArray[np.float64] | None = None
+        self._commanded: Array | None = None
 
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         commanded = np.append(self.arm.servo_targets(positions[ARM], target), [fingers, fingers])
         return (commanded - self._base_positions(positions)) / (self._mode.velocity_scale * self.arm.timestep)
 
-    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+    def applied(self, positions: Array, action: Array) -> None:
         if self._mode.feedback == "target":
             unit = {"velocity_scale": self._mode.velocity_scale, "timestep": self.arm.timestep}
             self._commanded = kitchen_action.position_target(self._base_positions(positions), action, **unit)
 
-    def _base_positions(self, observed: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _base_positions(self, observed: Array) -> Array:
         """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
         return observed if self._commanded is None else self._commanded
 
@@ -323,9 +317,7 @@ class PositionEncoder(JointEncoder):
 
     low, high = JOINT_LOW, JOINT_HIGH
 
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         arm = self.arm.servo_targets(positions[ARM], target)
         return np.append(arm, [fingers] * (self.low.size - arm.size))
 
@@ -341,9 +333,7 @@ class OffsetEncoder(JointEncoder):
 
     low, high = -np.inf, np.inf
 
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         joints = positions[ARM]
         offset = (target - joints) / self.arm.joint_response + self.arm.gravity_offset(joints)
         return np.append(offset, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
@@ -356,16 +346,14 @@ class DeltaEncoder(JointEncoder):
         self._step = mode.joint_speed * arm.timestep
         super().__init__(mode, arm, speed=_SPEED_RESERVE * self._step)
 
-    def reset(self, joints: NDArray[np.float64]) -> None:
+    def reset(self, joints: Array) -> None:
         self._commanded = joints
 
-    def encode(
-        self, positions: NDArray[np.float64], target: NDArray[np.float64], fingers: float
-    ) -> NDArray[np.float64]:
+    def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         change = self.arm.led(positions[ARM], target) - self._commanded
         return np.append(change / self._step, gripper_action(fingers))
 
-    def applied(self, positions: NDArray[np.float64], action: NDArray[np.float64]) -> None:
+    def applied(self, positions: Array, action: Array) -> None:
         joints, commanded = positions[ARM], self._commanded + self._step * action[ARM]
         self._commanded = np.clip(commanded, joints - TARGET_DISTANCE, joints + TARGET_DISTANCE)
 

@@ -7,11 +7,11 @@ import mink
 import mujoco
 import numpy as np
 from dm_control import mjcf
-from numpy.typing import NDArray
 
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import FrankaSpec
 from kitchen_suite.entities.scenes import SiteArena
+from kitchen_suite.policies.experts.skills import Array
 
 # The arm's joints among the robot's; the fingers' joints follow.
 ARM = slice(0, 7)
@@ -59,18 +59,18 @@ class ArmKinematics:
         self._low, self._high = self._model.jnt_range[ARM].T
         self._bias = np.zeros(self._model.nv)
 
-    def forward(self, joints: NDArray[np.float64]) -> mink.SE3:
+    def forward(self, joints: Array) -> mink.SE3:
         """Pose of the hand's site in the world at joint positions `(7,)` [rad]."""
         self._configuration.update(self._with_closed_fingers(joints))
         return self._configuration.get_transform_frame_to_world(self._site, "site")
 
-    def gravity(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gravity(self, joints: Array) -> Array:
         """Torques `(7,)` that hold the arm still at joint positions `(7,)` [N m]."""
         self._configuration.update(self._with_closed_fingers(joints))
         mujoco.mj_rne(self._model, self._configuration.data, 0, self._bias)
         return self._bias[ARM].copy()
 
-    def inverse(self, pose: mink.SE3, *, start: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse(self, pose: mink.SE3, *, start: Array) -> Array:
         """Joint positions `(7,)` that bring the site to a pose in the world, near `start` [rad]."""
         positions = self._with_closed_fingers(np.clip(start, self._low, self._high))
         self._configuration.update(positions)
@@ -85,6 +85,6 @@ class ArmKinematics:
                 break
         return self._configuration.q[ARM].copy()
 
-    def _with_closed_fingers(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _with_closed_fingers(self, joints: Array) -> Array:
         """Positions of all joints, those of the fingers closed."""
         return np.concatenate([joints, np.zeros(self._model.nq - joints.size)])

@@ -17,7 +17,7 @@ from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
-from kitchen_suite.policies.experts.skills import OPEN, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import (
     OUT_OF_REACH,
     JointSpeedLimits,
@@ -167,10 +167,10 @@ class KitchenExpert(Expert):
         """Sets the tasks to be done; the first of the remaining ones is under way."""
         self._tasks, self._remaining = tuple(tasks), collections.deque(tasks)
 
-    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _robot_positions(self, observation: Array) -> Array:
         return observation[_ROBOT]
 
-    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
         if self._trajectory is None:
             self._set_tasks(requested)
@@ -191,21 +191,19 @@ class KitchenExpert(Expert):
             return self._then_first_task(self._plan_retreat(joints).then(home, self._limits), observation)
         return None
 
-    def _requested(self, observation: NDArray[np.float64]) -> tuple[str, ...]:
+    def _requested(self, observation: Array) -> tuple[str, ...]:
         """Returns the tasks that an observation asks for, in the order in which to do them."""
         count = self._num_requests
         return requested_in(self._order, self._goals.tasks, observation[-count:]) if count else self._order
 
-    def _turn_to(
-        self, tasks: Sequence[str], observation: NDArray[np.float64], joints: NDArray[np.float64]
-    ) -> JointTrajectory:
+    def _turn_to(self, tasks: Sequence[str], observation: Array, joints: Array) -> JointTrajectory:
         """Leaves what is under way for other tasks."""
         retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
         self._set_tasks(tasks)
         return self._then_first_task(retreat, observation)
 
     def _resume_from_rest(
-        self, distances: Mapping[str, float], observation: NDArray[np.float64], joints: NDArray[np.float64]
+        self, distances: Mapping[str, float], observation: Array, joints: Array
     ) -> JointTrajectory | None:
         """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
         if not self._has_ended(_SETTLE_STEPS):
@@ -215,12 +213,12 @@ class KitchenExpert(Expert):
             return None
         return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
 
-    def _relative_distances(self, observation: NDArray[np.float64]) -> dict[str, float]:
+    def _relative_distances(self, observation: Array) -> dict[str, float]:
         """Distances of the objects from the tasks' goals, in units of the threshold or tolerance."""
         positions = np.concatenate([achieved(task, observation) for task in self._goals.tasks])
         return dict(zip(self._goals.tasks, self._success.ratios(positions).tolist(), strict=True))
 
-    def _then_first_task(self, trajectory: JointTrajectory, observation: NDArray[np.float64]) -> JointTrajectory:
+    def _then_first_task(self, trajectory: JointTrajectory, observation: Array) -> JointTrajectory:
         """Appends the trajectory of the first remaining task, if there is one; postpones tasks that are out of reach.
 
         If all tasks are out of reach, the first one is tried.
@@ -234,10 +232,10 @@ class KitchenExpert(Expert):
             return trajectory
         return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
 
-    def _plan_retreat(self, joints: NDArray[np.float64]) -> JointTrajectory:
+    def _plan_retreat(self, joints: Array) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
 
-    def _plan(self, task: str, observation: NDArray[np.float64]) -> JointTrajectory:
+    def _plan(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
         positions, frame = achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
         skill = self._skill = self._choose_skill(task, observation, frame)
@@ -249,7 +247,7 @@ class KitchenExpert(Expert):
         rounded = None if position is None else tuple(position.round(_DECIMALS).tolist())
         return _cached_plan(skill, rounded, self._limits)
 
-    def _plan_in_frame(self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3) -> JointTrajectory:
+    def _plan_in_frame(self, skill: Skill, position: Array | None, frame: mink.SE3) -> JointTrajectory:
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
         best = None
         for turn in _TURNS if self._encoder.turns_hand else _TURNS[:1]:
@@ -261,13 +259,11 @@ class KitchenExpert(Expert):
         assert best is not None, "there is at least one turn"
         return best
 
-    def _plan_skill(
-        self, skill: Skill, position: NDArray[np.float64] | None, frame: mink.SE3 | None
-    ) -> JointTrajectory:
+    def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
-    def _choose_skill(self, task: str, observation: NDArray[np.float64], frame: mink.SE3 | None) -> Skill:
+    def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
         skill = self._skills[task]
         if task == "kettle":
             skill = kitchen_skills.kettle_skill(skill, achieved(task, observation)[:3])
@@ -312,7 +308,7 @@ class ObservedLayout:
         self.slices = {name: part for name, part in slices.items() if name in _OBSERVABLES}
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
 
-    def frame(self, task: str, extras: NDArray[np.float64]) -> mink.SE3 | None:
+    def frame(self, task: str, extras: Array) -> mink.SE3 | None:
         """Returns the transform of a task's poses, from the default layout to the observed one.
 
         The transform is for planning with the robot's base at its default pose. It is None if no pose is observed.
@@ -325,7 +321,7 @@ class ObservedLayout:
             return None
         return self._moved(BASE, extras).inverse() @ self._moved(POSES.get(task), extras)
 
-    def _moved(self, name: str | None, extras: NDArray[np.float64]) -> mink.SE3:
+    def _moved(self, name: str | None, extras: Array) -> mink.SE3:
         """Returns the transform from a default pose to the observed one; the identity if it is not observed."""
         if name not in self.slices:
             return mink.SE3.identity()
@@ -348,7 +344,7 @@ def _default_poses() -> Mapping[str, mink.SE3]:
     return {name: _pose(np.concatenate([frame.xpos, frame.xquat])) for name, frame in frames.items()}
 
 
-def _pose(values: NDArray[np.float64]) -> mink.SE3:
+def _pose(values: Array) -> mink.SE3:
     """Returns the pose of a position and a quaternion `(7,)`."""
     return mink.SE3.from_rotation_and_translation(mink.SO3(wxyz=values[3:]).normalize(), values[:3])
 
@@ -378,12 +374,12 @@ def _elements() -> Mapping[str, NDArray[np.int64]]:
     return {task: goal.elements_in(scene()) for task, goal in GOALS.items()}
 
 
-def achieved(task: str, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+def achieved(task: str, observation: Array) -> Array:
     """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
     return observation[_OBJECTS][_elements()[task]]
 
 
-def requested_in(order: Sequence[str], tasks: Sequence[str], requested: NDArray[np.float64]) -> tuple[str, ...]:
+def requested_in(order: Sequence[str], tasks: Sequence[str], requested: Array) -> tuple[str, ...]:
     """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
     wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
     return tuple(task for task in order if task in wanted)

@@ -7,7 +7,6 @@ from types import MappingProxyType
 
 import mink
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.names import DEFAULT_TASKS
@@ -16,6 +15,7 @@ from kitchen_suite.policies.experts.skills import (
     OPEN,
     UNLIMITED,
     ArcMove,
+    Array,
     HandOrientation,
     Move,
     Prismatic,
@@ -414,7 +414,7 @@ KETTLE_SKILLS = (
 _RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
 
-def kettle_skill(skill: Skill, position: NDArray[np.float64]) -> Skill:
+def kettle_skill(skill: Skill, position: Array) -> Skill:
     """Returns the skill for a kettle at a position `(3,)` [m]: `skill` on the left, another one on a right burner."""
     return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)] if position[0] > _RIGHT_BURNERS else skill
 

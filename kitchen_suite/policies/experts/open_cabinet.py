@@ -8,7 +8,6 @@ from typing import Any
 
 import mink
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA, OpenCabinetArena
@@ -17,7 +16,7 @@ from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
-from kitchen_suite.policies.experts.skills import CLOSED, OPEN, HandOrientation, Move, Skill
+from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array, HandOrientation, Move, Skill
 from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE, JOINT_HIGH, JOINT_LOW
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode
@@ -111,13 +110,13 @@ class DrawerExpert(Expert):
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._phase = _Phase.START
-        self._handle_poses: list[NDArray[np.float64]] = []
+        self._handle_poses: list[Array] = []
 
-    def _robot_positions(self, observation: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _robot_positions(self, observation: Array) -> Array:
         fraction = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
         return JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW)
 
-    def _next_trajectory(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         match self._phase:
             case _Phase.START:
                 return self._start(observation, joints)
@@ -126,13 +125,11 @@ class DrawerExpert(Expert):
             case _Phase.PULL:
                 return self._continue_pull(observation, joints)
 
-    def _start(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
+    def _start(self, observation: Array, joints: Array) -> JointTrajectory:
         self._initial_rotation = self._kinematics.forward(joints).rotation()
         return JointTrajectory.stationary(joints, OPEN).then(self._plan_approach(observation, joints), self._limits)
 
-    def _continue_approach(
-        self, observation: NDArray[np.float64], joints: NDArray[np.float64]
-    ) -> JointTrajectory | None:
+    def _continue_approach(self, observation: Array, joints: Array) -> JointTrajectory | None:
         """Observes the handle; returns the trajectory that grasps and pulls when the approach has ended."""
         self._handle_poses.append(self._handle_pose(observation, joints).wxyz_xyz)
         if not self._has_ended(0) or _is_open(observation):
@@ -143,7 +140,7 @@ class DrawerExpert(Expert):
         pull = plan(self._kinematics, self._limits, self._skill_at(handle), frame=handle)
         return JointTrajectory.stationary(joints, OPEN).then(pull, self._limits)
 
-    def _continue_pull(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory | None:
+    def _continue_pull(self, observation: Array, joints: Array) -> JointTrajectory | None:
         """Returns a retreat and a new approach if the pull has failed."""
         if not self._has_ended(_SETTLE_STEPS) and not self._has_slipped(observation):
             return None
@@ -153,7 +150,7 @@ class DrawerExpert(Expert):
         retreat = plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=CLOSED)
         return retreat.then(approach, self._limits)
 
-    def _plan_approach(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> JointTrajectory:
+    def _plan_approach(self, observation: Array, joints: Array) -> JointTrajectory:
         """Enters the approach phase; returns the trajectory to the standoff before the handle."""
         self._phase = _Phase.APPROACH
         handle = self._handle_pose(observation, joints)
@@ -169,7 +166,7 @@ class DrawerExpert(Expert):
         rotation = handle.rotation().inverse() @ self._initial_rotation
         return self._skill.with_orientation(HandOrientation.from_rotation(rotation))
 
-    def _handle_pose(self, observation: NDArray[np.float64], joints: NDArray[np.float64]) -> mink.SE3:
+    def _handle_pose(self, observation: Array, joints: Array) -> mink.SE3:
         """Pose of the handle in the world, from its observed offset from the hand."""
         hand = self._kinematics.forward(joints)
         rotation = _handle_rotation(observation[SLICES["handle_orientation_offset"]], hand.rotation())
@@ -177,7 +174,7 @@ class DrawerExpert(Expert):
             rotation, hand.translation() + observation[SLICES["handle_offset"]]
         )
 
-    def _has_slipped(self, observation: NDArray[np.float64]) -> bool:
+    def _has_slipped(self, observation: Array) -> bool:
         """Whether the handle is no longer between the closed fingers."""
         distance = float(np.linalg.norm(observation[SLICES["handle_offset"]]))
         return self._current_fingers == CLOSED and distance > _SLIP
@@ -196,12 +193,12 @@ def _arm_model() -> ArmModel:
     )
 
 
-def _is_open(observation: NDArray[np.float64]) -> bool:
+def _is_open(observation: Array) -> bool:
     """Whether the drawer is observed to be open far enough."""
     return bool(observation[SLICES["drawer_position"]][0] >= _ENOUGH)
 
 
-def _handle_rotation(offset: NDArray[np.float64], hand: mink.SO3) -> mink.SO3:
+def _handle_rotation(offset: Array, hand: mink.SO3) -> mink.SO3:
     """Rotation of the handle in the world, with a quaternion w that is not negative, so that rotations have a mean.
 
     Args:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.assets import Vector
 
+Array = NDArray[np.float64]
+
 # Opening of each finger [m].
 OPEN, CLOSED = 0.04, 0.0
 
@@ -73,7 +75,7 @@ class Move:
         """Target pose of the site, in the frame of the skill."""
         return mink.SE3.from_rotation_and_translation(self.orientation.rotation, np.array(self.position))
 
-    def turned(self, rotation: mink.SO3, pivot: NDArray[np.float64]) -> Self:
+    def turned(self, rotation: mink.SO3, pivot: Array) -> Self:
         """This motion with its target turned about a point `(3,)` [m]."""
         position = pivot + rotation.apply(np.array(self.position) - pivot)
         orientation = HandOrientation.from_rotation(rotation @ self.orientation.rotation)
@@ -111,7 +113,7 @@ class Revolute:
     anchor: Vector
     axis: Vector
 
-    def displacement(self, position: NDArray[np.float64]) -> mink.SE3:
+    def displacement(self, position: Array) -> mink.SE3:
         """Transform that takes the object from angle 0 to an angle `(1,)` [rad]."""
         anchor, rotation = np.array(self.anchor), mink.SO3.exp(position[0] * np.array(self.axis))
         return mink.SE3.from_rotation_and_translation(rotation, anchor - rotation.apply(anchor))
@@ -129,7 +131,7 @@ class Prismatic:
     elements: tuple[int, ...]
     initial_position: tuple[float, ...]
 
-    def displacement(self, position: NDArray[np.float64]) -> mink.SE3:
+    def displacement(self, position: Array) -> mink.SE3:
         """Transform that takes the object from its initial position to a position `(1,)` or `(3,)` [m]."""
         return mink.SE3.from_translation(np.pad(position - self.initial_position, (0, 3 - position.size)))
 

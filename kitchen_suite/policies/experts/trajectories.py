@@ -6,10 +6,9 @@ from typing import Self
 
 import mink
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite.policies.experts.kinematics import ArmKinematics
-from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Move, Revolute, Skill
+from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Array, Move, Revolute, Skill
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which inverse kinematics is solved. Between them the
 # joints are interpolated linearly, which keeps the site within a millimetre of the line.
@@ -39,7 +38,7 @@ class JointSpeedLimits:
     joint_speed: Sequence[float]
     timestep: float
 
-    def steps_between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+    def steps_between(self, start: Array, end: Array) -> float:
         """Least time from one joint position `(7,)` to another [control steps]."""
         return float(np.max(np.abs(end - start) / self.joint_speed))
 
@@ -62,7 +61,7 @@ class HandSpeedLimits(JointSpeedLimits):
     linear_speed: float
     angular_speed: float
 
-    def steps_between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+    def steps_between(self, start: Array, end: Array) -> float:
         count = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING)))
         poses = [self.kinematics.forward(start + i / count * (end - start)) for i in range(count + 1)]
         slowest = max(map(self._hand_steps, poses, poses[1:]))
@@ -87,14 +86,14 @@ class JointTrajectory:
       arc_share: share of the arcs that the hand can follow.
     """
 
-    times: NDArray[np.float64]
-    knots: NDArray[np.float64]
-    fingers: NDArray[np.float64]
+    times: Array
+    knots: Array
+    fingers: Array
     position_error: float = 0.0
     arc_share: float = 1.0
 
     @classmethod
-    def stationary(cls, joints: NDArray[np.float64], fingers: float) -> Self:
+    def stationary(cls, joints: Array, fingers: float) -> Self:
         """Trajectory that stays at joint positions `(7,)` [rad] and at an opening of each finger [m]."""
         return cls(times=np.zeros(1), knots=joints[np.newaxis], fingers=np.array([fingers]))
 
@@ -103,7 +102,7 @@ class JointTrajectory:
         """Time of the last knot [control steps]."""
         return float(self.times[-1])
 
-    def at(self, time: float) -> tuple[NDArray[np.float64], float]:
+    def at(self, time: float) -> tuple[Array, float]:
         """Joint positions `(7,)` [rad] and opening of each finger [m] at a time [control steps]."""
         if time >= self.times[-1]:
             return self.knots[-1], float(self.fingers[-1])
@@ -129,8 +128,8 @@ def plan(
     skill: Skill,
     *,
     frame: mink.SE3 | None = None,
-    object_position: NDArray[np.float64] | None = None,
-    offsets: Iterable[NDArray[np.float64]] = (),
+    object_position: Array | None = None,
+    offsets: Iterable[Array] = (),
 ) -> JointTrajectory:
     """Plans all motions of a skill; the trajectory begins where the first motion ends.
 
@@ -162,7 +161,7 @@ def plan_retreat(
     limits: JointSpeedLimits,
     skill: Skill,
     *,
-    joints: NDArray[np.float64],
+    joints: Array,
     fingers: float,
 ) -> JointTrajectory:
     """Plans the hand's retreat after a skill.
@@ -186,11 +185,11 @@ def plan_retreat(
 class _TrajectoryBuilder:
     """Collects knots, each at the earliest time at which the arm can reach it."""
 
-    def __init__(self, kinematics: ArmKinematics, limits: JointSpeedLimits, start: NDArray[np.float64]) -> None:
+    def __init__(self, kinematics: ArmKinematics, limits: JointSpeedLimits, start: Array) -> None:
         """Starts at joint positions `(7,)` [rad], which are not a knot themselves."""
         self._kinematics, self._limits = kinematics, limits
         self._joints, self._pose = start, kinematics.forward(start)
-        self._knots: list[tuple[float, NDArray[np.float64], float]] = []
+        self._knots: list[tuple[float, Array, float]] = []
         self._position_error, self._arc_share = 0.0, 1.0
 
     @property
@@ -248,17 +247,17 @@ class _TrajectoryBuilder:
             _, joints, fingers = self._knots[-1]
             self._add_knot(steps, joints, fingers)
 
-    def _solve(self, pose: mink.SE3) -> tuple[NDArray[np.float64], float]:
+    def _solve(self, pose: mink.SE3) -> tuple[Array, float]:
         """Returns joint positions `(7,)` for a pose [rad], and the distance of the site from it [m]."""
         joints = self._kinematics.inverse(pose, start=self._joints)
         error = self._kinematics.forward(joints).translation() - pose.translation()
         return joints, float(np.linalg.norm(error))
 
-    def _add_solution(self, joints: NDArray[np.float64], pose: mink.SE3, fingers: float, min_steps: float) -> None:
+    def _add_solution(self, joints: Array, pose: mink.SE3, fingers: float, min_steps: float) -> None:
         self._add_knot(max(self._limits.steps_between(self._joints, joints), min_steps), joints, fingers)
         self._joints, self._pose = joints, pose
 
-    def _add_knot(self, steps: float, joints: NDArray[np.float64], fingers: float) -> None:
+    def _add_knot(self, steps: float, joints: Array, fingers: float) -> None:
         time = self._knots[-1][0] + max(steps, _MIN_KNOT_INTERVAL) if self._knots else 0.0
         self._knots.append((time, joints, fingers))
 
