@@ -3,17 +3,22 @@
 import dataclasses
 import queue
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kitchen_suite import suite
-from kitchen_suite.bridges.live_episode import LiveEpisode
+from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, local_server
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
 from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
+
+if TYPE_CHECKING:
+    from dm_control import mjcf
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
@@ -32,12 +37,7 @@ class ViewerPanel:
     """
 
     def __init__(self, gui: Any, settings: ViewSettings) -> None:
-        """Adds the widgets.
-
-        Args:
-          gui: of a viser server.
-          settings: initial values.
-        """
+        """Adds the widgets to the panel of a viser server, with the settings as their initial values."""
         self.commands: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._settings, self._gui = settings, gui
         self._add_episode_widgets()
@@ -146,17 +146,89 @@ class ViewerPanel:
         self._task.value = suite.default_task(domain)
 
 
+class LiveEpisode:
+    """The episode in progress of a task and a policy, which is played step by step.
+
+    Attributes:
+      seed: of the episode.
+    """
+
+    def __init__(self, settings: ViewSettings) -> None:
+        """Builds environment and policy, and starts the episode of the settings' seed."""
+        environments = EnvironmentSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name,
+            task_kwargs=settings.environment_kwargs,
+            max_episode_steps=settings.max_episode_steps,
+        )
+        spec = environments.episodes(policy=settings.policy, seed=settings.seed, seeding="gymnasium")
+        quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": settings.render_quality}
+        self._rollout = SingleRollout(spec.prepared(), visuals=True, **quality)
+        self._max_steps = spec.max_episode_steps
+        self._environment = suite_env(self._rollout.environment).environment
+        find_camera(self.physics, settings.camera)
+        self.start(settings.seed)
+
+    @property
+    def physics(self) -> "mjcf.Physics":
+        """The physics, another object after a reset that compiles the model again."""
+        return self._environment.physics
+
+    @property
+    def timestep(self) -> float:
+        """Duration of a control step [s]."""
+        return self._environment.control_timestep()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the episode has terminated or was truncated."""
+        return self._rollout.buffer.has_ended
+
+    def start(self, seed: int) -> None:
+        """Starts the episode of a seed; raises a PolicyError if the policy cannot be built."""
+        self.seed, self._total_reward = seed, 0.0
+        self._rollout.start(seed)
+
+    def step(self) -> None:
+        """Makes a control step, unless the episode has ended; raises what `SingleRollout.step` does."""
+        if not self.has_ended:
+            self._rollout.step()
+            self._total_reward += self._rollout.buffer.reward
+
+    def report(self) -> str:
+        """Returns the progress of the episode as Markdown: the tasks that it asks for, reward and measures."""
+        task, buffer = self._environment.task, self._rollout.buffer
+        numbers = {
+            "time": f"{buffer.steps * self.timestep:.1f} s",
+            "control step": f"{buffer.steps} of {self._max_steps}",
+            "reward": f"{buffer.reward:.3f}",
+            "return": f"{self._total_reward:.3f}",
+        }
+        for name, value in task.episode_metrics.items():
+            if not isinstance(value, dict):
+                numbers[name.replace("_", " ")] = ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+        lines = [f"**{task.instruction}**", ""] if task.instruction else []
+        if completions := task.episode_completions:
+            steps = completions.steps_by_task
+            lines += [self._task_line(name, step) for name, step in steps.items()]
+            completed = sum(step is not None for step in steps.values())
+            numbers = {"tasks completed": f"{completed} of {len(steps)}", **numbers}
+        return "\n".join([*lines, "", "| | |", "| --- | --- |", *(f"| {key} | {it} |" for key, it in numbers.items())])
+
+    def close(self) -> None:
+        """Frees the environment."""
+        self._rollout.environment.close()
+
+    def _task_line(self, name: str, step: int | None) -> str:
+        name = name.replace("_", " ")
+        return f"- {name}" if step is None else f"- **{name}**: completed after {step * self.timestep:.1f} s"
+
+
 class Viewer:
     """Plays an episode in real time, and does what is chosen in the panel."""
 
     def __init__(self, server: Any, settings: ViewSettings, episode: LiveEpisode) -> None:
-        """Shows an episode.
-
-        Args:
-          server: of viser.
-          settings: of the episode.
-          episode: that is shown first.
-        """
+        """Shows an episode of the settings in a server of viser."""
         self._server, self._episode = server, episode
         self._panel = ViewerPanel(server.gui, settings)
         self._problem = ""
