@@ -74,12 +74,7 @@ class LeRobotVectorEnv(gymnasium.vector.VectorEnv):
         return self._observations(observations), rewards, terminations, truncations, infos
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> Sequence[Any]:
-        """Returns an attribute of every environment, or with `render` a picture of each, taken when it is read.
-
-        Raises:
-          AttributeError: there is no such attribute.
-          TypeError: there are arguments.
-        """
+        """Returns an attribute of every environment, or with `render` a picture of each, taken when it is read."""
         if args or kwargs:
             raise TypeError(f"{name} takes no arguments: the environments are stepped together")
         return RenderedPictures(self.environments) if name == "render" else self.environments.call(name)

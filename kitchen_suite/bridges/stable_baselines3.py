@@ -34,9 +34,6 @@ class SuiteVecEnv(VecEnv):
           environments: with autoreset mode `SameStep`, and not nested observations: the kitchen's with
             `goal_format="flat"`.
           info_keys: infos that each step returns, such as the masks of tasks for hindsight relabelling.
-
-        Raises:
-          ValueError: the environments have another autoreset mode, or an interface that Stable-Baselines3 refuses.
         """
         _check_supported(environments)
         self.environments = environments
@@ -105,11 +102,7 @@ class SuiteVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls one of `_SHARED_METHODS`, which do not depend on an episode, and returns the result for each index.
-
-        Raises:
-          AttributeError: it is another method, or the environments have no such method.
-        """
+        """Calls one of `_SHARED_METHODS`, which do not depend on an episode, and returns the result for each index."""
         if method_name not in _SHARED_METHODS:
             raise AttributeError(
                 f"{method_name} cannot be called: the environments are stepped together; only "
@@ -119,11 +112,7 @@ class SuiteVecEnv(VecEnv):
         return [methods[0](*method_args, **method_kwargs)] * len(methods)
 
     def set_options(self, options: list[dict] | dict | None = None) -> None:
-        """Accepts that there are no options.
-
-        Raises:
-          ValueError: there are options of the next reset, which the environments do not take one by one.
-        """
+        """Accepts that there are no options of the next reset, which the environments do not take one by one."""
         if options:
             raise ValueError(f"options of a reset are not supported, got {options!r}: pass them to make_vec_env")
 
@@ -143,9 +132,6 @@ def make_vec_env(
       seed: environment `i` is seeded with `seed + i`.
       info_keys: infos that each step returns; see `SuiteVecEnv`.
       **settings: arguments of the vectorised environment, such as `num_threads`.
-
-    Raises:
-      ValueError: Stable-Baselines3 does not support such environments; the message names the argument to pass.
     """
     environments = gymnasium.make_vec(
         env_id,
@@ -161,11 +147,7 @@ def make_vec_env(
 
 
 def _check_supported(environments: SuiteVectorEnv) -> None:
-    """Checks what Stable-Baselines3 needs of environments.
-
-    Raises:
-      ValueError: the autoreset mode, the observation space or the action space is another.
-    """
+    """Raises a ValueError unless Stable-Baselines3 supports the autoreset mode and the spaces of environments."""
     vector_checks.autoreset_mode(environments.metadata["autoreset_mode"], AutoresetMode.SAME_STEP)
     space = environments.single_observation_space
     if isinstance(space, spaces.Dict) and any(isinstance(part, spaces.Dict) for part in space.values()):

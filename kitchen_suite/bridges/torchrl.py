@@ -23,9 +23,6 @@ def load_recording(dataset_id: str, *, root: str | Path | None = None, **options
         `MINARI_DATASETS_PATH`.
       root: folder of TorchRL's copies of datasets; its own cache when omitted.
       **options: further arguments of `MinariExperienceReplay`, such as `batch_size`, `sampler` and `split_trajs`.
-
-    Raises:
-      FileNotFoundError: there is no such dataset.
     """
     prepared = MinariExperienceReplay(dataset_id, batch_size=1, root=root, load_from_local_minari=True)
     episodes = [_as_steps(episode) for episode in import_minari().load_dataset(dataset_id)]

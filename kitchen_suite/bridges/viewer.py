@@ -335,11 +335,7 @@ class ViewJob:
         return "while showing episodes"
 
     def run(self) -> bool:
-        """Serves the page and plays episodes; does not return.
-
-        Raises:
-          OSError: the port is in use.
-        """
+        """Serves the page and plays episodes; does not return."""
         with local_server(self._settings.port, "kitchen-view") as server:
             viewer = Viewer(server, self._settings, self._episode)
             print_line(f"http://{HOST}:{self._settings.port}  (Ctrl-C ends)")

@@ -124,12 +124,7 @@ class EpisodePage:
                 cameras.find_camera(suite_env(environment).environment.physics, settings.camera)
 
     def write(self) -> None:
-        """Plays the episodes, and writes the page.
-
-        Raises:
-          OSError: the page cannot be written.
-          PolicyError: the policy raised an exception, or returned a bad action.
-        """
+        """Plays the episodes, and writes the page."""
         if self._settings.web is None:
             return
         with self._page.open() as show:
@@ -178,12 +173,7 @@ class EvaluateJob:
         return f"{finished}; the same command with --resume continues" if self._folder else finished
 
     def run(self) -> bool:
-        """Plays the episodes that are missing, condition by condition; prints the scores, and writes JSON and web page.
-
-        Raises:
-          OSError: a file cannot be written.
-          PolicyError: the policy raised an exception, or returned a bad action.
-        """
+        """Plays the missing episodes, condition by condition; prints the scores, and writes JSON and web page."""
         plan = self._plan
         print_line(format_heading(plan.description))
         scores: dict[str, dict[str, Any]] = {}

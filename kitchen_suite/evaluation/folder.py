@@ -40,9 +40,6 @@ class EvaluationFolder:
         """Starts a new evaluation.
 
         Of several processes that start evaluations in one folder at the same time, one succeeds.
-
-        Raises:
-          OSError: the folder cannot be made or written to, or holds an evaluation.
         """
         _EVALUATION.create(folder, description)
         return cls(folder)
@@ -55,10 +52,6 @@ class EvaluationFolder:
           folder: of the evaluation.
           description: of the evaluation.
           seeds: of all its episodes.
-
-        Raises:
-          OSError: the folder cannot be written to, holds no evaluation, or a file in it is damaged.
-          ValueError: it holds another evaluation.
         """
         _EVALUATION.resume(folder, _EVALUATION.load(folder), description)
         opened = cls(folder)

@@ -167,12 +167,7 @@ class DomainProtocols:
 
 
 def domain_protocols(domain_name: str) -> DomainProtocols:
-    """Returns the evaluation of a domain.
-
-    Raises:
-      TypeError: the name is no string.
-      ValueError: an unknown domain.
-    """
+    """Returns the evaluation of a domain."""
     return suite.find_domain(domain_name).resolve("evaluation") or DomainProtocols()
 
 

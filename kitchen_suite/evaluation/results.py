@@ -27,11 +27,7 @@ _DECIMALS = 6
 
 
 def rate(verdicts: ArrayLike) -> tuple[float, Interval]:
-    """Returns the share of true verdicts `(n,)`, and its interval by Wilson's method.
-
-    Raises:
-      ValueError: there is no verdict.
-    """
+    """Returns the share of true verdicts `(n,)`, and its interval by Wilson's method."""
     true = np.asarray(verdicts, bool)
     if not true.size:
         raise ValueError("a rate needs at least one episode")
@@ -55,9 +51,6 @@ def mean(values: ArrayLike, *, low: float = -math.inf, high: float = math.inf) -
       values: of the episodes.
       low: least possible value, at which the interval is cut off.
       high: greatest possible value, at which the interval is cut off.
-
-    Raises:
-      ValueError: there is no value.
     """
     numbers = np.asarray(values, np.float64)
     if not numbers.size:
@@ -139,11 +132,7 @@ class EpisodeResult:
 
     @classmethod
     def from_line(cls, line: str | bytes) -> "EpisodeResult":
-        """Returns the result that `line` was made of.
-
-        Raises:
-          ValueError: the line holds something else.
-        """
+        """Returns the result that `line` was made of; raises a ValueError for another line."""
         return files.parse(json.loads(line), cls, "not the result of an episode")
 
     @property

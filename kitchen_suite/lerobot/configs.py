@@ -50,12 +50,7 @@ class SuiteEnvConfig(EnvConfig):
     num_threads: int | None = None
 
     def __post_init__(self) -> None:
-        """Sets the features and `fps`, and checks the other attributes.
-
-        Raises:
-          TypeError: an attribute has the wrong type, or an argument is unknown.
-          ValueError: an unknown name, a number out of range, or an attribute that is given twice.
-        """
+        """Sets the features and `fps`, and checks the other attributes."""
         (features, self.fps), *others = [features_of(spec) for spec in self._specs()]
         if any(other != (features, self.fps) for other in others):
             raise ValueError(f"tasks {self.task} have different observations: evaluate them one by one")
@@ -105,11 +100,7 @@ class SuiteEnvConfig(EnvConfig):
 
 
 def register(domain: Domain) -> type[SuiteEnvConfig]:
-    """Registers a domain with LeRobot as `--env.type` of its name; returns the class of its config.
-
-    Raises:
-      ValueError: LeRobot has a type of that name which is no domain of the suite.
-    """
+    """Registers a domain with LeRobot as `--env.type` of its name; returns the class of its config."""
     if known := EnvConfig.get_known_choices().get(domain.name):
         if not issubclass(known, SuiteEnvConfig):
             raise ValueError(f"LeRobot has environments {domain.name!r} of its own: choose another name")

@@ -71,14 +71,11 @@ class ResidualNetwork(NamedTuple):
 
     @classmethod
     def take(cls, arrays: dict[str, NDArray], name: str) -> Self:
-        """Removes the arrays of a network from others, and returns the network.
+        """Removes the arrays of a network from others, and returns the network; raises a ValueError for bad ones.
 
         Args:
           arrays: by name, such as `<name>.blocks.0.first.weight`.
           name: of the network.
-
-        Raises:
-          ValueError: an array is missing or unknown, or has another shape or type than the others need.
         """
         own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
         count = sum(key.endswith(".norm.weight") for key in own)

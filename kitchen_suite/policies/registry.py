@@ -240,9 +240,6 @@ def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
     Args:
       name: of the policy.
       task: that it acts in; without it, only files that are named as in `trained(file=...)` are found.
-
-    Raises:
-      ValueError: the policy is the one that comes with the package for the task, and there is none.
     """
     key, options = _key_and_options(name)
     return POLICIES[key].file(options, task) if key in POLICIES else None

@@ -64,24 +64,17 @@ class StoredPolicy(abc.ABC):
 
     @abc.abstractmethod
     def check_fits(self, task: "SuiteTask") -> None:
-        """Checks that the policy's sizes are those of a task, and that it can act in the task's control mode.
-
-        Raises:
-          ValueError: they differ.
-        """
+        """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""
 
     @abc.abstractmethod
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        """Returns the policy of an episode.
+        """Returns the policy of an episode; raises a ValueError if it does not fit the task.
 
         Args:
           task: that it acts in.
           generator: of the episode, for policies that draw.
-
-        Raises:
-          ValueError: the policy does not fit the task.
         """
 
     @property
@@ -92,14 +85,11 @@ class StoredPolicy(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        """Returns the policy that a file holds.
+        """Returns the policy that a file holds; raises a ValueError if parts are missing, unknown or do not fit.
 
         Args:
           arrays: of the file, by name; may be emptied.
           metadata: of the file.
-
-        Raises:
-          ValueError: a part is missing or unknown, or does not fit the others.
         """
 
     @classmethod

@@ -135,11 +135,7 @@ def _scalar(array: NDArray) -> NDArray:
 
 
 def shipped(task: "SuiteTask") -> Path:
-    """Returns the path of the policy that comes with the package for a task and its reward, or for a set with the task.
-
-    Raises:
-      ValueError: there is none.
-    """
+    """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task."""
     for key in task.policy_inputs.names:
         if (path := SHIPPED / f"{key}.npz").exists():
             return path
@@ -154,9 +150,6 @@ def shipped_as(name: str) -> Path:
     Args:
       name: of the file without suffix: the task, such as `top_drawer`, and the reward unless it is the original one,
         such as `top_drawer_grasp`; or `kitchen`, for any set of the kitchen's seven tasks.
-
-    Raises:
-      ValueError: there is none of this name.
     """
     names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
     return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"

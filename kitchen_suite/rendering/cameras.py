@@ -19,9 +19,6 @@ def find_camera(physics: "mjcf.Physics", camera: str) -> int:
     Args:
       physics: of the model that has the camera.
       camera: name, or id in decimal digits.
-
-    Raises:
-      ValueError: the model has no such camera.
     """
     names = camera_names(physics)
     if not camera.isdecimal():
@@ -33,11 +30,7 @@ def find_camera(physics: "mjcf.Physics", camera: str) -> int:
 
 
 def check_size(physics: "mjcf.Physics", width: int, height: int) -> None:
-    """Checks that the model's offscreen buffer holds an image of `width` x `height` pixels.
-
-    Raises:
-      ValueError: the image is too large.
-    """
+    """Raises a ValueError unless the model's offscreen buffer holds an image of `width` x `height` pixels."""
     buffer = physics.model.vis.global_
     if width > buffer.offwidth or height > buffer.offheight:
         raise ValueError(

@@ -109,11 +109,7 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
 
 @contextlib.contextmanager
 def making_dm_control_context(owner: ContextOwner) -> Iterator[None]:
-    """As `making_context`, for a GL context of dm_control, which may have chosen its library without the suite.
-
-    Raises:
-      RuntimeError: the GL context cannot be made; the message says why.
-    """
+    """As `making_context`, for a GL context of dm_control, which may have chosen its library without the suite."""
     chosen = sys.modules[_DM_CONTROL_RENDERER].BACKEND
     if chosen == "glfw" and not has_display() and os.environ.get(_VARIABLE) != "glfw":
         raise RuntimeError(
@@ -133,11 +129,7 @@ def _free_contexts() -> None:
 
 
 def check_window() -> None:
-    """Checks that a window can be shown. Without a display, Gymnasium's window ends the process.
-
-    Raises:
-      RuntimeError: there is no display.
-    """
+    """Raises a RuntimeError unless a window can be shown. Without a display, Gymnasium's window ends the process."""
     if has_display():
         import warnings
 
@@ -200,11 +192,7 @@ def _variable(value: str | None) -> Iterator[None]:
 
 
 def find_library() -> str:
-    """Returns the library that `MUJOCO_GL` names or, where it is unset, the first headless one, if it can render.
-
-    Raises:
-      OSError: none of them can render.
-    """
+    """Returns the library that `MUJOCO_GL` names or, where it is unset, the first headless one, if it can render."""
     given = os.environ.get(_VARIABLE)
     if problem := _problem(given):
         raise OSError(problem)

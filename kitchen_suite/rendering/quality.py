@@ -53,9 +53,6 @@ def light_stl(stl: bytes) -> bytes:
 
     Args:
       stl: contents of the larger file.
-
-    Raises:
-      ImportError: a package of the extra `pixels` is not installed.
     """
     path = _cache_path(stl)
     kept = path and _read(path)
@@ -128,10 +125,6 @@ def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Calla
         multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces,
         and so have large meshes of visual geoms with the extra `pixels`.
       is_visual: returns whether a geom is only for rendering.
-
-    Raises:
-      TypeError: the quality is no string.
-      ValueError: the quality is unknown.
     """
     if checks.choice(quality, RENDER_QUALITIES, "render_quality") == "high":
         return

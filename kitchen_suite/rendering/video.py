@@ -17,11 +17,7 @@ _PROBE = 2**20
 
 
 def check_ffmpeg() -> None:
-    """Checks that videos can be written.
-
-    Raises:
-      ImportError: imageio-ffmpeg, or the ffmpeg binary that comes with it, is missing.
-    """
+    """Raises an ImportError unless imageio-ffmpeg, and the ffmpeg binary that comes with it, can write videos."""
     if importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ImportError("a video needs imageio-ffmpeg: pip install 'kitchen-suite[video]'")
     import imageio_ffmpeg

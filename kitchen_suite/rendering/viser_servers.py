@@ -38,9 +38,6 @@ def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
     Args:
       port: to listen at.
       label: title of the page.
-
-    Raises:
-      OSError: the port is in use, or may not be used.
     """
     _check_port(port)
     with _server(_refusing_others, host=HOST, port=port, label=label) as server:

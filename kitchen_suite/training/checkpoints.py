@@ -109,10 +109,9 @@ def _paths(folder: Path) -> list[Path]:
 
 
 def check_modules(states: Mapping[str, Any], modules: Mapping[str, Any]) -> None:
-    """Checks that state dicts have the keys, shapes and types of those of networks, scalers and an optimiser, by name.
+    """Raises a ValueError unless state dicts have the keys, shapes and types of those of modules, by name.
 
-    Raises:
-      ValueError: they differ. Damaged state dicts may raise any other exception.
+    Damaged state dicts may raise any other exception.
     """
     if states.keys() != modules.keys():
         raise ValueError(f"the modules must be {[*modules]}, got {[*states]}")

@@ -28,12 +28,7 @@ class Recipe:
 
 
 def find_recipe(domain_name: str) -> Recipe:
-    """Returns the recipe of a domain; one without values where it has none.
-
-    Raises:
-      TypeError: the name is no string.
-      ValueError: an unknown domain.
-    """
+    """Returns the recipe of a domain; one without values where it has none."""
     return suite.find_domain(domain_name).resolve("training") or Recipe()
 
 
@@ -177,12 +172,7 @@ class Hyperparameters:
 
     @classmethod
     def for_domain(cls, domain_name: str, changes: Mapping[str, Any], *, cloning: bool = False) -> "Hyperparameters":
-        """Returns the defaults of a domain, as of `defaults`, with some values changed.
-
-        Raises:
-          TypeError: a value has the wrong type.
-          ValueError: a name is unknown, or a value is out of range.
-        """
+        """Returns the defaults of a domain, as of `defaults`, with some values changed; see `checked_changes`."""
         config = checked_changes(cls.defaults(domain_name, cloning=cloning), changes)
         if config.batch_size % config.mini_batches:
             raise ValueError(
@@ -216,16 +206,12 @@ def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
 
 
 def _check(name: str, value: object, kind: Any) -> None:
-    """Checks the type and the range of a hyperparameter.
+    """Raises a TypeError or ValueError for a hyperparameter of another type or out of its range.
 
     Args:
       name: of the hyperparameter.
       value: as read from JSON.
       kind: its type: int, float, or a tuple of them.
-
-    Raises:
-      TypeError: the value has another type.
-      ValueError: it is negative, zero where it must be positive, or too large.
     """
     if not (elements := get_args(kind)):
         _check_number(name, value, kind, positive=name in _POSITIVE)

@@ -425,11 +425,7 @@ def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
 
 @torch.no_grad()
 def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
-    """Sets the network of an agent to that of a trained policy, and fixes its standardisation; values stay untrained.
-
-    Raises:
-      ValueError: the networks have other layers, or other units of actions.
-    """
+    """Sets an agent's network to a trained policy's, and fixes its standardisation; values stay untrained."""
     own = export_policy(agent, {})
     if policy.layers != own.layers:
         raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")

@@ -184,11 +184,7 @@ class PPOLearner(Learner):
         self._warm_up_values()
 
     def adopt(self, policy: TrainedPolicy) -> None:
-        """Starts from a trained policy; the next `value_batches` batches train the value network alone.
-
-        Raises:
-          ValueError: it does not fit the networks.
-        """
+        """Starts from a trained policy; the next `value_batches` batches train the value network alone."""
         adopt_policy(self.agent, policy)
         self._warm_up_values()
 

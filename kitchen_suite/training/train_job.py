@@ -42,15 +42,7 @@ class TrainJob:
     usage_errors = ()
 
     def __init__(self, settings: TrainSettings) -> None:
-        """Prepares the training, so that bad settings are refused before the first step.
-
-        Raises:
-          ImportError: a video is asked for, but there is no ffmpeg.
-          OSError: the folder cannot be written to, holds another run, or holds none to resume; or there are no
-            demonstrations where the settings say so.
-          TypeError: an argument of the task or a hyperparameter has the wrong type or does not exist.
-          ValueError: an unknown name, or a value that is refused.
-        """
+        """Prepares the training, so that bad settings are refused before the first step."""
         self._settings, self._schedule = settings, settings.schedule
         self._spec = make_spec(settings, settings.environment_kwargs)
         if settings.video:
@@ -86,13 +78,7 @@ class TrainJob:
         )
 
     def run(self) -> bool:
-        """Trains; prints a table of the evaluations, and why each seed stopped.
-
-        Raises:
-          CheckpointError: a run is to be resumed, but none of its checkpoints can be read.
-          DivergedError: the parameters of a network are no longer finite.
-          OSError: a file cannot be written.
-        """
+        """Trains; prints a table of the evaluations, and why each seed stopped."""
         # The matrices are small: with a second thread, training is slower.
         torch.set_num_threads(1)
         settings = self._settings
@@ -152,11 +138,7 @@ class TrainJob:
 
 
 def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:
-    """Returns the training of the algorithm that settings name; raises what its class does.
-
-    Raises:
-      ValueError: an unknown algorithm.
-    """
+    """Returns the training of the algorithm that settings name; raises a ValueError for an unknown one."""
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)

@@ -187,10 +187,6 @@ def make(task: composer.Task, **options: Any) -> Expert:
     Args:
       task: of an environment of the suite.
       **options: arguments of the expert's class, such as `style`; they replace those of the task.
-
-    Raises:
-      TypeError: an argument is unknown or of the wrong type.
-      ValueError: there is no expert for this kind of task, or an option has a value that the expert rejects.
     """
     return expert_class(task).for_task(task, **options)
 

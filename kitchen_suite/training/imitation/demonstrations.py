@@ -53,11 +53,6 @@ def load_demonstrations(
       spec: of the environments that the policy is evaluated in.
       tasks: names of the tasks whose request the policy observes.
       counts: number of episodes of each recording, or one number for all; empty for all episodes.
-
-    Raises:
-      OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: as `load_recording`; or there are not as many numbers as recordings, or these have other elements of
-        the state.
     """
     if len(counts) not in (0, 1, len(folders)):
         raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
@@ -129,11 +124,6 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
 
     Returns:
       Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
-
-    Raises:
-      OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: it is of another task or with other arguments that observations or actions depend on, or holds no
-        episodes.
     """
     recording = open_recording(
         folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
@@ -160,10 +150,6 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
       folder: of the recording.
       wanted: specification of those environments.
       options: names of the domain's options that have to be equal.
-
-    Raises:
-      OSError: there is no recording.
-      ValueError: the domains differ, or one of the options.
     """
     if not (folder / SPEC_FILE).exists():
         raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
