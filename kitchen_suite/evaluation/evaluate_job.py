@@ -166,22 +166,21 @@ class EvaluateJob:
         self._settings, self._plan = settings, make_plan(settings)
         self._page = EpisodePage(settings, self._plan)
         self._folder = self._open_folder()
-        self._results: dict[Key, EpisodeResult] = dict(self._folder.results) if self._folder else {}
 
     def progress(self) -> str:
-        finished = f"after {len(self._results)} of {len(self._seeds)} episodes"
-        return f"{finished}; the same command with --resume continues" if self._folder else finished
+        finished = f"after {len(self._folder.results)} of {len(self._seeds)} episodes"
+        return f"{finished}; the same command with --resume continues" if self._settings.output else finished
 
     def run(self) -> bool:
         """Plays the missing episodes, condition by condition; prints the scores, and writes JSON and web page."""
         plan = self._plan
         print_line(format_heading(plan.description))
         scores: dict[str, dict[str, Any]] = {}
-        successes = sum(result.success for result in self._results.values())
-        with EpisodeBar(len(self._seeds), len(self._results), successes) as bar:
+        found = self._folder.results
+        with EpisodeBar(len(self._seeds), len(found), sum(result.success for result in found.values())) as bar:
             for name, spec in plan.specs.items():
                 self._play(name, spec, bar)
-                results = [self._results[name, index] for index in range(plan.num_episodes)]
+                results = [found[name, index] for index in range(plan.num_episodes)]
                 scores[name] = score_episodes(results, plan.score)
                 print_line(f"\n{format_scores(name, spec.task_name, plan.num_episodes, scores[name])}")
         if len(scores) > 1:
@@ -192,10 +191,10 @@ class EvaluateJob:
         self._page.write()
         return True
 
-    def _open_folder(self) -> EvaluationFolder | None:
+    def _open_folder(self) -> EvaluationFolder:
         settings = self._settings
         if settings.output is None:
-            return None
+            return EvaluationFolder()
         if settings.resume:
             return EvaluationFolder.resume(settings.output, self._plan.description, self._seeds)
         return EvaluationFolder.create(settings.output, self._plan.description)
@@ -211,7 +210,7 @@ class EvaluateJob:
         waiting = collections.deque(
             (index, seed)
             for (condition, index), seed in self._seeds.items()
-            if condition == name and (condition, index) not in self._results
+            if condition == name and (condition, index) not in self._folder.results
         )
         if not waiting:
             return
@@ -220,13 +219,9 @@ class EvaluateJob:
             controller = PolicyController(environments, spec.find_policy())
             for index, episode in VectorRollout(environments, controller).play(waiting):
                 key = {"condition": name, "episode": index, "seed": spec.seed + index}
-                self._add(_result(environments, spec, episode, key))
-                bar.count(self._results[name, index].success)
-
-    def _add(self, result: EpisodeResult) -> None:
-        if self._folder:
-            self._folder.add(result)
-        self._results[result.condition, result.episode] = result
+                result = _result(environments, spec, episode, key)
+                self._folder.add(result)
+                bar.count(result.success)
 
     def _as_json(self, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         """Returns the description with the scores: those of the first condition at the top, all by condition below."""

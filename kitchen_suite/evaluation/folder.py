@@ -22,7 +22,7 @@ Key = tuple[str, int]
 
 
 class EvaluationFolder:
-    """Keeps the results of episodes, so that an interrupted evaluation can be continued.
+    """Keeps the results of episodes, in a folder if there is one, so that an interrupted evaluation can be continued.
 
     Attributes:
       results: of the finished episodes.
@@ -30,9 +30,9 @@ class EvaluationFolder:
 
     results: dict[Key, EpisodeResult]
 
-    def __init__(self, folder: Path) -> None:
-        """Names the folder; see `create` and `resume`."""
-        self._folder = folder
+    def __init__(self, folder: Path | None = None) -> None:
+        """Begins without results, which are lost at the end where there is no folder; see `create` and `resume`."""
+        self._path = folder and folder / EPISODES_FILE
         self.results = {}
 
     @classmethod
@@ -55,30 +55,27 @@ class EvaluationFolder:
         """
         _EVALUATION.resume(folder, _EVALUATION.load(folder), description)
         opened = cls(folder)
-        opened._read(seeds)
+        opened._read(folder / EPISODES_FILE, seeds)
         return opened
 
     def add(self, result: EpisodeResult) -> None:
         """Adds the result of an episode, a line at the end of the file."""
-        with self._path.open("ab") as file:
-            file.write(f"{result.line}\n".encode())
+        if self._path:
+            with self._path.open("ab") as file:
+                file.write(f"{result.line}\n".encode())
         self.results[result.condition, result.episode] = result
 
-    @property
-    def _path(self) -> Path:
-        return self._folder / EPISODES_FILE
-
-    def _read(self, seeds: Mapping[Key, int]) -> None:
+    def _read(self, path: Path, seeds: Mapping[Key, int]) -> None:
         """Reads the lines of the finished episodes; raises an OSError for a line that holds something else."""
-        if not self._path.exists():
+        if not path.exists():
             return
-        with files.reading(self._path, "the episodes of an evaluation"):
-            files.check_size(self._path.stat().st_size, _MAX_BYTES)
-            *lines, torn = self._path.read_bytes().split(b"\n")
+        with files.reading(path, "the episodes of an evaluation"):
+            files.check_size(path.stat().st_size, _MAX_BYTES)
+            *lines, torn = path.read_bytes().split(b"\n")
             results = [EpisodeResult.from_line(line) for line in lines]
             for result in results:
                 if seeds.get((result.condition, result.episode)) != result.seed:
                     raise ValueError(f"episode {result.episode} of {result.condition!r} is not of this evaluation")
         self.results = {(result.condition, result.episode): result for result in results}
         if torn:
-            os.truncate(self._path, self._path.stat().st_size - len(torn))
+            os.truncate(path, path.stat().st_size - len(torn))

@@ -72,18 +72,14 @@ class SuiteEnvConfig(EnvConfig):
 
         Threads step them, whatever `use_async_envs`.
         """
-        each = [self._make(spec, n_envs) for spec in self._specs()]
+        each = (
+            make_vector_env(spec, n_envs, num_threads=self.num_threads, render_mode=self.render_mode)
+            for spec in self._specs()
+        )
         return {self.domain_name: dict(enumerate(each))}
-
-    def _make(self, spec: EnvironmentSpec, count: int) -> LeRobotVectorEnv:
-        return make_vector_env(spec, count, num_threads=self.num_threads, render_mode=self.render_mode)
 
     def _specs(self) -> list[EnvironmentSpec]:
         """Returns a specification of the environments of each task."""
-        tasks = self.task.split(",") if self.task else [None]
-        return [self._spec(task) for task in tasks]
-
-    def _spec(self, task: str | None) -> EnvironmentSpec:
         settings = EpisodeSettings(
             domain_name=self.domain_name,
             task_kwargs=self.gym_kwargs,
@@ -91,12 +87,15 @@ class SuiteEnvConfig(EnvConfig):
             variations=self.variations,
             variation_split=self.variation_split,
         )
-        return EnvironmentSpec.make(
-            domain_name=self.domain_name,
-            task_name=task,
-            task_kwargs=settings.environment_kwargs,
-            max_episode_steps=self.max_episode_steps,
-        )
+        return [
+            EnvironmentSpec.make(
+                domain_name=self.domain_name,
+                task_name=task,
+                task_kwargs=settings.environment_kwargs,
+                max_episode_steps=self.max_episode_steps,
+            )
+            for task in (self.task.split(",") if self.task else [None])
+        ]
 
 
 def register(domain: Domain) -> type[SuiteEnvConfig]:

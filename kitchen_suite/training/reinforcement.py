@@ -1,10 +1,9 @@
 """Training by PPO: the learner in its environments, with cloning before it, and the settings of a run."""
 
 import collections
-import contextlib
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
@@ -61,11 +60,7 @@ class TaskBalance:
         return cls(task.requests) if task.requests.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
-        """Adds the episodes that have ended.
-
-        Args:
-          infos: last infos of episodes, with a leading axis.
-          ended: `(n,)`, which of them have ended.
+        """Adds the `ended` ones `(n,)` of episodes with given last infos.
 
         Returns:
           Successes of the tasks asked for, by the names of their curves.
@@ -173,13 +168,7 @@ class PPOLearner(Learner):
     def imitate(
         self, observations: NDArray[np.float32], actions: NDArray[np.float32], report: Callable[[float], None]
     ) -> None:
-        """Clones demonstrations; the next `value_batches` batches then train the value network alone.
-
-        Args:
-          observations: `(m, n)`, flat.
-          actions: `(m, k)`.
-          report: called after each pass over the demonstrations with its mean loss.
-        """
+        """Clones demonstrations, as `clone`; the next `value_batches` batches then train the value network alone."""
         clone(self.agent, observations, actions, self._config.clone_epochs, report)
         self._warm_up_values()
 
@@ -236,10 +225,8 @@ class PPOLearner(Learner):
         """Collects a batch and updates the networks with it.
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
-        warm-up): an untrained one would spoil the policy.
-
-        Returns:
-          Means by name: of the metrics of steps, of episodes that ended, and of the agent's own.
+        warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
+        that ended, and of the agent's own.
 
         Raises:
           DivergedError: the learning rate is too high, or rewards are too large.
@@ -254,11 +241,7 @@ class PPOLearner(Learner):
         return means
 
     def _collect(self) -> dict[str, float]:
-        """Makes the control steps of a batch.
-
-        Returns:
-          Means of the metrics of steps and of episodes that ended, by name.
-        """
+        """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
         self._batch.clear()
         collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for step in range(self._config.rollouts):
@@ -307,13 +290,7 @@ class PPOLearner(Learner):
 def make_spec(
     settings: TrainSettings, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
 ) -> EnvironmentSpec:
-    """Returns the specification of environments of the task, with which `kitchen-play` can play the policy.
-
-    Args:
-      settings: of the run.
-      task_kwargs: arguments of the environments.
-      max_episode_steps: the domain's when omitted.
-    """
+    """Returns the specification of environments of a run's task, with which `kitchen-play` can play the policy."""
     spec = EnvironmentSpec.make(
         domain_name=settings.domain_name,
         task_name=settings.task_name,
@@ -341,12 +318,7 @@ class PPOTraining(Training):
     title = "PPO"
 
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
-        """Makes the environments.
-
-        Args:
-          settings: of the run.
-          spec: of the environments that are evaluated in.
-        """
+        """Makes the environments; `spec` is that of the environments that are evaluated in."""
         if settings.schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
         if settings.num_demonstrations:
@@ -372,7 +344,12 @@ class PPOTraining(Training):
 
     def prepare(self, learner: PPOLearner) -> None:
         if self.demonstrations:
-            with _cloning_bar(self.config.clone_epochs) as report:
+            with tqdm(total=self.config.clone_epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
+
+                def report(loss: float) -> None:
+                    bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
+                    bar.update()
+
                 learner.imitate(*self.demonstrations, report)
 
     def close(self) -> None:
@@ -431,15 +408,3 @@ class PPOTraining(Training):
         if found != expected:
             raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
         return observations, actions
-
-
-@contextlib.contextmanager
-def _cloning_bar(epochs: int) -> Iterator[Callable[[float], None]]:
-    """Shows a progress bar; yields the function that takes the loss of each epoch."""
-    with tqdm(total=epochs, desc="cloning", unit="epoch", disable=None, leave=False) as bar:
-
-        def report(loss: float) -> None:
-            bar.set_postfix_str(f"loss {loss:.4f}", refresh=False)
-            bar.update()
-
-        yield report

@@ -70,12 +70,7 @@ class CurveWriter:
     """
 
     def __init__(self, folder: Path, *, first_step: int | None = None) -> None:
-        """Opens a new file.
-
-        Args:
-          folder: of the file.
-          first_step: TensorBoard then hides what earlier files in the folder hold from this step on.
-        """
+        """Opens a new file; TensorBoard hides what earlier files in the folder hold from `first_step` on."""
         seconds, nanoseconds = divmod(time.time_ns(), 10**9)
         name = f"events.out.tfevents.{seconds:010d}.{socket.gethostname()}.{os.getpid()}.{nanoseconds:09d}"
         self._writer = RecordWriter((folder / name).open("xb"))
@@ -102,6 +97,7 @@ class SeedRun:
 
     Attributes:
       resumed: whether the learner continues from a checkpoint.
+      best: success rate and mean return of the best evaluation so far.
     """
 
     def __init__(
@@ -120,14 +116,14 @@ class SeedRun:
           seed: of the learner.
           schedule: when to evaluate and when to stop.
           learner: new.
-          evaluation_environments: `eval_episodes` of them, with autoreset mode `Disabled`.
+          evaluation_environments: as many as the schedule has `eval_episodes`, with autoreset mode `Disabled`.
           metadata: of exported policies.
         """
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
         self._stopwatch = Stopwatch()
-        self._best, self._progress = (-1.0, 0.0), 0.0
+        self.best, self._progress = (-1.0, 0.0), 0.0
         # Success rates of the last two evaluations.
         self._successes: list[float] = []
         self.resumed = self._restore()
@@ -138,28 +134,21 @@ class SeedRun:
         return self._folder / POLICY_FILE
 
     @property
-    def best(self) -> tuple[float, float]:
-        """Success rate and mean return of the best evaluation so far."""
-        return self._best
-
-    @property
     def steps(self) -> int:
         """Control steps learned from so far."""
         return self._learner.steps
 
     def run(self, report: Callable[[str], None]) -> StopReason:
-        """Trains until there is a reason to stop.
-
-        Args:
-          report: called with a table row after each evaluation.
-        """
+        """Trains until there is a reason to stop; `report` is called with a table row after each evaluation."""
         reason = self._stop_reason()
         if self.resumed and reason:
             return reason
         self._stopwatch.start()
         if not reason:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
-        with contextlib.closing(self._open_writer()) as writer, self._progress_bar() as bar:
+        # The curves that an interrupted run wrote after its last checkpoint are hidden.
+        curves = CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
+        with contextlib.closing(curves) as writer, self._progress_bar() as bar:
             if not self.resumed:
                 self._evaluate_and_checkpoint(writer, report)
             while (reason := self._stop_reason()) is None:
@@ -199,7 +188,8 @@ class SeedRun:
         metrics = self._evaluate()
         self._stopwatch.read()
         times = {"minutes": self._stopwatch.seconds, "processor_minutes": self._stopwatch.processor_seconds}
-        writer.write({**_means(metrics), **{f"time/{name}": part / 60 for name, part in times.items()}}, self.steps)
+        means = {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in metrics.items()}
+        writer.write({**means, **{f"time/{name}": part / 60 for name, part in times.items()}}, self.steps)
         self._save_checkpoint()
         report(self._row(metrics))
 
@@ -212,13 +202,13 @@ class SeedRun:
         result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
         self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
         self._successes = [*self._successes[-1:], result[0]]
-        if result > self._best:
-            self._best = result
+        if result > self.best:
+            self.best = result
             self._save_policy(policy)
         return metrics
 
     def _save_policy(self, policy: StoredPolicy) -> None:
-        success, mean_return = self._best
+        success, mean_return = self.best
         training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
         metadata = {**policy.metadata, "training": training}
         policy.with_metadata(metadata).save(self.policy_file)
@@ -228,7 +218,7 @@ class SeedRun:
             **self._learner.state(),
             seconds=self._stopwatch.seconds,
             processor_seconds=self._stopwatch.processor_seconds,
-            best=self._best,
+            best=self.best,
             progress=self._progress,
             successes=self._successes,
         )
@@ -241,12 +231,8 @@ class SeedRun:
             return False
         self._learner.load_state(checkpoint)
         self._stopwatch = Stopwatch(checkpoint.seconds, checkpoint.processor_seconds)
-        self._best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
+        self.best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
         return True
-
-    def _open_writer(self) -> CurveWriter:
-        """Opens the curves; those that an interrupted run wrote after its last checkpoint are hidden."""
-        return CurveWriter(self._folder, first_step=self.steps + 1 if self.resumed else None)
 
     def _progress_bar(self) -> tqdm:
         return tqdm(
@@ -266,7 +252,3 @@ class SeedRun:
             f"{self._seed:4d}  {self.steps:11,d}  {self._stopwatch.seconds / 60:7.1f}  {means['episode/return']:9.1f}  "
             f"{means['episode/progress']:8.3f}  {means['episode/success']:7.0%}"
         )
-
-
-def _means(metrics: Mapping[str, NDArray]) -> dict[str, float]:
-    return {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in metrics.items()}

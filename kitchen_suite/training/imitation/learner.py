@@ -139,12 +139,7 @@ class ImitationTraining(Training):
     """The demonstrations and hyperparameters of a run by imitation."""
 
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
-        """Reads the demonstrations.
-
-        Args:
-          settings: of the run.
-          spec: of the environments that are evaluated in.
-        """
+        """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         name, folders = settings.algorithm, settings.demonstrations
         if not folders:
             raise ValueError(f"algorithm {name!r} needs --demonstrations, a folder written by kitchen-record")
