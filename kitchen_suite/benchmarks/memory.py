@@ -65,10 +65,7 @@ def _in_new_process(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
 def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) -> list[dict[str, Any]]:
     """Measures throughput by number of environments and threads, and memory per environment [MiB] on one thread.
 
-    Args:
-      domain: has the vectorised environments.
-      num_envs: numbers of environments.
-      num_steps: control steps of each measurement, over all environments.
+    Each measurement of throughput makes `num_steps` control steps, over all environments.
     """
     rows = []
     for name, count, threads in tqdm([*itertools.product(domain.vector_names, num_envs, NUM_THREADS)], disable=None):
@@ -85,10 +82,7 @@ def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) ->
 def soak(domain: BenchmarkDomain, num_envs: int, num_steps: int) -> dict[str, list[float]]:
     """Samples the memory [MiB] in the course of a long run of the suite's vectorised environments.
 
-    Args:
-      domain: has the vectorised environments; their episodes have the usual length.
-      num_envs: number of environments.
-      num_steps: control steps in total, rounded up to a multiple of the number of samples and environments.
+    `num_steps` is rounded up to a multiple of the number of samples and environments.
     """
     environments = domain.vector_env("vectorised", num_envs, NUM_THREADS[-1])
     rng = np.random.default_rng(0)

@@ -122,9 +122,7 @@ class FrameTimer:
 def suite_renderers(load: Callable[[str], Environment], size: int) -> dict[str, MujocoRenderer]:
     """Builds renderers of the suite's environments, camera `overview`; without the extra `pixels` none of light meshes.
 
-    Args:
-      load: builds an environment of a render quality.
-      size: width and height of the images [pixels].
+    `load` builds an environment of a render quality, `size` is width and height of the images [pixels].
     """
     environments = {HIGH: load("high")}
     with mock.patch.object(quality, "is_large", return_value=False):
@@ -143,11 +141,8 @@ def _renderer(environment: Environment, size: int) -> MujocoRenderer:
 def measure(renderers: Callable[[int], Mapping[str, MujocoRenderer]], *, rounds: int) -> list[dict[str, Any]]:
     """Measures all renderers in every round; returns the results for each of `SIZES`.
 
-    The best of the rounds counts, since other programs only make a frame slower.
-
-    Args:
-      renderers: builds renderers by name for a width and height of the images [pixels].
-      rounds: number of rounds.
+    `renderers` builds them by name for a width and height [pixels]. The best of the rounds counts, since other programs
+    only make a frame slower.
     """
     return [_measure_size(size, renderers(size), rounds) for size in SIZES]
 

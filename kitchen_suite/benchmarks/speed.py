@@ -23,16 +23,10 @@ _OVERHEAD_STEPS = 2_000
 
 
 def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds: int, steps: int) -> Rates:
-    """Measures the control steps per second of each case in each round.
+    """Measures the control steps per second of each case, by name, in each of some rounds of `steps` control steps.
 
     In a round every case runs one episode with the same actions; a vectorised case also uses actions of its own for its
     further environments. One more round, for warming up, comes first and does not count.
-
-    Args:
-      domain: draws the actions.
-      cases: by name.
-      rounds: number of rounds that count.
-      steps: control steps of an episode.
     """
     rng = np.random.default_rng(0)
     max_num_envs = max(max(case.num_envs, 1) for case in cases.values())
@@ -50,9 +44,7 @@ def measure_rates(domain: BenchmarkDomain, cases: Mapping[str, Case], *, rounds:
 def episode_rate(case: Case, actions: NDArray[np.float64]) -> float:
     """Measures the control steps per second of one episode, over all environments of a case.
 
-    Args:
-      case: to run.
-      actions: `(steps, m, n)`, of which the case uses the first columns of the second axis.
+    Of the actions `(steps, m, n)` the case uses the first columns of the second axis.
     """
     used = actions[:, : case.num_envs].copy() if case.num_envs else actions[:, 0].copy()
     start = time.perf_counter()
@@ -87,12 +79,9 @@ def named_ratios(rates: Rates, ratios: Mapping[str, tuple[str, str]]) -> dict[st
 
 
 def overhead(environment: Environment, adapter: gymnasium.Env, *, repeats: int) -> dict[str, float]:
-    """Measures the time of a control step without its physics [us]: the minimum over `repeats`.
+    """Measures the time of a control step without its physics [us]: the minimum over `repeats` measurements.
 
-    Args:
-      environment: the suite's, without a time limit.
-      adapter: a Gymnasium environment, which has another such environment.
-      repeats: number of measurements.
+    The environment, and that of the Gymnasium adapter, have no time limit.
     """
     environment.reset()
     adapter.reset()

@@ -163,12 +163,9 @@ class Difference(NamedTuple):
 
 
 def greatest_difference(one: mujoco.MjModel, other: mujoco.MjModel, *, physical: bool = False) -> Difference:
-    """Returns the greatest difference over the numbers of two models but those of texts and keyframes.
+    """Returns the greatest difference over the numbers of two models of a scene but those of texts and keyframes.
 
-    Args:
-      one: a model.
-      other: a model of the same scene.
-      physical: whether only those count that the physics depends on.
+    With `physical` only those count that the physics depends on.
     """
     numbers = _physical_numbers if physical else _numbers
     others = dict(numbers(other))

@@ -43,14 +43,7 @@ def format_heading(description: Mapping[str, Any]) -> str:
 
 
 def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[str, Any]) -> str:
-    """Returns the tables of one condition: its scores with intervals, and the rates of single tasks if there are any.
-
-    Args:
-      name: of the condition.
-      task_name: its task.
-      num_episodes: number of its episodes.
-      scores: as `results.score_episodes` returns them.
-    """
+    """Returns the tables of a condition: its scores with intervals, and the rates of single tasks if there are any."""
     title = task_name if name == task_name else f"{name} ({task_name})"
     intervals = scores["intervals"]
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]

@@ -113,14 +113,7 @@ class EpisodeResult:
 
     @classmethod
     def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **numbers: Any) -> "EpisodeResult":
-        """Returns the result of an episode of a task.
-
-        Args:
-          task: of the episode.
-          infos: its last infos, without leading axis.
-          control_steps: its length.
-          **numbers: further attributes.
-        """
+        """Returns the result of an episode of a task from its last infos, without leading axis."""
         completions = task.completions_in(infos)
         return cls(
             success=bool(infos["is_success"]),

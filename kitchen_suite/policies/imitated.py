@@ -62,12 +62,7 @@ class ImitatedPolicy(StoredPolicy):
 
     @abc.abstractmethod
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        """Returns the standardised actions `(chunk * k,)` of a chunk.
-
-        Args:
-          inputs: `(m,)`, standardised.
-          generator: that random numbers are drawn from.
-        """
+        """Returns the standardised actions `(chunk * k,)` of a chunk for standardised inputs `(m,)`."""
 
     @property
     def chunk(self) -> int:
@@ -226,11 +221,7 @@ class TokenPolicy(ImitatedPolicy):
 
 
 def time_features(time: Any) -> NDArray[np.float32]:
-    """Returns features `(..., 8)` of times in [0, 1]: sines and cosines of four frequencies.
-
-    Args:
-      time: a number, or an array `(..., 1)`.
-    """
+    """Returns features `(..., 8)` of times in [0, 1], a number or `(..., 1)`: sines and cosines of four frequencies."""
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
 

@@ -71,11 +71,9 @@ class ResidualNetwork(NamedTuple):
 
     @classmethod
     def take(cls, arrays: dict[str, NDArray], name: str) -> Self:
-        """Removes the arrays of a network from others, and returns the network; raises a ValueError for bad ones.
+        """Removes the arrays of a network, such as `<name>.blocks.0.first.weight`, from others; returns the network.
 
-        Args:
-          arrays: by name, such as `<name>.blocks.0.first.weight`.
-          name: of the network.
+        Raises a ValueError if an array is missing or unknown, or does not fit the others.
         """
         own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
         count = sum(key.endswith(".norm.weight") for key in own)

@@ -54,24 +54,13 @@ class PolicySource(abc.ABC):
     def __call__(
         self, environment: dm_env.Environment, generator: np.random.Generator, *args: Any, **options: Any
     ) -> Policy:
-        """Builds the policy for one episode.
-
-        Args:
-          environment: of the suite.
-          generator: source of the policy's random numbers.
-          *args: none.
-          **options: of the name.
-        """
+        """Builds the policy for an episode with the options of its name; random numbers come from the generator."""
 
     def check_installed(self, name: str) -> None:  # noqa: B027
         """Raises an ImportError if the policy `name` needs an extra that is not installed."""
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
-        """Returns the builder of the policies of several episodes, which reads a file once.
-
-        Args:
-          digest: SHA-256 that the file must have, if any.
-        """
+        """Returns the builder for several episodes, which reads a file once and checks its SHA-256 if one is given."""
         return self
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:

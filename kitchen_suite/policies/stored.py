@@ -70,11 +70,9 @@ class StoredPolicy(abc.ABC):
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
     ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        """Returns the policy of an episode; raises a ValueError if it does not fit the task.
+        """Returns the policy of an episode of a task; a ValueError if it does not fit the task.
 
-        Args:
-          task: that it acts in.
-          generator: of the episode, for policies that draw.
+        The generator is of the episode, for policies that draw.
         """
 
     @property
@@ -85,11 +83,9 @@ class StoredPolicy(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
-        """Returns the policy that a file holds; raises a ValueError if parts are missing, unknown or do not fit.
+        """Returns the policy with the arrays, which may be emptied, and the metadata of a file.
 
-        Args:
-          arrays: of the file, by name; may be emptied.
-          metadata: of the file.
+        Raises a ValueError if parts are missing or unknown, or do not fit the others.
         """
 
     @classmethod
@@ -119,13 +115,7 @@ class StoredPolicy(abc.ABC):
         return f"{task} with the task_kwargs {json.dumps(arguments)}" if arguments else task
 
     def _check(self, task: "SuiteTask", *, observed: int, expected: int) -> None:
-        """Checks that the sizes and the control mode are those of a task.
-
-        Args:
-          task: that the policy is to act in.
-          observed: number of elements of its observations that the policy takes.
-          expected: number of those that the task has.
-        """
+        """Raises a ValueError unless observed and expected numbers of elements agree, and the actions fit the task."""
         (size,) = task.mdp.action_mode.spec(task.robot).shape
         if (observed, self.action_size) != (expected, size):
             raise ValueError(
@@ -142,12 +132,7 @@ class StoredPolicy(abc.ABC):
         return arguments.get("control_mode") or next(iter(task.control_modes), task.mdp.action_mode.name)
 
     def _acting_in(self, task: "SuiteTask", act: Callable[[dm_env.TimeStep], NDArray]) -> Callable[..., NDArray]:
-        """Returns the policy of an episode of a task, which may have another control mode.
-
-        Args:
-          task: that it acts in.
-          act: returns the actions in the control mode that the policy was trained in.
-        """
+        """Returns the policy of an episode of a task, which may have another control mode than the actions of `act`."""
         convert = task.mdp.action_mode.conversion(self._control_mode(task))
         if not convert:
             return act

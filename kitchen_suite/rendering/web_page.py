@@ -37,12 +37,7 @@ class WebPage:
         return len(self._episodes)
 
     def add(self, recording: bytes, about: Mapping[str, Any]) -> None:
-        """Adds an episode.
-
-        Args:
-          recording: of `SceneRecorder`.
-          about: its name and its progress, as `web_page.html` reads them.
-        """
+        """Adds an episode: a recording of `SceneRecorder`, and its name and progress, as `web_page.html` reads them."""
         parts = list(_parts(recording))
         size = sum(map(len, parts)).to_bytes(8, "little")
         self._episodes.append({**about, "size": base64.b64encode(size).decode(), "chunks": [*map(self._chunk, parts)]})

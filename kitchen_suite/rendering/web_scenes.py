@@ -33,13 +33,7 @@ class WebScene:
     """The scene of a model in a server, seen through one of the model's cameras at first."""
 
     def __init__(self, server: "viser.ViserServer", physics: "mjcf.Physics", camera: int) -> None:
-        """Adds the scene.
-
-        Args:
-          server: that shows it.
-          physics: in the state that is shown first.
-          camera: id of the camera.
-        """
+        """Adds the scene of the present state to a server, seen through the camera of an id."""
         # mjviser changes the model's colours of contacts, and shows no geom that is fully transparent.
         self._model = copy.copy(physics.model.ptr)
         self._appearance = {name: getattr(self._model, name).copy() for name in _APPEARANCE}

@@ -206,13 +206,7 @@ def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
 
 
 def _check(name: str, value: object, kind: Any) -> None:
-    """Raises a TypeError or ValueError for a hyperparameter of another type or out of its range.
-
-    Args:
-      name: of the hyperparameter.
-      value: as read from JSON.
-      kind: its type: int, float, or a tuple of them.
-    """
+    """Raises a TypeError or ValueError for a value, as read from JSON, of another type or out of range."""
     if not (elements := get_args(kind)):
         _check_number(name, value, kind, positive=name in _POSITIVE)
     elif isinstance(value, list) and value:

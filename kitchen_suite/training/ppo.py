@@ -51,13 +51,7 @@ class GaussianPolicy(torch.nn.Module):
     scale: torch.Tensor
 
     def __init__(self, observation_size: int, scale: torch.Tensor, config: Hyperparameters) -> None:
-        """Builds the network.
-
-        Args:
-          observation_size: number of elements of an observation.
-          scale: `(k,)`, action for network outputs of one.
-          config: hyperparameters of the hidden layers and of exploration.
-        """
+        """Builds the network, with the hidden layers and the exploration of the hyperparameters."""
         super().__init__()
         self.network = build_network([observation_size, *config.hidden, scale.numel()])
         self.log_deviation = torch.nn.Parameter(torch.full(scale.shape, math.log(config.exploration)))
@@ -234,16 +228,7 @@ class Agent:
     """
 
     def __init__(self, observation_size: int, action_space: spaces.Box, config: Hyperparameters) -> None:
-        """Builds networks, scalers and optimiser.
-
-        Args:
-          observation_size: length of the flat observation.
-          action_space: of one environment.
-          config: the hyperparameters.
-
-        Raises:
-          ValueError: the hyperparameter `action_scale` does not fit the action space.
-        """
+        """Builds networks, scalers and optimiser for flat observations and the actions of one environment."""
         if action_space.shape != (len(config.action_scale),):
             raise ValueError(f"action_scale must have {action_space.shape[0]} numbers, got {config.action_scale}")
         self._config = config
@@ -288,17 +273,10 @@ class Agent:
         return self.policy.explore(self.observation_scaler(observations))
 
     def update(self, batch: Batch, *, values_only: bool = False) -> dict[str, float]:
-        """Learns from a batch.
+        """Learns from a full batch, whose observations are then added to the standardisation; returns metrics by name.
 
-        The learning rate of the value network restarts with each update; both are adapted to the divergence.
-
-        Args:
-          batch: full; its observations are added to the standardisation afterwards.
-          values_only: whether the policy stays as it is, and with it the learning rates: without divergence, they would
-            rise.
-
-        Returns:
-          Metrics of the update, by name.
+        The learning rate of the value network restarts with each update; both are adapted to the divergence. With
+        `values_only` the policy stays as it is, and with it the learning rates: without divergence, they would rise.
         """
         self.optimizer.param_groups[1]["lr"] = self._config.value_learning_rate
         self.policy.requires_grad_(not values_only)

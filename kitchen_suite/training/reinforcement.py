@@ -141,12 +141,9 @@ class PPOLearner(Learner):
     """
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
-        """Builds the agent.
+        """Builds the agent; the seed is of the networks and of exploration.
 
-        Args:
-          environments: `num_envs` of them, with autoreset mode `SameStep`.
-          config: the hyperparameters.
-          seed: of the networks and of exploration.
+        There must be `num_envs` environments, with autoreset mode `SameStep`.
         """
         torch.manual_seed(seed)
         self._environments, self._config = environments, config
@@ -183,10 +180,8 @@ class PPOLearner(Learner):
     def start(self, seed: int) -> None:
         """Starts episodes at evenly spread times, so that a batch has steps from all parts of an episode.
 
-        The observations made meanwhile fit the standardisation, unless cloning or a checkpoint has set it.
-
-        Args:
-          seed: of the first environment; each further environment has the next seed.
+        The environments have seeds from `seed` on. The observations made meanwhile fit the standardisation, unless
+        cloning or a checkpoint has set it.
         """
         environments, count = self._environments, self._environments.num_envs
         # Rewards may depend on the steps made before an interruption.

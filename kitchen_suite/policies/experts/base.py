@@ -68,12 +68,7 @@ class Expert(abc.ABC):
 
     @classmethod
     def for_task(cls, task: Any, **options: Any) -> Self:
-        """Builds the expert for a task from the task's settings; it never reads the physics.
-
-        Args:
-          task: of the expert's domain.
-          **options: arguments of the class; they replace the settings of the task.
-        """
+        """Builds the expert for a task from the task's settings, with other options as `make`."""
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
         expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
@@ -207,10 +202,7 @@ def make_policy(
 ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
     """Builds a policy that maps time steps to the expert's actions, and resets the expert at each first time step.
 
-    Args:
-      environment: of the suite.
-      generator: source of jitter and action noise.
-      **options: see `make`.
+    `generator` is the source of jitter and action noise; options as of `make`.
     """
     expert, flatten = make(environment.task, **options), environment.task.policy_inputs.flatten
 

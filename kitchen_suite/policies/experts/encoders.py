@@ -128,12 +128,7 @@ class ActionEncoder(abc.ABC):
         """
 
     def applied(self, positions: Array, action: Array) -> None:  # noqa: B027
-        """Updates the memory of the mode after an action.
-
-        Args:
-          positions: observed positions of the robot's joints before it [rad, m].
-          action: the action, within its bounds.
-        """
+        """Updates the memory of the mode after an action within its bounds at observed joint positions [rad, m]."""
 
 
 def gripper_action(fingers: float) -> float:
@@ -271,14 +266,7 @@ class JointEncoder(ActionEncoder):
     """An encoder of a mode that commands joints."""
 
     def __init__(self, mode: Any, arm: ArmModel, *, speed: float = np.inf, scale: float = 1.0) -> None:
-        """Sets the speed limits.
-
-        Args:
-          mode: the control mode.
-          arm: the robot.
-          speed: greatest speed of any joint in the mode [rad / control step].
-          scale: factor of the joint speeds.
-        """
+        """Sets the speed limits: those of the arm times `scale`, and at most `speed` [rad / control step]."""
         super().__init__(mode, arm)
         speeds = tuple(min(float(each), speed) for each in np.array(arm.joint_speed) * scale)
         self.limits = JointSpeedLimits(joint_speed=speeds, timestep=arm.timestep)
@@ -373,12 +361,7 @@ ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = 
 
 
 def make_encoder(mode: ActionMode, arm: ArmModel) -> ActionEncoder:
-    """Builds the encoder of a control mode.
-
-    Args:
-      mode: an instance of one of the classes in `ENCODERS`.
-      arm: the robot and its control.
-    """
+    """Builds the encoder of a control mode, an instance of one of the classes in `ENCODERS`."""
     if type(mode) not in ENCODERS:
         names = ", ".join(each.__name__ for each in ENCODERS)
         raise ValueError(f"the experts cannot act in control mode {type(mode).__name__}, only in {names}")

@@ -44,12 +44,7 @@ class ArmKinematics:
     """
 
     def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
-        """Builds the kinematics of a robot at its site in an arena.
-
-        Args:
-          build_arena: class of the arena.
-          spec: of the robot.
-        """
+        """Builds the kinematics of a robot at its site in an arena of a class."""
         self._model, self._site, base = _robot_model(build_arena, spec)
         self._configuration = mink.Configuration(self._model)
         self.base = self._configuration.get_transform_frame_to_world(base, "body")

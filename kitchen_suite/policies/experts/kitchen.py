@@ -309,13 +309,9 @@ class ObservedLayout:
         self.size = max((part.stop for part in slices.values()), default=0) if self.slices else 0
 
     def frame(self, task: str, extras: Array) -> mink.SE3 | None:
-        """Returns the transform of a task's poses, from the default layout to the observed one.
+        """Returns the transform of a task's poses, from the default layout to that in the extra observables `(size,)`.
 
         The transform is for planning with the robot's base at its default pose. It is None if no pose is observed.
-
-        Args:
-          task: name of the task.
-          extras: `(size,)`, the extra observables.
         """
         if not self.slices:
             return None

@@ -111,11 +111,8 @@ class Door:
     ) -> Skill:
         """Skill that grasps the bar of the closed door and swings the door open to an angle [rad].
 
-        Args:
-          angle: to open it to.
-          orientation: of the hand at the grasp.
-          ik_seed: see `Skill`.
-          element: index of the door's angle among the positions of the joints of the task's goal.
+        The orientation is that of the hand at the grasp. `element` is the index of the door's angle among the positions
+        of the joints of the task's goal.
         """
         moves = grasp(self.bar, orientation, (0.13, 0.08, 0.01), settle_steps=4)
         return Skill(
@@ -127,12 +124,9 @@ class Door:
         )
 
     def shut(self, opening: float, orientation: HandOrientation, ik_seed: tuple[float, ...]) -> Skill:
-        """Skill that grasps the bar of the open door and swings the door shut.
+        """Skill that grasps the bar of the door at its usual opening [rad] and swings the door shut.
 
-        Args:
-          opening: usual angle of the open door [rad].
-          orientation: of the hand at the grasp, at that angle.
-          ik_seed: see `Skill`.
+        The orientation is that of the hand at the grasp, at that opening.
         """
         back = mink.SO3.exp(-opening * np.array(UP))
         return self.opened(0.0, HandOrientation.from_rotation(back @ orientation.rotation), ik_seed)
@@ -200,9 +194,7 @@ def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Sk
 def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2.40)) -> Skill:
     """Skill that pushes the left door, which stands ajar, wide open from behind its edge.
 
-    Args:
-      orientation: of the hand.
-      free: position of the finger tips before they move behind the door [m].
+    The finger tips are at `free` before they move behind the door [m].
     """
     height = 2.44
     behind = ((-0.60, 0.55, height), (-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height))
@@ -216,11 +208,8 @@ def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2
 def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Skill:
     """Skill that opens the left door, most of whose arc is out of reach of a grasp.
 
-    The hand grasps the lower end of the bar with the finger tips, pulls the door ajar, and then pushes it from behind.
-
-    Args:
-      orientation: of the hand at the grasp.
-      behind: of the hand behind the door.
+    The hand grasps the lower end of the bar with the finger tips, pulls the door ajar, and then pushes it from behind,
+    where its orientation is `behind`.
     """
     aside = behind.standoff_position((-0.70, 0.36, 2.42), TIP)
     moves: tuple[Move | ArcMove, ...] = (
@@ -427,12 +416,7 @@ _BESIDE_DOOR = (0.0, 0.40, 2.33)
 
 
 def slide_skill(skill: Skill, door: float) -> Skill:
-    """Returns the skill for the slide cabinet, which goes round the right door of the hinge cabinet if it is open.
-
-    Args:
-      skill: for a closed door.
-      door: angle of that door [rad].
-    """
+    """Returns the skill for the slide cabinet; it goes round the hinge cabinet's right door if that is open [rad]."""
     if door < _IN_THE_WAY:
         return skill
     first = next(move for move in skill.moves if isinstance(move, Move))

@@ -201,9 +201,7 @@ def _is_open(observation: Array) -> bool:
 def _handle_rotation(offset: Array, hand: mink.SO3) -> mink.SO3:
     """Rotation of the handle in the world, with a quaternion w that is not negative, so that rotations have a mean.
 
-    Args:
-      offset: observed difference of the handle's and the hand's quaternion, x, y, z, w.
-      hand: rotation of the hand in the world.
+    The offset is the observed difference of the handle's and the hand's quaternion, x, y, z, w.
     """
     x, y, z, w = offset
     difference = np.array([w, x, y, z])

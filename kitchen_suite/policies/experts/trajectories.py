@@ -164,15 +164,7 @@ def plan_retreat(
     joints: Array,
     fingers: float,
 ) -> JointTrajectory:
-    """Plans the hand's retreat after a skill.
-
-    Args:
-      kinematics: of the arm.
-      limits: speed limits of the joints.
-      skill: the displacement of the site, and the time to open the fingers before.
-      joints: present joint positions `(7,)` [rad].
-      fingers: present opening of each finger [m].
-    """
+    """Plans the hand's retreat after a skill, from joint positions `(7,)` [rad] and an opening of each finger [m]."""
     pose, retreat = kinematics.forward(joints), mink.SE3.from_translation(np.array(skill.retreat))
     opening = OPEN if skill.release_steps else fingers
     builder = _TrajectoryBuilder(kinematics, limits, joints)
@@ -220,13 +212,8 @@ class _TrajectoryBuilder:
     def add_arc(self, move: ArcMove, joint: Revolute, angle: float, frame: mink.SE3 | None) -> None:
         """Adds an arc around a revolute joint, from its present angle [rad] to the angle of the move.
 
-        In a frame of its own it ends where the hand cannot follow it: a door need not open all the way.
-
-        Args:
-          move: the motion.
-          joint: the joint, in the frame of the skill.
-          angle: present angle of the joint [rad].
-          frame: pose of the skill's frame in the world; the world frame if omitted.
+        In a skill's frame of its own, whose pose in the world is `frame`, it ends where the hand cannot follow it: a
+        door need not open all the way.
         """
         start, arc = self._pose, move.angle - angle
         count = max(1, int(np.ceil(abs(arc) / _ARC_SPACING)))

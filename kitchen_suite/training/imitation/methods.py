@@ -43,14 +43,7 @@ class TorchNetwork(torch.nn.Module):
     """An affine map, residual blocks, and another affine map."""
 
     def __init__(self, inputs: int, outputs: int, *, width: int, blocks: int) -> None:
-        """Builds the network.
-
-        Args:
-          inputs: number of values that it takes.
-          outputs: number of values that it returns.
-          width: number of values between the blocks.
-          blocks: number of blocks.
-        """
+        """Builds the network from `inputs` to `outputs` values, with blocks of `width` values between them."""
         super().__init__()
         self.input = torch.nn.Linear(inputs, width)
         self.blocks = torch.nn.Sequential(*(TorchBlock(width) for _ in range(blocks)))
@@ -80,13 +73,7 @@ class Method(torch.nn.Module, abc.ABC):
 
     @abc.abstractmethod
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
-        """Returns the loss `()` of a batch.
-
-        Args:
-          inputs: `(b, m)`.
-          chunks: `(b, n)`.
-          step: number of the step of the optimiser, from 0.
-        """
+        """Returns the loss `()` of inputs `(b, m)` and chunks `(b, n)` in a step of the optimiser, counted from 0."""
 
     def tables(self) -> dict[str, NDArray[np.float32]]:
         """Returns the policy's arrays beside those of networks."""
