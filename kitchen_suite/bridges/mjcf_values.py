@@ -9,10 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-# Attributes of MJCF elements by name.
-_Attributes = Mapping[str, Any]
-# Returns the attributes of the element of a number in a model.
-_Reader = Callable[[mujoco.MjModel, int], _Attributes]
+# Returns the attributes of the element of a number in a model that a field determines.
+_Reader = Callable[[mujoco.MjModel, str, int], Mapping[str, Any]]
 
 # Attributes that give an orientation in place of a quaternion.
 _ORIENTATIONS = ("axisangle", "euler", "xyaxes", "zaxis")
@@ -30,17 +28,17 @@ _INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
 _PARTS = ("opt", "stat", "vis")
 
 
-def _row(field: str, attribute: str) -> _Reader:
-    """Returns a reader of a row of a field."""
-    return lambda model, number: {attribute: np.array(getattr(model, field)[number])}
+def _row(attribute: str) -> _Reader:
+    """Returns a reader of a row."""
+    return lambda model, field, number: {attribute: np.array(getattr(model, field)[number])}
 
 
-def _of_joint(field: str, attribute: str) -> _Reader:
+def _of_joint(attribute: str) -> _Reader:
     """Returns a reader of a field of degrees of freedom, which those of a joint share."""
-    return lambda model, joint: {attribute: getattr(model, field)[model.jnt_dofadr[joint]].item()}
+    return lambda model, field, joint: {attribute: getattr(model, field)[model.jnt_dofadr[joint]].item()}
 
 
-def _inertial(model: mujoco.MjModel, body: int) -> _Attributes:
+def _inertial(model: mujoco.MjModel, field: str, body: int) -> Mapping[str, Any]:
     return {
         "mass": model.body_mass[body].item(),
         "diaginertia": np.array(model.body_inertia[body]),
@@ -49,57 +47,25 @@ def _inertial(model: mujoco.MjModel, body: int) -> _Attributes:
     }
 
 
-def _material(model: mujoco.MjModel, geom: int) -> _Attributes:
-    return {"material": model.material(model.geom_matid[geom]).name}
-
-
-# Kinds of elements by namespace: MuJoCo's type, and readers by the fields that each reads.
-_KINDS: Mapping[str, tuple[mujoco.mjtObj, Mapping[str, _Reader]]] = MappingProxyType(
+# Namespaces of the elements that fields belong to, and readers, by field.
+_FIELDS: Mapping[str, tuple[str, _Reader]] = MappingProxyType(
     {
-        "body": (
-            mujoco.mjtObj.mjOBJ_BODY,
-            {
-                "body_pos": _row("body_pos", "pos"),
-                "body_quat": _row("body_quat", "quat"),
-                "body_mass": _inertial,
-                "body_inertia": _inertial,
-            },
-        ),
-        "joint": (
-            mujoco.mjtObj.mjOBJ_JOINT,
-            {
-                "dof_damping": _of_joint("dof_damping", "damping"),
-                "dof_frictionloss": _of_joint("dof_frictionloss", "frictionloss"),
-            },
-        ),
-        "geom": (
-            mujoco.mjtObj.mjOBJ_GEOM,
-            {
-                "geom_friction": _row("geom_friction", "friction"),
-                "geom_matid": _material,
-                "geom_rgba": _row("geom_rgba", "rgba"),
-            },
-        ),
-        "actuator": (
-            mujoco.mjtObj.mjOBJ_ACTUATOR,
-            # Position servos, whose gain is `kp`.
-            {"actuator_gainprm": lambda model, number: {"kp": model.actuator_gainprm[number, 0].item()}},
-        ),
-        "material": (mujoco.mjtObj.mjOBJ_MATERIAL, {"mat_rgba": _row("mat_rgba", "rgba")}),
-        "light": (
-            mujoco.mjtObj.mjOBJ_LIGHT,
-            {
-                **{f"light_{name}": _row(f"light_{name}", name) for name in ("ambient", "diffuse", "dir", "specular")},
-            },
-        ),
-        "camera": (
-            mujoco.mjtObj.mjOBJ_CAMERA,
-            {
-                "cam_pos": _row("cam_pos", "pos"),
-                "cam_quat": _row("cam_quat", "quat"),
-                "cam_fovy": lambda model, number: {"fovy": model.cam_fovy[number].item()},
-            },
-        ),
+        "body_pos": ("body", _row("pos")),
+        "body_quat": ("body", _row("quat")),
+        "body_mass": ("body", _inertial),
+        "body_inertia": ("body", _inertial),
+        "dof_damping": ("joint", _of_joint("damping")),
+        "dof_frictionloss": ("joint", _of_joint("frictionloss")),
+        "geom_friction": ("geom", _row("friction")),
+        "geom_matid": ("geom", lambda model, field, geom: {"material": model.material(model.geom_matid[geom]).name}),
+        "geom_rgba": ("geom", _row("rgba")),
+        # Position servos, whose gain is `kp`.
+        "actuator_gainprm": ("actuator", lambda model, field, number: {"kp": getattr(model, field)[number, 0].item()}),
+        "mat_rgba": ("material", _row("rgba")),
+        **{f"light_{name}": ("light", _row(name)) for name in ("ambient", "diffuse", "dir", "specular")},
+        "cam_pos": ("camera", _row("pos")),
+        "cam_quat": ("camera", _row("quat")),
+        "cam_fovy": ("camera", lambda model, field, number: {"fovy": model.cam_fovy[number].item()}),
     }
 )
 
@@ -114,12 +80,13 @@ def write_values(root: Any, built: mujoco.MjModel, live: mujoco.MjModel) -> None
       built: model compiled from it.
       live: the same model with other values.
     """
-    for namespace, (kind, readers) in _KINDS.items():
-        elements = {element.full_identifier: element for element in root.find_all(namespace)}
-        for field, reader in readers.items():
-            for number in _differing(namespace, field, built, live):
-                element = elements[mujoco.mj_id2name(live, kind, number)]
-                _set(element, reader(live, number), inertial=reader is _inertial)
+    namespaces = {namespace for namespace, _ in _FIELDS.values()}
+    elements = {(each, element.full_identifier): element for each in namespaces for element in root.find_all(each)}
+    for field, (namespace, reader) in _FIELDS.items():
+        kind = getattr(mujoco.mjtObj, f"mjOBJ_{namespace.upper()}")
+        for number in _differing(namespace, field, built, live):
+            element = elements[namespace, mujoco.mj_id2name(live, kind, number)]
+            _set(element, reader(live, field, number), inertial=reader is _inertial)
 
 
 def _differing(namespace: str, field: str, built: mujoco.MjModel, live: mujoco.MjModel) -> list[int]:
@@ -131,7 +98,7 @@ def _differing(namespace: str, field: str, built: mujoco.MjModel, live: mujoco.M
     return rows.tolist()
 
 
-def _set(element: Any, attributes: _Attributes, *, inertial: bool) -> None:
+def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None:
     if inertial:
         if element.inertial is not None:
             element.inertial.remove()
