@@ -12,7 +12,7 @@ from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, local_server
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.single_rollout import SingleRollout
+from kitchen_suite.rollouts.rollout import SingleRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS

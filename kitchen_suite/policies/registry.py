@@ -31,7 +31,7 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
 # Packages that the extra `experts` installs.
-_EXPERT_PACKAGES = ("daqp", "mink")
+EXPERT_PACKAGES = ("daqp", "mink")
 
 # Characters of a policy with options; there is room for the path of a file.
 _MAX_LENGTH = 5_000
@@ -112,7 +112,7 @@ class ExpertSource(PolicySource):
         return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
 
     def check_installed(self, name: str) -> None:
-        checks.installed(_EXPERT_PACKAGES, f"policy {name!r}", "experts")
+        checks.installed(EXPERT_PACKAGES, f"policy {name!r}", "experts")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
         from kitchen_suite.policies import experts

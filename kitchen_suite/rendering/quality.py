@@ -24,7 +24,7 @@ MAX_FACES = 1_400
 # its default of 7 by 3 mm, and curved surfaces get visible edges.
 _AGGRESSION = 3
 
-_PACKAGES = ("fast-simplification", "trimesh")
+PACKAGES = ("fast-simplification", "trimesh")
 
 # A binary STL file has a header with the number of faces in its last four bytes, and then 50 bytes for each face.
 _HEADER, _FACE = 84, 50
@@ -38,7 +38,7 @@ _NUM_SLICES, _NUM_STACKS, _NUM_QUADS = 20, 4, 1
 
 def missing_packages() -> list[str]:
     """Returns the packages of the extra `pixels` that are not installed."""
-    return [name for name in _PACKAGES if not _version(name)]
+    return [name for name in PACKAGES if not _version(name)]
 
 
 def is_large(stl: bytes) -> bool:
@@ -80,7 +80,7 @@ def _cache_path(stl: bytes) -> Path | None:
         root = Path(folder) if os.path.isabs(folder) else Path.home() / ".cache"
     except RuntimeError:  # The user has no home.
         return None
-    settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in _PACKAGES))
+    settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
     digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
     return root / "kitchen-suite" / "light-meshes" / f"{digest}.npz"
 

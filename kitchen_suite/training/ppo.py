@@ -280,7 +280,7 @@ class Agent:
         """
         self.optimizer.param_groups[1]["lr"] = self._config.value_learning_rate
         self.policy.requires_grad_(not values_only)
-        samples, metrics = self._samples(batch), collections.defaultdict[str, list[float]](list)
+        samples, metrics = self.samples(batch), collections.defaultdict[str, list[float]](list)
         for _ in range(self._config.learning_epochs):
             order = torch.randperm(len(samples[0]))
             size = len(order) // self._config.mini_batches
@@ -300,8 +300,11 @@ class Agent:
         return {name: float(np.mean(values)) for name, values in metrics.items()}
 
     @torch.no_grad()
-    def _samples(self, batch: Batch) -> list[torch.Tensor]:
-        """Returns the arguments of `_step` for all control steps of a batch."""
+    def samples(self, batch: Batch) -> list[torch.Tensor]:
+        """Returns what the optimiser learns from in a batch, whose returns are added to their statistics.
+
+        Each row is of a control step; the order is that of the arguments of `_step`.
+        """
         config = self._config
         observations = self.observation_scaler(torch.cat([batch.observations, batch.next_observations[None]]))
         outputs = self.value(observations)

@@ -17,8 +17,8 @@ from tqdm import tqdm
 from kitchen_suite import checks, suite
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
-from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.rollouts.rollout import Controller, NetworkController
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
@@ -138,6 +138,7 @@ class PPOLearner(Learner):
 
     Attributes:
       agent: the PPO agent.
+      batch: the control steps that were learned from last.
     """
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
@@ -152,7 +153,7 @@ class PPOLearner(Learner):
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
         self._observations = torch.empty(0)
-        self._batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
+        self.batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
         self._task: SuiteTask = environments.composer_task
         self._balance = TaskBalance.of(self._task)
         # Whether the standardisation of observations has been fitted.
@@ -228,7 +229,7 @@ class PPOLearner(Learner):
         """
         means = self._collect()
         started = time.perf_counter()
-        means |= self.agent.update(self._batch, values_only=self.warmup_batches > 0)
+        means |= self.agent.update(self.batch, values_only=self.warmup_batches > 0)
         means["time/update_milliseconds"] = 1000 * (time.perf_counter() - started)
         self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
@@ -237,17 +238,17 @@ class PPOLearner(Learner):
 
     def _collect(self) -> dict[str, float]:
         """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
-        self._batch.clear()
+        self.batch.clear()
         collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for step in range(self._config.rollouts):
             for name, values in self._step(step).items():
                 collected[name].append(values)
-        self._batch.next_observations.copy_(self._observations)
+        self.batch.next_observations.copy_(self._observations)
         return {name: float(np.concatenate(parts).mean()) for name, parts in collected.items()}
 
     def _step(self, step: int) -> dict[str, NDArray]:
         """Makes a control step in all environments and adds it to the batch; returns its metrics."""
-        batch = self._batch
+        batch = self.batch
         batch.observations[step] = self._observations
         batch.actions[step], batch.log_densities[step] = self.agent.explore(self._observations)
         observations, rewards, terminations, truncations, infos = self._environments.step(

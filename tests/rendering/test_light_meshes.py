@@ -78,7 +78,7 @@ def test_a_light_mesh_is_made_once(cache, monkeypatch):
     made = light_meshes.light_stl(stl())
     (file,) = cache.iterdir()
     assert 800 <= num_faces(made) <= light_meshes.MAX_FACES
-    monkeypatch.setattr(light_meshes, "_decimate", pytest.fail)
+    monkeypatch.setattr("trimesh.load_mesh", pytest.fail)
     assert light_meshes.light_stl(stl()) == made
     assert [*cache.iterdir()] == [file]
 
@@ -108,7 +108,7 @@ def test_files_of_other_meshes_or_settings_are_not_used(cache, monkeypatch):
     assert other != first
     monkeypatch.setattr(light_meshes, "MAX_FACES", 900)
     assert num_faces(light_meshes.light_stl(stl())) <= 900
-    monkeypatch.setattr(light_meshes, "_version", lambda package: "0.0")
+    monkeypatch.setattr("importlib.metadata.version", lambda package: "0.0")
     light_meshes.light_stl(stl())
     assert len([*cache.iterdir()]) == 4
 
@@ -157,14 +157,14 @@ def test_a_mesh_that_also_collides_stays_as_it_is():
 
 
 def test_without_the_extra_meshes_stay_and_a_warning_names_it(monkeypatch):
-    monkeypatch.setattr(light_meshes, "_PACKAGES", ("fast-simplification", "no-such-package"))
+    monkeypatch.setattr(light_meshes, "PACKAGES", ("fast-simplification", "no-such-package"))
     with pytest.warns(UserWarning, match=r"which need no-such-package: pip install 'kitchen-suite\[pixels\]'"):
         faces = mesh_faces("fast")
     assert faces == mesh_faces("high")
 
 
 def test_without_visuals_nothing_is_missed(monkeypatch, cache):
-    monkeypatch.setattr(light_meshes, "_PACKAGES", ("no-such-package",))
+    monkeypatch.setattr(light_meshes, "PACKAGES", ("no-such-package",))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mesh_faces("fast", visuals=False)

@@ -336,12 +336,12 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
     envs.step = recorded
     update, samples = taught.agent.update, []
     taught.agent.update = lambda batch, **options: (
-        samples.append(taught.agent._samples(batch)) or update(batch, **options)
+        samples.append(taught.agent.samples(batch)) or update(batch, **options)
     )
     taught.learn()
     del envs.step
     envs.close()
-    batch = taught._batch
+    batch = taught.batch
     truncations = [(t, i) for t, (_, infos) in enumerate(seen) for i in np.flatnonzero(infos.get("_final_obs", []))]
     assert len(truncations) == BATCH // 5 or len(truncations) > 8
     steps, indices, last = batch.last_observations()
