@@ -13,7 +13,7 @@ from kitchen_suite.rendering.viser_servers import HOST, local_server
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import SingleRollout
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
@@ -155,13 +155,7 @@ class LiveEpisode:
 
     def __init__(self, settings: ViewSettings) -> None:
         """Builds environment and policy, and starts the episode of the settings' seed."""
-        environments = EnvironmentSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            max_episode_steps=settings.max_episode_steps,
-        )
-        spec = environments.episodes(policy=settings.policy, seed=settings.seed, seeding="gymnasium")
+        spec = EpisodeSpec.of(settings, seeding="gymnasium")
         quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": settings.render_quality}
         self._rollout = SingleRollout(spec.prepared(), visuals=True, **quality)
         self._max_steps = spec.max_episode_steps
