@@ -4,13 +4,13 @@ import walks
 
 # A change that needs a higher ceiling raises it here, and says why.
 CEILINGS = {
-    "files of the walk step": 15,
-    "files of the walk vector_step": 13,
-    "files of the walk recording": 72,
+    "files of the walk step": 14,
+    "files of the walk vector_step": 14,
+    "files of the walk recording": 60,
     "members of KitchenTask": 60,
     "classes of KitchenTask": 4,
-    "files of source": 173,
-    "lines of source": 29_500,
+    "files of source": 170,
+    "lines of source": 27_500,
 }
 
 
