@@ -77,19 +77,6 @@ def grasp(
     )
 
 
-def carry(bar: Vector, orientation: HandOrientation, *, lift: float, displacement: Vector) -> tuple[Move, ...]:
-    """Moves that grasp a level bar, lift it [m] and carry it along a displacement [m]."""
-    moves = grasp(bar, orientation, (0.15, 0.09, 0.01), settle_steps=5)
-    x, y, z = moves[-1].position
-    up = (x, y, z + lift)
-    to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
-    return (
-        *moves,
-        Move(position=up, orientation=orientation, fingers=CLOSED),
-        Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
-    )
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Door:
     """A door that the hand swings by its upright bar.
@@ -155,6 +142,34 @@ _HINGE_CABINET = Door(
 def _kettle(x: float, y: float) -> Prismatic:
     """The joint of a kettle that stands at x and y at the start [m]."""
     return Prismatic(elements=(0, 1, 2), initial_position=(x, y, 1.62))
+
+
+def _carry_kettle(
+    x: float,
+    y: float,
+    orientation: HandOrientation,
+    ik_seed: tuple[float, ...],
+    *,
+    lift: float,
+    displacement: Vector,
+    retreat: Vector,
+) -> Skill:
+    """Skill that grasps the handle of a kettle that stands at x and y, lifts it and carries it [m]."""
+    moves = grasp((x, y, 1.879), orientation, (0.15, 0.09, 0.01), settle_steps=5)
+    hand_x, hand_y, hand_z = moves[-1].position
+    up = (hand_x, hand_y, hand_z + lift)
+    to = (up[0] + displacement[0], up[1] + displacement[1], up[2] + displacement[2])
+    return Skill(
+        moves=(
+            *moves,
+            Move(position=up, orientation=orientation, fingers=CLOSED),
+            Move(position=to, orientation=orientation, fingers=CLOSED, speed=0.4),
+        ),
+        ik_seed=ik_seed,
+        object_joint=_kettle(x, y),
+        retreat=retreat,
+        release_steps=4,
+    )
 
 
 def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: float) -> Skill:
@@ -277,14 +292,14 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
             object_joint=_kettle(-0.269, 0.35),
             retreat=(0.0, -0.05, 0.05),
         ),
-        "return kettle": Skill(
-            moves=carry(
-                (-0.23, 0.75, 1.879), orientations["return kettle"], lift=0.03, displacement=(-0.04, -0.40, 0.0)
-            ),
-            ik_seed=_AT_KETTLE,
-            object_joint=_kettle(-0.23, 0.75),
+        "return kettle": _carry_kettle(
+            -0.23,
+            0.75,
+            orientations["return kettle"],
+            _AT_KETTLE,
+            lift=0.03,
+            displacement=(-0.04, -0.40, 0.0),
             retreat=(0.0, -0.10, 0.0),
-            release_steps=4,
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
         "microwave": _MICROWAVE.opened(-1.0, orientations["microwave"], _AT_MICROWAVE),
@@ -381,22 +396,13 @@ Where a door is swung shut, the hand begins in that orientation.
 # The hand comes from the left; pushes would have to come from the right, around the kettle.
 _FROM_LEFT = HandOrientation(approach=direction(49, -1), spread=UP)
 
-
-def _carry_skill(ik_seed: tuple[float, ...], displacement: Vector) -> Skill:
-    """Skill that carries the kettle by its handle along a displacement [m]."""
-    return Skill(
-        moves=carry((-0.269, 0.35, 1.879), _FROM_LEFT, lift=0.02, displacement=displacement),
-        ik_seed=ik_seed,
-        object_joint=_kettle(-0.269, 0.35),
-        retreat=(-0.07, -0.07, 0.0),
-        release_steps=4,
-    )
-
-
 # Skills for a kettle on one of the right burners, from near to far.
-KETTLE_SKILLS = (
-    _carry_skill((-1.09, -1.12, 2.46, -2.96, -0.98, 0.93, 1.76), (-0.36, 0.36, 0.0)),
-    _carry_skill((-1.97, -1.70, 1.85, -1.88, -0.56, 1.36, 0.79), (-0.38, -0.03, 0.0)),
+KETTLE_SKILLS = tuple(
+    _carry_kettle(-0.269, 0.35, _FROM_LEFT, ik_seed, lift=0.02, displacement=displacement, retreat=(-0.07, -0.07, 0.0))
+    for ik_seed, displacement in (
+        ((-1.09, -1.12, 2.46, -2.96, -0.98, 0.93, 1.76), (-0.36, 0.36, 0.0)),
+        ((-1.97, -1.70, 1.85, -1.88, -0.56, 1.36, 0.79), (-0.38, -0.03, 0.0)),
+    )
 )
 
 # The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
