@@ -4,7 +4,6 @@ import collections
 import json
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -389,18 +388,16 @@ class PPOTraining(Training):
         return policy
 
     def _load_demonstrations(self) -> tuple[NDArray, NDArray] | None:
-        """Returns the observations and actions to clone, if any; raises as `_load`."""
+        """Returns the observations and actions to clone, if any; raises as `load_to_clone`."""
         if not self._settings.demonstrations:
             return None
-        loaded = zip(*map(self._load, self._settings.demonstrations), strict=True)
-        observations, actions = map(np.concatenate, loaded)
-        return observations, actions
-
-    def _load(self, folder: Path) -> tuple[NDArray, NDArray]:
-        """Returns the observations and actions of a recording; raises as `load_to_clone`."""
-        observations, actions = load_to_clone(folder, self._spec)
-        space, shape = self.environments.single_observation_space, self.environments.single_action_space.shape
-        found, expected = (observations.shape[1:], actions.shape[1:]), ((spaces.flatdim(space),), shape)
-        if found != expected:
-            raise ValueError(f"{folder} holds observations and actions of shapes {found}, but this task has {expected}")
+        size = spaces.flatdim(self.environments.single_observation_space)
+        expected = (size,), self.environments.single_action_space.shape
+        loaded = [load_to_clone(folder, self._spec) for folder in self._settings.demonstrations]
+        for folder, arrays in zip(self._settings.demonstrations, loaded, strict=True):
+            if (found := tuple(array.shape[1:] for array in arrays)) != expected:
+                raise ValueError(
+                    f"{folder} holds observations and actions of shapes {found}, but this task has {expected}"
+                )
+        observations, actions = map(np.concatenate, zip(*loaded, strict=True))
         return observations, actions

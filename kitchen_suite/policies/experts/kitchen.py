@@ -161,21 +161,16 @@ class KitchenExpert(Expert):
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
-        self._set_tasks(self._order)
-
-    def _set_tasks(self, tasks: Sequence[str]) -> None:
-        """Sets the tasks to be done; the first of the remaining ones is under way."""
-        self._tasks, self._remaining = tuple(tasks), collections.deque(tasks)
+        # All tasks to be done, and those that remain, of which the first is under way.
+        self._tasks: tuple[str, ...] = ()
+        self._remaining: collections.deque[str] = collections.deque()
 
     def _robot_positions(self, observation: Array) -> Array:
         return observation[_ROBOT]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
-        if self._trajectory is None:
-            self._set_tasks(requested)
-            return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
-        if requested != self._tasks:
+        if self._trajectory is None or requested != self._tasks:
             return self._turn_to(requested, observation, joints)
         distance = distances[self._remaining[0]] if self._remaining else None
         if self._is_strict:
@@ -193,13 +188,16 @@ class KitchenExpert(Expert):
 
     def _requested(self, observation: Array) -> tuple[str, ...]:
         """Returns the tasks that an observation asks for, in the order in which to do them."""
-        count = self._num_requests
-        return requested_in(self._order, self._goals.tasks, observation[-count:]) if count else self._order
+        if not self._num_requests:
+            return self._order
+        requests = zip(self._goals.tasks, observation[-self._num_requests :] > 0.5, strict=True)
+        wanted = {task for task, is_asked in requests if is_asked}
+        return tuple(task for task in self._order if task in wanted)
 
-    def _turn_to(self, tasks: Sequence[str], observation: Array, joints: Array) -> JointTrajectory:
-        """Leaves what is under way for other tasks."""
+    def _turn_to(self, tasks: tuple[str, ...], observation: Array, joints: Array) -> JointTrajectory:
+        """Begins with tasks, and leaves for them what is under way."""
         retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
-        self._set_tasks(tasks)
+        self._tasks, self._remaining = tasks, collections.deque(tasks)
         return self._then_first_task(retreat, observation)
 
     def _resume_from_rest(
@@ -373,9 +371,3 @@ def _elements() -> Mapping[str, NDArray[np.int64]]:
 def achieved(task: str, observation: Array) -> Array:
     """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
     return observation[_OBJECTS][_elements()[task]]
-
-
-def requested_in(order: Sequence[str], tasks: Sequence[str], requested: Array) -> tuple[str, ...]:
-    """Returns the tasks of `order` that an observation `requested_tasks` `(n,)` of the `n` tasks asks for."""
-    wanted = {task for task, is_asked in zip(tasks, requested > 0.5, strict=True) if is_asked}
-    return tuple(task for task in order if task in wanted)
