@@ -5,7 +5,7 @@ import collections
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -478,18 +478,21 @@ class SuiteTask(composer.Task):
         self.publish(physics)
 
 
-class GoalHighlighting:
-    """Colours of the objects of some tasks: their own, or green."""
+class Highlighting:
+    """Colours of objects: their own, or green."""
 
-    def __init__(self, physics: mjcf.Physics, scene: Scene, goals: GoalSet) -> None:
-        """Finds the geoms that move with each task's joints, and stores their own colours."""
-        self._physics = physics
-        self._geoms = [
-            [geom for joint in goal.joints_in(scene) for geom in joint.parent.find_all("geom")] for goal in goals.goals
-        ]
-        self._own_rgba = [np.array(physics.bind(geoms).rgba) for geoms in self._geoms]
+    def __init__(self, physics: mjcf.Physics, objects: Iterable[Sequence[mjcf.Element]]) -> None:
+        """Stores the own colours of the geoms of some objects."""
+        self._physics, self._objects = physics, tuple(objects)
+        self._own_rgba = [np.array(physics.bind(geoms).rgba) for geoms in self._objects]
 
-    def update(self, within: Iterable[bool]) -> None:
-        """Colours the objects of tasks `within` their thresholds green, and restores the others' own colours."""
-        for geoms, own_rgba, is_within in zip(self._geoms, self._own_rgba, within, strict=True):
-            self._physics.bind(geoms).rgba = SUCCESS_RGBA if is_within else own_rgba
+    @classmethod
+    def of_goals(cls, physics: mjcf.Physics, scene: Scene, goals: GoalSet) -> Self:
+        """Returns the colours of the geoms that move with the joints of each goal."""
+        joints = (goal.joints_in(scene) for goal in goals.goals)
+        return cls(physics, [[geom for joint in each for geom in joint.parent.find_all("geom")] for each in joints])
+
+    def update(self, successes: Iterable[bool]) -> None:
+        """Colours the objects of successes green, and restores the others' own colours."""
+        for geoms, own_rgba, is_success in zip(self._objects, self._own_rgba, successes, strict=True):
+            self._physics.bind(geoms).rgba = SUCCESS_RGBA if is_success else own_rgba

@@ -20,7 +20,7 @@ from kitchen_suite.tasks.kitchen.observation import KitchenObservables, KitchenS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
-from kitchen_suite.tasks.task import Completions, GoalHighlighting, Metrics, PolicyInputs, SuiteTask
+from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
 
@@ -286,7 +286,7 @@ class KitchenTask(SuiteTask):
         return state if self.requests.order is None else self.mdp.with_request(state, self.requests.order)
 
     def bind(self, physics: mjcf.Physics) -> None:
-        self._highlighting = GoalHighlighting(physics, self.scene, self.mdp.goals)
+        self._highlighting = Highlighting.of_goals(physics, self.scene, self.mdp.goals)
         self._starts = starts(self.mdp.goals, self.scene, physics)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:

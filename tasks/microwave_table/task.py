@@ -25,7 +25,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     SIZE,
     MicrowaveTableMDP,
 )
-from kitchen_suite.tasks.task import GoalHighlighting, Metrics, PolicyInputs, SuiteTask
+from kitchen_suite.tasks.task import Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -156,7 +156,7 @@ class MicrowaveTableTask(SuiteTask):
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)
-        self._highlighting = GoalHighlighting(physics, self.scene, self._goals)
+        self._highlighting = Highlighting.of_goals(physics, self.scene, self._goals)
 
     def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""

@@ -20,26 +20,20 @@ from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMES
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
-from kitchen_suite.tasks.task import SUCCESS_RGBA, Metrics, PolicyInputs, SuiteTask
+from kitchen_suite.tasks.task import Highlighting, Metrics, PolicyInputs, SuiteTask
 
 # Instructions by drawer; see `tasks.goals`.
 INSTRUCTIONS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "top": (
-            "open the top drawer of the cabinet",
-            "open the upper drawer of the cabinet",
-            "pull the top drawer of the cabinet open",
-            "pull out the top drawer by its handle",
-        ),
-        "bottom": (
-            "open the bottom drawer of the cabinet",
-            "open the lower drawer of the cabinet",
-            "pull the bottom drawer of the cabinet open",
-            "pull out the bottom drawer by its handle",
-        ),
+        drawer: (
+            f"open the {drawer} drawer of the cabinet",
+            f"open the {synonym} drawer of the cabinet",
+            f"pull the {drawer} drawer of the cabinet open",
+            f"pull out the {drawer} drawer by its handle",
+        )
+        for drawer, synonym in (("top", "upper"), ("bottom", "lower"))
     }
 )
-
 
 # Greatest noise on each joint at the start [rad, m].
 RESET_NOISE = 0.125
@@ -173,8 +167,7 @@ class OpenCabinetTask(SuiteTask):
         return (("drawer",), arrays[key][:, np.newaxis]) if key in arrays else None
 
     def bind(self, physics: mjcf.Physics) -> None:
-        self._handle = self.scene.cabinet.handle_geoms(self.drawer)
-        self._plain_rgba = np.array(physics.bind(self._handle).rgba)
+        self._highlighting = Highlighting(physics, [self.scene.cabinet.handle_geoms(self.drawer)])
         self._joint_qpos = columns(physics.bind(self.scene.robot.joints).qposadr)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -213,4 +206,4 @@ class OpenCabinetTask(SuiteTask):
         """Updates the observation and, given a physics, the handle's colour."""
         self._observables.update(self.state.observation, self.state.noise)
         if self._visualize_reward and physics is not None:
-            physics.bind(self._handle).rgba = SUCCESS_RGBA if self.is_success else self._plain_rgba
+            self._highlighting.update([self.is_success])

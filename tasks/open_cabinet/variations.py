@@ -64,14 +64,14 @@ CAMERA = appearance.cameras("overview", "handle", "franka/wrist", "franka/hand")
 VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
 
 
-# Kinds of the parameters by attribute of `Randomization`, in the order in which they are drawn.
-_TYPES: Mapping[str, ParameterType] = MappingProxyType(
+# Kind and name of the parameter of each attribute of `Randomization`, in the order in which they are drawn.
+_PARAMETERS: Mapping[str, tuple[ParameterType, str]] = MappingProxyType(
     {
-        "cabinet_offset": kinds.POSITION_OFFSET,
-        "cabinet_yaw": kinds.YAW,
-        "drawer_friction": kinds.JOINT_FRICTION,
-        "drawer_damping": kinds.JOINT_DAMPING,
-        "pad_friction": kinds.SLIDING_FRICTION,
+        "cabinet_offset": (kinds.POSITION_OFFSET, "{cabinet}/offset"),
+        "cabinet_yaw": (kinds.YAW, "{cabinet}/yaw"),
+        "drawer_friction": (kinds.JOINT_FRICTION, "{cabinet}/drawer_{drawer}_friction"),
+        "drawer_damping": (kinds.JOINT_DAMPING, "{cabinet}/drawer_{drawer}_damping"),
+        "pad_friction": (kinds.SLIDING_FRICTION, "{robot}/pad_friction"),
     }
 )
 
@@ -99,7 +99,7 @@ class Randomization:
 
     def __post_init__(self) -> None:
         for name, each in self.by_name.items():
-            distributions.draws_fit(each, _TYPES[name], f"randomization's {name}")
+            distributions.draws_fit(each, _PARAMETERS[name][0], f"randomization's {name}")
 
     @classmethod
     def make(cls, value: object) -> "Randomization":
@@ -121,29 +121,29 @@ class Randomization:
             raise TypeError(f"randomization must be a Randomization, a dict or the name of a preset, got {value!r}")
         wanted = value or {}
         for name in wanted:
-            checks.choice(name, _TYPES.keys(), "randomization's parameter")
+            checks.choice(name, _PARAMETERS.keys(), "randomization's parameter")
         return cls(
-            **{name: distributions.parse(wanted[name], _TYPES[name], f"randomization's {name}") for name in wanted}
+            **{
+                name: distributions.parse(wanted[name], _PARAMETERS[name][0], f"randomization's {name}")
+                for name in wanted
+            }
         )
 
     @property
     def by_name(self) -> dict[str, Any]:
         """The variations by attribute; those that are None are left out."""
-        return {name: getattr(self, name) for name in _TYPES if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in _PARAMETERS if getattr(self, name) is not None}
 
     def draws(self, scene: OpenCabinetScene, drawer: str) -> dict[str, Draw]:
         """Returns what a reset draws by attribute, in a scene whose `top` or `bottom` drawer is to be opened."""
         offered = {parameter.name: parameter for parameter in (*scene.cabinet.parameters, *scene.robot.parameters)}
-        cabinet, robot = scene.cabinet.mjcf_model.model, scene.robot.mjcf_model.model
-        names = {
-            "cabinet_offset": f"{cabinet}/offset",
-            "cabinet_yaw": f"{cabinet}/yaw",
-            "drawer_friction": f"{cabinet}/drawer_{drawer}_friction",
-            "drawer_damping": f"{cabinet}/drawer_{drawer}_damping",
-            "pad_friction": f"{robot}/pad_friction",
-        }
+        owners = {"cabinet": scene.cabinet.mjcf_model.model, "robot": scene.robot.mjcf_model.model, "drawer": drawer}
         return {
-            name: Draw(parameter=offered[names[name]], variation=each, label=f"randomization's {name}")
+            name: Draw(
+                parameter=offered[_PARAMETERS[name][1].format(**owners)],
+                variation=each,
+                label=f"randomization's {name}",
+            )
             for name, each in self.by_name.items()
         }
 
