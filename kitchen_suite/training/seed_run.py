@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
@@ -37,29 +38,6 @@ class StopReason(enum.Enum):
     STEPS = "all steps were made"
     TARGET = "the target was reached"
     NO_PROGRESS = "there was no progress"
-
-
-class Stopwatch:
-    """Measures the duration of a run that may be interrupted.
-
-    Attributes:
-      seconds: duration at the last reading [s].
-      processor_seconds: processor time of all threads at the last reading [s].
-    """
-
-    def __init__(self, seconds: float = 0.0, processor_seconds: float = 0.0) -> None:
-        """Continues from a reading."""
-        self.seconds, self.processor_seconds = seconds, processor_seconds
-
-    def start(self) -> None:
-        """Starts the measurement."""
-        self._started = time.perf_counter() - self.seconds
-        self._processor_started = time.process_time() - self.processor_seconds
-
-    def read(self) -> None:
-        """Updates the attributes."""
-        self.seconds = time.perf_counter() - self._started
-        self.processor_seconds = time.process_time() - self._processor_started
 
 
 class CurveWriter:
@@ -122,7 +100,8 @@ class SeedRun:
         self._folder, self._seed, self._schedule = folder, seed, schedule
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
-        self._stopwatch = Stopwatch()
+        # Duration and processor time of all threads until the last evaluation [s].
+        self._seconds = np.zeros(2)
         self.best, self._progress = (-1.0, 0.0), 0.0
         # Success rates of the last two evaluations.
         self._successes: list[float] = []
@@ -143,7 +122,7 @@ class SeedRun:
         reason = self._stop_reason()
         if self.resumed and reason:
             return reason
-        self._stopwatch.start()
+        self._started = _clocks() - self._seconds
         if not reason:
             self._learner.start(_TRAINING_SEEDS + self._seed * 1_000_000 + self.steps % 1_000_000)
         # The curves that an interrupted run wrote after its last checkpoint are hidden.
@@ -185,27 +164,33 @@ class SeedRun:
 
     def _evaluate_and_checkpoint(self, writer: CurveWriter, report: Callable[[str], None]) -> None:
         """Evaluates the policy; writes its metrics, a checkpoint and a table row."""
-        metrics = self._evaluate()
-        self._stopwatch.read()
-        times = {"minutes": self._stopwatch.seconds, "processor_minutes": self._stopwatch.processor_seconds}
-        means = {name.replace("episode/", "evaluation/"): float(values.mean()) for name, values in metrics.items()}
-        writer.write({**means, **{f"time/{name}": part / 60 for name, part in times.items()}}, self.steps)
+        means = self._evaluate()
+        self._seconds = _clocks() - self._started
+        minutes, processor_minutes = (self._seconds / 60).tolist()
+        curves = {name.replace("episode/", "evaluation/"): mean for name, mean in means.items()}
+        times = {"time/minutes": minutes, "time/processor_minutes": processor_minutes}
+        writer.write({**curves, **times}, self.steps)
         self._save_checkpoint()
-        report(self._row(metrics))
+        # In the columns of `HEADING`.
+        report(
+            f"{self._seed:4d}  {self.steps:11,d}  {minutes:7.1f}  {means['episode/return']:9.1f}  "
+            f"{means['episode/progress']:8.3f}  {means['episode/success']:7.0%}"
+        )
 
-    def _evaluate(self) -> dict[str, NDArray]:
-        """Evaluates the policy, saves it if it is the best so far, and returns the metrics `(n,)` of the episodes."""
+    def _evaluate(self) -> dict[str, float]:
+        """Evaluates the policy, saves it if it is the best so far, and returns the means of the episodes' metrics."""
         policy = self._learner.export(self._metadata)
         controller = self._learner.controller(policy, self._evaluation_environments)
         seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._schedule.eval_episodes)]
         metrics = evaluate(controller, self._evaluation_environments, seeds)
-        result = float(metrics["episode/success"].mean()), float(metrics["episode/return"].mean())
-        self._progress = max(self._progress, float(metrics["episode/progress"].mean()))
+        means = {name: float(values.mean()) for name, values in metrics.items()}
+        result = means["episode/success"], means["episode/return"]
+        self._progress = max(self._progress, means["episode/progress"])
         self._successes = [*self._successes[-1:], result[0]]
         if result > self.best:
             self.best = result
             self._save_policy(policy)
-        return metrics
+        return means
 
     def _save_policy(self, policy: StoredPolicy) -> None:
         success, mean_return = self.best
@@ -214,10 +199,11 @@ class SeedRun:
         policy.with_metadata(metadata).save(self.policy_file)
 
     def _save_checkpoint(self) -> None:
+        seconds, processor_seconds = self._seconds.tolist()
         checkpoint = Checkpoint(
             **self._learner.state(),
-            seconds=self._stopwatch.seconds,
-            processor_seconds=self._stopwatch.processor_seconds,
+            seconds=seconds,
+            processor_seconds=processor_seconds,
             best=self.best,
             progress=self._progress,
             successes=self._successes,
@@ -230,7 +216,7 @@ class SeedRun:
         if checkpoint is None:
             return False
         self._learner.load_state(checkpoint)
-        self._stopwatch = Stopwatch(checkpoint.seconds, checkpoint.processor_seconds)
+        self._seconds = np.array([checkpoint.seconds, checkpoint.processor_seconds])
         self.best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
         return True
 
@@ -245,10 +231,7 @@ class SeedRun:
             leave=False,
         )
 
-    def _row(self, metrics: Mapping[str, NDArray]) -> str:
-        """Returns the row of an evaluation, in the columns of `HEADING`."""
-        means = {name: values.mean() for name, values in metrics.items()}
-        return (
-            f"{self._seed:4d}  {self.steps:11,d}  {self._stopwatch.seconds / 60:7.1f}  {means['episode/return']:9.1f}  "
-            f"{means['episode/progress']:8.3f}  {means['episode/success']:7.0%}"
-        )
+
+def _clocks() -> NDArray[np.float64]:
+    """Returns the readings of the clocks of time and of this process's processor time [s]."""
+    return np.array([time.perf_counter(), time.process_time()])
