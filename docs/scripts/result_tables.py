@@ -396,6 +396,6 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
         for domain, record in suite.DOMAINS.items()
         if record.benchmark
-        for measure in benchmark_job.TABLES
+        for measure in benchmark_job.MEASURES
     },
 }
