@@ -68,7 +68,7 @@ class EpisodeState(NamedTuple):
     """All that later steps of an episode depend on, beside physics and random state.
 
     Attributes:
-      mdp: state of the task's MDP; None before the first reset.
+      mdp_state: state of the task's MDP; None before the first reset.
       command: memory of the control mode from earlier actions, such as a commanded pose; None if it has none.
       sensing: variation of sensing in the episode; None if there is none.
       variation: infos on the variation of the episode; empty if nothing varies.
@@ -76,7 +76,7 @@ class EpisodeState(NamedTuple):
       target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
     """
 
-    mdp: Any = None
+    mdp_state: Any = None
     command: Any = None
     sensing: Sensing | None = None
     variation: Mapping[str, Any] = {}
@@ -99,8 +99,8 @@ class EpisodeState(NamedTuple):
 
     def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
         """Returns the state with fields of an earlier state of the MDP, where a mask `(...)` is True."""
-        kept = {name: np.where(where, getattr(before, name), getattr(self.mdp, name)) for name in names}
-        return self._replace(mdp=self.mdp._replace(**kept)) if kept else self
+        kept = {name: np.where(where, getattr(before, name), getattr(self.mdp_state, name)) for name in names}
+        return self._replace(mdp_state=self.mdp_state._replace(**kept)) if kept else self
 
     def repeated(self, count: int) -> Self:
         """Returns the state of one episode for `count` of them: arrays with a new first axis."""
@@ -139,13 +139,13 @@ class Stepper:
           action: `(..., k)`.
           draw: `(...)`, from U(0, 1), or `MEDIAN`, for the control mode.
         """
-        target, command = self.mdp.action_mode.control(self.simulation, state.mdp, state.command, action, draw)
+        target, command = self.mdp.action_mode.control(self.simulation, state.mdp_state, state.command, action, draw)
         sensing, ctrl = state.sensing, target
         if sensing is not None:
             ctrl, sensing = sensing.delayed(target), sensing._replace(target=target)
         # `_replace` takes twice as long, here and below.
         return EpisodeState(
-            mdp=state.mdp,
+            mdp_state=state.mdp_state,
             command=command,
             sensing=sensing,
             variation=state.variation,
@@ -164,10 +164,10 @@ class Stepper:
         assert state.action is not None, "act first"
         assert state.target is not None, "act first"
         after = self.mdp.step(
-            state.mdp, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
+            state.mdp_state, action=state.action, target=state.target, reading=reading, draws=state.scaled(draws)
         )
         return EpisodeState(
-            mdp=after,
+            mdp_state=after,
             command=state.command,
             sensing=state.sensing,
             variation=state.variation,

@@ -275,7 +275,7 @@ class SuiteTask(composer.Task):
     @property
     def state(self) -> Any:
         """The MDP's state of the present episode; arrays without leading axes, not to be written to."""
-        return self.episode.mdp
+        return self.episode.mdp_state
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -325,7 +325,7 @@ class SuiteTask(composer.Task):
     def reset_statistics(self) -> None:
         """Resets all memory of earlier episodes, so that a run does not depend on earlier ones."""
         zeros = {name: np.zeros_like(getattr(self.state, name)) for name in self.mdp.persistent}
-        self.episode = self.episode._replace(mdp=self.state._replace(**zeros))
+        self.episode = self.episode._replace(mdp_state=self.state._replace(**zeros))
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         """Moves robot and objects to the positions and velocities of a recorded observation.
@@ -450,13 +450,13 @@ class SuiteTask(composer.Task):
 
     def _start(self, physics: mjcf.Physics, draws: NDArray[np.float64]) -> None:
         """Sets the state before the first step; `draws` as in `MDP.initial_state`."""
-        mdp, before = self.mdp, self.episode.mdp
+        mdp, before = self.mdp, self.episode.mdp_state
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
         start = EpisodeState(
             sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
         )
-        start = start._replace(mdp=self.initial_state(start.scaled(draws)))
+        start = start._replace(mdp_state=self.initial_state(start.scaled(draws)))
         self._set_episode(start if before is None else start.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
 
@@ -468,11 +468,11 @@ class SuiteTask(composer.Task):
 
     def set_mdp_state(self, state: Any, physics: mjcf.Physics | None = None) -> None:
         """Sets the MDP's state, and publishes it."""
-        self._set_episode(self.episode._replace(mdp=state), physics)
+        self._set_episode(self.episode._replace(mdp_state=state), physics)
 
     def _set_episode(self, episode: EpisodeState, physics: mjcf.Physics | None) -> None:
         """Sets the state of the episode, and publishes it."""
-        self.episode, state = episode, episode.mdp
+        self.episode, state = episode, episode.mdp_state
         # composer asks twice.
         self._terminates, self.truncates = bool(self.mdp.terminates(state)), bool(self.mdp.truncates(state))
         self.publish(physics)

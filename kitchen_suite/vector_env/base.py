@@ -166,7 +166,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
-        return self._episodes.observation(), self._episodes.state.mdp, self._pictures.take()
+        return self._episodes.observation(), self._episodes.state.mdp_state, self._pictures.take()
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the infos of all environments but those on the variation, in fresh arrays with a leading axis."""

@@ -21,11 +21,11 @@ class FrankaOpenCabinetVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     @property
     def total_steps(self) -> NDArray[np.int64]:
         """Control steps `(n,)` over all episodes of each environment, since it was built or statistics were reset."""
-        return self._episodes.state.mdp.total_steps.copy()
+        return self._episodes.state.mdp_state.total_steps.copy()
 
     @total_steps.setter
     def total_steps(self, value: NDArray[np.int64]) -> None:
-        self._episodes.state.mdp.total_steps[:] = value
+        self._episodes.state.mdp_state.total_steps[:] = value
 
 
 # VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.

@@ -105,11 +105,6 @@ def variation_requests(
     }
 
 
-def repeat(state: Any, count: int) -> Any:
-    """Returns the state of one episode `count` times, along a new first axis of every array."""
-    return tree.map_structure(lambda array: np.repeat(np.asarray(array)[np.newaxis], count, axis=0), state)
-
-
 def row(observations: Any, i: int) -> Any:
     """Returns a copy of the observation of environment `i`."""
     return tree.map_structure(lambda array: array[i].copy(), observations)

@@ -90,7 +90,7 @@ class BatchEpisodes:
         model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
-            self._model_fields[name] = checks.repeat(getattr(model, name), count)
+            self._model_fields[name] = np.repeat(getattr(model, name)[np.newaxis], count, axis=0)
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._shown_variation: dict[str, Any] | None = None
@@ -108,7 +108,7 @@ class BatchEpisodes:
     def reset_statistics(self, mask: NDArray[np.bool_] | None, total_steps: int) -> None:
         """Resets the statistics over episodes where the mask `(n,)` is True, or everywhere."""
         for name in self._mdp.persistent:
-            getattr(self.state.mdp, name)[slice(None) if mask is None else mask] = total_steps
+            getattr(self.state.mdp_state, name)[slice(None) if mask is None else mask] = total_steps
 
     def request(self, variations: Mapping[int, VariationRequest], own: Mapping[int, Any]) -> None:
         """Makes the next start of episodes follow checked requests, by index: for variations, and the task's."""
@@ -122,7 +122,7 @@ class BatchEpisodes:
         environment, self._shown_variation = self._environment, None
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
-        kept = {name: getattr(self.state.mdp, name)[indices] for name in self._mdp.persistent}
+        kept = {name: getattr(self.state.mdp_state, name)[indices] for name in self._mdp.persistent}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
             if i in self._requests:
@@ -137,7 +137,7 @@ class BatchEpisodes:
             if self._extras:
                 self._extra_values[i] = self._extras.values
         for name, values in kept.items():
-            getattr(self.state.mdp, name)[indices] = values
+            getattr(self.state.mdp_state, name)[indices] = values
         self.steps[mask] = 0
         self.has_moved |= mask
         if self._mdp.action_mode.reads_derived:
@@ -169,14 +169,15 @@ class BatchEpisodes:
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
         after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), self._draws)
-        self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp, ~alive)
+        self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
-        return np.where(alive, mdp.reward(after.mdp), 0.0), (mdp.terminates(after.mdp) & alive) | diverged, diverged
+        rewards = np.where(alive, mdp.reward(after.mdp_state), 0.0)
+        return rewards, (mdp.terminates(after.mdp_state) & alive) | diverged, diverged
 
     def truncates(self) -> NDArray[np.bool_] | bool:
         """Returns whether `(n,)` the last step truncated an episode, whatever the time limit."""
-        return self._mdp.truncates(self.state.mdp)
+        return self._mdp.truncates(self.state.mdp_state)
 
     def _draw_actions(self, stepping: NDArray[np.bool_]) -> NDArray[np.float64] | float:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
@@ -193,14 +194,14 @@ class BatchEpisodes:
 
     def observation(self) -> NDArray:
         """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""
-        flat = self._mdp.observation(self._simulation, self.state.mdp)
+        flat = self._mdp.observation(self._simulation, self.state.mdp_state)
         if not self._extras:
             return flat
         return np.concatenate([flat, self._extra_values], axis=-1, dtype=flat.dtype, casting="same_kind")
 
     def info(self) -> dict[str, Any]:
         """Returns the infos of the MDP, and the number of steps as `episode_step`: fresh arrays `(n, ...)`."""
-        return {**self._mdp.info(self.state.mdp), "episode_step": self.steps.copy()}
+        return {**self._mdp.info(self.state.mdp_state), "episode_step": self.steps.copy()}
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""

@@ -57,19 +57,18 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     @property
     def _orders(self) -> NDArray[np.int64]:
         """Places `(n, m)` of the tasks in the order that each environment asks for; with `tasks_per_episode` only."""
-        return self._episodes.state.mdp.requested_order
+        return self._episodes.state.mdp_state.requested_order
 
     def _each(self, name: str) -> tuple[Any, ...]:
         if name not in _WORDS or self._mdp.task_draw is None:
             return super()._each(name)
-        instructions = [
-            self._task.requests.instructions_in(order) for order in self._mdp.current_order(self._episodes.state.mdp)
-        ]
+        orders = self._mdp.current_order(self._episodes.state.mdp_state)
+        instructions = [self._task.requests.instructions_in(order) for order in orders]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        progress, goals = self._episodes.state.mdp.progress, self._mdp.goals
+        progress, goals = self._episodes.state.mdp_state.progress, self._mdp.goals
         lists = {
             TO_COMPLETE: [goals.names(row) for row in progress.remaining],
             STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],

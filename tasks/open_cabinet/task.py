@@ -148,7 +148,7 @@ class OpenCabinetTask(SuiteTask):
     @total_steps.setter
     def total_steps(self, value: int) -> None:
         count = checks.integer(value, "total_steps", minimum=0)
-        self.episode = self.episode._replace(mdp=self.state._replace(total_steps=np.array(count)))
+        self.episode = self.episode._replace(mdp_state=self.state._replace(total_steps=np.array(count)))
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
         """Returns whether the drawer is open now, whether it was at any time, and its opening now [m]."""
