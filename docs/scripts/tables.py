@@ -188,7 +188,7 @@ def joint_elements(joint: mjcf.Element, *, velocity: bool) -> list[tuple[str, st
 def observation_table() -> str:
     """Returns the table of the 59 elements of the kitchen's observation; neighbours that are alike share a row."""
     kitchen = suite.load("kitchen", "all", {"visuals": False}).task.scene
-    noise_scale = observation.scale(robot_ratio=0.01, object_ratio=0.0005)
+    noise_scale = observation.noise_scale(robot_ratio=0.01, object_ratio=0.0005)
     parts = (
         ("franka/joint_positions", kitchen.robot.joints, False),
         ("franka/joint_velocities", kitchen.robot.joints, True),

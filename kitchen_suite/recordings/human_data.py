@@ -28,19 +28,17 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import SEEDINGS, EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
-from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.observation import ROUNDING, KitchenReading
+from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, ROUNDING, SIZE, KitchenReading
 from kitchen_suite.tasks.kitchen.requests import in_order, order_of
 from kitchen_suite.tasks.task import Metrics
 from kitchen_suite.versions import installed_versions
 
 # Numbers of an observation and of an action of the kitchen.
-STATE_SIZE, ACTION_SIZE = observation.AMPLITUDES.size, 9
+STATE_SIZE, ACTION_SIZE = SIZE, 9
 
-# Positions of the robot and of the objects in an observation; D4RL's first 30 numbers are both, one after the other.
-ROBOT, OBJECTS = observation.SLICES[0], observation.SLICES[2]
-POSITIONS = np.r_[ROBOT, OBJECTS]
+# Positions in an observation, the robot's and then the objects'; D4RL's first 30 numbers.
+POSITIONS = np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]
 
 # D4RL's observations are the positions, then goals in the same layout, 0 where there is none.
 _D4RL_SIZE = 2 * POSITIONS.size
@@ -237,7 +235,7 @@ def convert(environment: SuiteEnv, index: int, shown: Demonstration) -> tuple[Ep
     mdp, observe = task.mdp, environment.observations
     achieved = _achieved(task, shown)
     order = _completion_order(task, achieved)
-    noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT]
+    noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT_POSITIONS]
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
     buffer = EpisodeBuffer(observe(shown.observations[0], state, {}), _info(task, state, 0))
@@ -260,7 +258,7 @@ def convert(environment: SuiteEnv, index: int, shown: Demonstration) -> tuple[Ep
 
 def _achieved(task: KitchenTask, shown: Demonstration) -> NDArray[np.float64]:
     """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
-    objects = shown.observations[:, OBJECTS]
+    objects = shown.observations[:, OBJECT_POSITIONS]
     parts = []
     for name in task.policy_inputs.tasks:
         goal = GOALS[name]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks.control_modes.modes import SHARED_MODES
-from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
+from kitchen_suite.tasks.kitchen.observation import ROBOT_POSITIONS
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, unit_spec
 
 PHYSICS_TIMESTEP = 0.002  # [s]
@@ -108,13 +108,13 @@ def feedback_positions(state: KitchenState, feedback: str) -> NDArray[np.float64
         return state.target
     if feedback == "true":
         return state.positions
-    return state.positions + state.noise[..., observation.SLICES[0]]
+    return state.positions + state.noise[..., ROBOT_POSITIONS]
 
 
 def _observed_target(state: NDArray, action: NDArray) -> NDArray[np.float64]:
     """Returns the targets `(9,)` of `joint_velocity`, with its defaults, given the observed state [rad, m]."""
     scale, action = JointVelocity().velocity_scale, np.asarray(action, np.float64)
-    return position_target(state[observation.SLICES[0]], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
+    return position_target(state[ROBOT_POSITIONS], action, velocity_scale=scale, timestep=CONTROL_TIMESTEP)
 
 
 def position_target(

@@ -116,7 +116,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     @property
     def noise_parts(self) -> Mapping[str, slice]:
-        return observation.PARTS
+        return observation.NOISE_PARTS
 
     def initial_state(self, reading: KitchenReading, draws: NDArray[np.float64]) -> KitchenState:
         distances = self.goals.distances(reading.achieved)
@@ -169,8 +169,9 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     ) -> KitchenState:
         positions, achieved, hand_distances = reading
         within = self.success.within(achieved)
-        if state.requested_order is not None:
-            within = within & self._attempted(state)
+        attempted = None if state.requested_order is None else self._attempted(state)
+        if attempted is not None:
+            within = within & attempted
         after = KitchenState(
             noise=self.noise_scale * draws,
             positions=positions,
@@ -183,7 +184,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         )
         if hand_distances is not None:
             shaping = self._next_shaping(state, hand_distances)
-            attempted = None if state.requested_order is None else self._attempted(state)
             shares = task_shares(
                 shaping, success=self.success, achieved=achieved, desired=self.goals.desired, mask=attempted
             )

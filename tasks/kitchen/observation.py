@@ -20,7 +20,7 @@ from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
-# Amplitudes [rad, m, rad/s, m/s]. The reference takes them from a table for another scene, hence the lack of a pattern.
+# Amplitudes of the noise [rad, m, rad/s, m/s]. The reference has them from a table for another scene, hence no pattern.
 _ROBOT_POSITIONS = _ROBOT_VELOCITIES = [0.1] * 9
 _OBJECT_POSITIONS = {
     "oven": [0.1, *[0.005] * 2, *[0.0005] * 5],
@@ -46,20 +46,24 @@ AMPLITUDES = np.array(
     ]
 )
 
+# Number of elements of the observation.
+SIZE = AMPLITUDES.size
+
 # Greatest rounding error of recorded numbers, in single precision.
 ROUNDING = 1e-6
 
-# Slices of the observation: robot positions, robot velocities, object positions, object velocities.
-SLICES = (slice(0, 9), slice(9, 18), slice(18, 39), slice(39, 59))
+# Parts of the observation, in order.
+ROBOT_POSITIONS, ROBOT_VELOCITIES = slice(0, 9), slice(9, 18)
+OBJECT_POSITIONS, OBJECT_VELOCITIES = slice(18, 39), slice(39, 59)
 
-# The noise of robot and objects.
-PARTS = MappingProxyType({"robot_noise": slice(0, 18), "object_noise": slice(18, 59)})
+# Parts of the observation whose noise varies as one.
+NOISE_PARTS = MappingProxyType({"robot_noise": slice(0, 18), "object_noise": slice(18, 59)})
 
 
-def scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
     """Returns the greatest noise of each of the 59 elements of the observation, in its unit."""
-    ratios = np.full(AMPLITUDES.size, object_ratio)
-    ratios[: SLICES[1].stop] = robot_ratio
+    ratios = np.full(SIZE, object_ratio)
+    ratios[NOISE_PARTS["robot_noise"]] = robot_ratio
     return ratios * AMPLITUDES
 
 
@@ -161,16 +165,17 @@ class KitchenObservables:
           extra: observables that come between state and goals.
           requested: returns the last observable, `requested_tasks`; None for none.
         """
-        self.noise = np.zeros(AMPLITUDES.size)
+        self.noise = np.zeros(SIZE)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
-        state = {
-            f"{prefix}joint_positions": robot.joint_positions,
-            f"{prefix}joint_velocities": robot.joint_velocities,
-            "object_positions": JointState("qpos", lambda: scene.object_joints),
-            "object_velocities": JointState("qvel", lambda: scene.object_joints),
+        parts = {
+            f"{prefix}joint_positions": (robot.joint_positions, ROBOT_POSITIONS),
+            f"{prefix}joint_velocities": (robot.joint_velocities, ROBOT_VELOCITIES),
+            "object_positions": (JointState("qpos", lambda: scene.object_joints), OBJECT_POSITIONS),
+            "object_velocities": (JointState("qvel", lambda: scene.object_joints), OBJECT_VELOCITIES),
         }
-        for part, indices in zip(state.values(), SLICES, strict=True):
+        for part, indices in parts.values():
             part.corruptor = functools.partial(_noisy, self.noise[indices])
+        state = {name: part for name, (part, _) in parts.items()}
         achieved = {
             f"achieved_goal/{task}": JointState("qpos", functools.partial(goal.joints_in, scene))
             for task, goal in zip(goals.tasks, goals.goals, strict=True)

@@ -12,11 +12,16 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
-from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
-from kitchen_suite.tasks.kitchen.observation import KitchenObservables, KitchenSensors
+from kitchen_suite.tasks.kitchen.observation import (
+    ROBOT_POSITIONS,
+    ROUNDING,
+    KitchenObservables,
+    KitchenSensors,
+    noise_scale,
+)
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
@@ -122,7 +127,7 @@ class KitchenTask(SuiteTask):
             goals=goal_set,
             rewards={**REWARDS[reward], **self.extra_rewards},
             goal_terms=REWARDS[reward].keys(),
-            noise_scale=noise.scale(
+            noise_scale=noise_scale(
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
             ),
@@ -259,7 +264,7 @@ class KitchenTask(SuiteTask):
     def is_initial(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> bool:
         present = self.mdp.sensors.observed(self._simulation)
         greatest = self.episode.scaled(self.mdp.noise_scale)
-        return bool((np.abs(observation - present) <= greatest + noise.ROUNDING).all())
+        return bool((np.abs(observation - present) <= greatest + ROUNDING).all())
 
     def restore(self, physics: mjcf.Physics, observation: NDArray[np.float64]) -> None:
         self.mdp.sensors.indices.write(physics, observation)
@@ -277,9 +282,9 @@ class KitchenTask(SuiteTask):
         self._start_command(physics)
 
     def set_observed_positions(self, observation: NDArray[np.float64]) -> None:
-        robot, changed = noise.SLICES[0], self.state.noise.copy()
-        changed[robot] = observation[robot] - self.state.positions
-        self.set_mdp_state(self.state._replace(noise=changed))
+        noise = self.state.noise.copy()
+        noise[ROBOT_POSITIONS] = observation[ROBOT_POSITIONS] - self.state.positions
+        self.set_mdp_state(self.state._replace(noise=noise))
 
     def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
         state: KitchenState = super().initial_state(draws)

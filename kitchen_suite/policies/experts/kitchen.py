@@ -30,7 +30,7 @@ from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals
-from kitchen_suite.tasks.kitchen.observation import AMPLITUDES, SLICES
+from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
 # A completed task is repeated if its distance grows beyond this multiple of the threshold; doors spring back a little.
@@ -53,9 +53,6 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 
 # Share of the arc of a door with which its task is completed.
 _ENOUGH_OF_ARC = 0.8
-
-_ROBOT, _, _OBJECTS, _ = SLICES
-_SIZE = AMPLITUDES.size
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
 _HOME = INITIAL_QPOS[ARM]
@@ -86,7 +83,7 @@ class KitchenExpert(Expert):
     """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
 
     control_modes = CONTROL_MODES
-    observation_size = _SIZE
+    observation_size = SIZE
 
     def __init__(
         self,
@@ -129,7 +126,7 @@ class KitchenExpert(Expert):
         encoder = make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model())
         self._layout = ObservedLayout(extra_observables)
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
-        self.observation_size = _SIZE + self._layout.size + self._num_requests
+        self.observation_size = SIZE + self._layout.size + self._num_requests
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
@@ -166,7 +163,7 @@ class KitchenExpert(Expert):
         self._remaining: collections.deque[str] = collections.deque()
 
     def _robot_positions(self, observation: Array) -> Array:
-        return observation[_ROBOT]
+        return observation[ROBOT_POSITIONS]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
@@ -235,7 +232,7 @@ class KitchenExpert(Expert):
 
     def _plan(self, task: str, observation: Array) -> JointTrajectory:
         """Chooses and plans a skill for a task, for the present positions of the joints of its goal."""
-        positions, frame = achieved(task, observation), self._layout.frame(task, observation[_SIZE:])
+        positions, frame = achieved(task, observation), self._layout.frame(task, observation[SIZE:])
         skill = self._skill = self._choose_skill(task, observation, frame)
         position = positions[list(skill.object_joint.elements)] if skill.object_joint else None
         if frame is not None:
@@ -370,4 +367,4 @@ def _elements() -> Mapping[str, NDArray[np.int64]]:
 
 def achieved(task: str, observation: Array) -> Array:
     """Positions of the joints of a task's goal in an observation [rad, m, quaternion]."""
-    return observation[_OBJECTS][_elements()[task]]
+    return observation[OBJECT_POSITIONS][_elements()[task]]

@@ -154,13 +154,17 @@ def test_the_threshold_decides(threshold):
 
 
 def test_noise_is_on_by_default_within_its_amplitude_and_can_be_switched_off():
-    keys = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
+    bounds = {
+        "franka/joint_positions": 0.01 * noise.AMPLITUDES[noise.ROBOT_POSITIONS],
+        "franka/joint_velocities": 0.01 * noise.AMPLITUDES[noise.ROBOT_VELOCITIES],
+        "object_positions": 0.0005 * noise.AMPLITUDES[noise.OBJECT_POSITIONS],
+        "object_velocities": 0.0005 * noise.AMPLITUDES[noise.OBJECT_VELOCITIES],
+    }
     quiet = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "velocity_scale": 0.0, "feedback": "target"}
     noisy = {"velocity_scale": 0.0, "feedback": "target"}
     plain, corrupted = run(load(**quiet), 200), run(load(**noisy), 200)
-    for part, key in enumerate(keys):
+    for key, bound in bounds.items():
         seen, true = (np.array([timestep.observation[key] for timestep in steps]) for steps in (corrupted, plain))
-        bound = (0.01 if part < 2 else 0.0005) * noise.AMPLITUDES[noise.SLICES[part]]
         size = np.abs(seen - true) / bound
         assert (size <= 1 + 1e-6).all()
         # 201 uniform draws: the greatest is above 0.9 but for a chance of 1e-9, the mean within five standard errors.
