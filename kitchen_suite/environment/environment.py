@@ -24,6 +24,8 @@ from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.task import SuiteTask
 
+check_private_names()
+
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
 
@@ -98,9 +100,6 @@ class PhysicsState:
         whole = np.zeros(self._is_shared.size)
         whole[self._is_shared] = state
         mujoco.mj_setState(self._model, data, whole, PHYSICS_STATE)
-
-
-check_private_names()
 
 
 def is_unbuffered(part: observable.Observable) -> bool:

@@ -18,11 +18,14 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
 
-# Options of `reset`: of every environment, of single ones alone, and of vectorised ones alone.
+# Options of `reset` of every environment.
 VARIATION, VARIATION_VALUES = "variation", "variation_values"
-STATE, RESET_MASK = "state", "reset_mask"
 
-# Key of infos that hold strings.
+# Option of single environments alone, and of vectorised ones alone.
+STATE = "state"
+RESET_MASK = "reset_mask"
+
+# Key of the split in infos that hold strings.
 VARIATION_SPLIT = "variation_split"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
@@ -263,24 +266,26 @@ class SuiteEnv(gymnasium.Env):
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
-        own, present = self._observations, self._observation
-        return own.own(own.flat(present), self._task.state, present)
+        return self._observations.own(*self._parts())
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` clipped to the `action_limit`."""
         return actions.clip(-self._action_limit, self._action_limit)
 
     def _get_obs(self, observation: Mapping[str, np.ndarray]) -> Any:
-        """Converts an observation of the suite's environment to the observation space."""
+        """Stores an observation of the suite's environment, and returns it in the observation space."""
         self._observation = observation
-        own = self._observations
-        return own(own.flat(observation), self._task.state, observation)
+        return self._observations(*self._parts())
+
+    def _parts(self) -> tuple[NDArray, Any, Mapping[str, NDArray]]:
+        """Returns the present flat observation, the MDP's state, and the observation with the pictures."""
+        return self._observations.flat(self._observation), self._task.state, self._observation
 
     def _get_info(self) -> dict[str, Any]:
         """Returns the info of the last step or reset, in fresh lists and arrays, without that of the variation."""
         return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}
 
-    def _info(self) -> dict[str, Any]:
+    def _all_infos(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation."""
         return {**self._get_info(), **(self._task.variations.info if self.varies else {})}
 
@@ -319,7 +324,7 @@ class SuiteEnv(gymnasium.Env):
             self._episode_step = 0
             observation = self._get_obs(self._environment.reset().observation)
         self._render_window()
-        return observation, self._info()
+        return observation, self._all_infos()
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step.
@@ -343,8 +348,8 @@ class SuiteEnv(gymnasium.Env):
         terminated = timestep.last() and timestep.discount == 0.0
         at_limit = self._max_episode_steps is not None and self._episode_step >= self._max_episode_steps
         self._render_window()
-        reward = 0.0 if timestep.first() else float(timestep.reward)
-        return self._get_obs(timestep.observation), reward, terminated, at_limit or self._task.truncates, self._info()
+        reward, truncated = 0.0 if timestep.first() else float(timestep.reward), at_limit or self._task.truncates
+        return self._get_obs(timestep.observation), reward, terminated, truncated, self._all_infos()
 
     def get_state(self) -> dict[str, Any]:
         """Returns the state on which later steps depend, as nested dicts of strings, numbers and arrays."""

@@ -209,10 +209,10 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             mask = vector_checks.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        requests = vector_checks.variation_requests(chosen, task.variations, mask)
-        own_requests = vector_checks.task_requests(chosen, task, mask)
+        variation_requests = vector_checks.variation_requests(chosen, task.variations, mask)
+        task_requests = vector_checks.task_requests(chosen, task, mask)
         with self._all_or_nothing():
-            self._episodes.request(requests, own_requests)
+            self._episodes.request(variation_requests, task_requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._ended = self._ended & ~mask
@@ -291,7 +291,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step(diverged)
             infos |= vector_checks.with_masks(self._get_info(), np.full(self.num_envs, True))
-            infos |= self._episodes.shown_variation()
+            infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
     def _restarting(self) -> NDArray[np.bool_]:

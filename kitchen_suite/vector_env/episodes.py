@@ -93,9 +93,9 @@ class BatchEpisodes:
             self._model_fields[name] = np.repeat(getattr(model, name)[np.newaxis], count, axis=0)
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
-        self._shown_variation: dict[str, Any] | None = None
-        self._requests: dict[int, VariationRequest] = {}
-        self._own_requests: dict[int, Any] = {}
+        self._masked_variation_info: dict[str, Any] | None = None
+        self._variation_requests: dict[int, VariationRequest] = {}
+        self._task_requests: dict[int, Any] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
         self._draws = np.zeros((count, self._mdp.noise_draws))
@@ -110,25 +110,25 @@ class BatchEpisodes:
         for name in self._mdp.persistent:
             getattr(self.state.mdp_state, name)[slice(None) if mask is None else mask] = total_steps
 
-    def request(self, variations: Mapping[int, VariationRequest], own: Mapping[int, Any]) -> None:
+    def request(self, variations: Mapping[int, VariationRequest], of_task: Mapping[int, Any]) -> None:
         """Makes the next start of episodes follow checked requests, by index: for variations, and the task's."""
-        self._requests, self._own_requests = dict(variations), dict(own)
+        self._variation_requests, self._task_requests = dict(variations), dict(of_task)
 
     def start(self, mask: NDArray[np.bool_]) -> None:
         """Starts episodes where the mask `(n,)` is True."""
         (indices,) = mask.nonzero()
         if not indices.size:
             return
-        environment, self._shown_variation = self._environment, None
+        environment, self._masked_variation_info = self._environment, None
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         kept = {name: getattr(self.state.mdp_state, name)[indices] for name in self._mdp.persistent}
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
-            if i in self._requests:
-                self._task.variations.follow(self._requests.pop(i))
-            if i in self._own_requests:
-                self._task.requests.follow(self._own_requests.pop(i))
+            if i in self._variation_requests:
+                self._task.variations.follow(self._variation_requests.pop(i))
+            if i in self._task_requests:
+                self._task.requests.follow(self._task_requests.pop(i))
             environment.start_episode()
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
@@ -207,15 +207,15 @@ class BatchEpisodes:
         """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
         return checks.copied(self.state.variation)
 
-    def shown_variation(self) -> dict[str, Any]:
+    def masked_variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
 
         Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
-        if self._shown_variation is None:
+        if self._masked_variation_info is None:
             everyone = np.full(self.steps.shape, True)
-            self._shown_variation = checks.read_only(checks.with_masks(self.variation_info(), everyone))
-        return checks.fresh_dicts(self._shown_variation)
+            self._masked_variation_info = checks.read_only(checks.with_masks(self.variation_info(), everyone))
+        return checks.fresh_dicts(self._masked_variation_info)
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""
