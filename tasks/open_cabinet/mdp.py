@@ -29,6 +29,8 @@ class OpenCabinetState(NamedTuple):
       terminates: `(...)`, whether the last step terminated the episode.
       succeeded: `(...)`, whether the drawer has been open by 0.3 m or more after some step.
       total_steps: `(...)`, control steps so far, over all episodes.
+      view: the features by name, while the terms of the reward are computed; None otherwise.
+      gripper: `(...)`, target of the fingers during the last step [m], as long.
     """
 
     features: NDArray[np.float64]
@@ -39,27 +41,13 @@ class OpenCabinetState(NamedTuple):
     terminates: NDArray[np.bool_]
     succeeded: NDArray[np.bool_]
     total_steps: NDArray[np.int64]
+    view: Features | None = None
+    gripper: NDArray[np.float64] | None = None
 
     @property
     def is_success(self) -> NDArray[np.bool_]:
         """`(...)`, whether the drawer is open by 0.3 m or more now."""
         return succeeds(Features(self.features).drawer_position)
-
-
-class Outcome(NamedTuple):
-    """Outcome of a control step, from which the terms of its reward are computed.
-
-    Attributes:
-      view: the features after it by name.
-      gripper: `(...)`, target of the fingers during it [m].
-      terminates: `(...)`, whether it terminates the episode.
-      succeeded: `(...)`, whether the drawer has been open by 0.3 m or more after this step or an earlier one.
-    """
-
-    view: Features
-    gripper: NDArray[np.float64]
-    terminates: NDArray[np.bool_]
-    succeeded: NDArray[np.bool_]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,7 +59,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
       action_mode: meaning of the action.
       action_size: number of its elements.
       noise_scale: `(25,)`, greatest noise of each element of the observation, in its unit.
-      rewards: the terms of the reward by name, which take an `Outcome` for the state after the step.
+      rewards: the terms of the reward by name.
     """
 
     sensors: OpenCabinetSensors
@@ -115,22 +103,19 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
         draws: NDArray[np.float64],
     ) -> OpenCabinetState:
         view = Features(reading)
-        after = Outcome(
-            view=view,
-            gripper=scalars(target[..., 7]),
-            terminates=terminates(view),
-            succeeded=state.succeeded | succeeds(view.drawer_position),
-        )
-        return OpenCabinetState(
+        after = OpenCabinetState(
             features=reading,
             observation=observe(view),
             noise=self.noise_scale * draws if self.is_noisy else state.noise,
             previous_action=action,
-            terms=self.reward_terms(state, action, after),
-            terminates=after.terminates,
-            succeeded=after.succeeded,
+            terms={},
+            terminates=terminates(view),
+            succeeded=state.succeeded | succeeds(view.drawer_position),
             total_steps=state.total_steps + 1,
+            view=view,
+            gripper=scalars(target[..., 7]),
         )
+        return after._replace(terms=self.reward_terms(state, action, after), view=None, gripper=None)
 
     def observation(self, simulation: Simulation, state: OpenCabinetState) -> NDArray[np.float32]:
         return clipped(state.observation + state.noise if self.is_noisy else state.observation)

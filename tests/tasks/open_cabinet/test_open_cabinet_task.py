@@ -1,11 +1,14 @@
 """The open_cabinet task: observations, actions, rewards, termination, noise and random streams."""
 
+import dataclasses
+
 import mujoco
 import numpy as np
 import pytest
 from helpers.open_cabinet import HIGH, LOW, ROBOT_JOINTS, TERMS, Recomputed, flat
 
 from kitchen_suite import suite
+from kitchen_suite.tasks import OpenCabinetTask
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 
 
@@ -295,3 +298,16 @@ def test_visualising_the_reward_colours_the_handle_of_an_open_drawer():
     np.testing.assert_allclose(bar.rgba, [0.25, 0.75, 0.3, 1.0], rtol=1e-6)
     env.reset()
     np.testing.assert_array_equal(bar.rgba, plain)
+
+
+def test_a_term_of_ones_own_reads_the_states_before_and_after_the_step():
+    class OwnTask(OpenCabinetTask):
+        extra_rewards = {"pull": lambda before, action, after: after.features[..., 34] - before.features[..., 34]}
+
+    domain = dataclasses.replace(suite.DOMAINS["open_cabinet"], name="own", task=OwnTask)
+    environment = domain.load(random=0, visuals=False)
+    environment.reset()
+    before = environment.task.drawer_opening
+    environment.step(np.zeros(8))
+    assert environment.task.reward_terms["pull"] == environment.task.drawer_opening - before
+    assert environment.task.state.view is None
