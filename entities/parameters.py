@@ -206,18 +206,20 @@ FREE_DISPLACEMENT = ParameterType(
 )
 
 
-def _scale(attribute: str, model_field: str) -> ParameterType:
-    """Returns the factor of an attribute of joints, relative to the built scene."""
+def _joint_scale_type(attribute: str, model_field: str) -> ParameterType:
+    """Returns the kind of a factor of an attribute of joints, relative to the built scene."""
 
     def write(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
         bound = physics.bind(joints)
         setattr(bound, attribute, getattr(bound, attribute) * value)
 
-    return _factor(write, model_field)
+    return _scale_type(write, model_field)
 
 
-def _factor(write: Callable[[mjcf.Physics, Elements, NDArray[np.float64]], None], *model_fields: str) -> ParameterType:
-    """Returns the kind of a parameter that is 1 in the built scene."""
+def _scale_type(
+    write: Callable[[mjcf.Physics, Elements, NDArray[np.float64]], None], *model_fields: str
+) -> ParameterType:
+    """Returns the kind of a factor, which is 1 in the built scene."""
     return ParameterType(read=lambda physics, elements: 1.0, write=write, model_fields=model_fields, non_negative=True)
 
 
@@ -240,14 +242,14 @@ def _write_mass(physics: mjcf.Physics, elements: Elements, value: NDArray[np.flo
     bound.mass = value
 
 
-DAMPING_SCALE = _scale("damping", "dof_damping")
-FRICTION_SCALE = _scale("frictionloss", "dof_frictionloss")
+DAMPING_SCALE = _joint_scale_type("damping", "dof_damping")
+FRICTION_SCALE = _joint_scale_type("frictionloss", "dof_frictionloss")
 
 # Factor of the coefficients of sliding friction of geoms.
-SLIDING_FRICTION_SCALE = _factor(_scale_sliding_friction, "geom_friction")
+SLIDING_FRICTION_SCALE = _scale_type(_scale_sliding_friction, "geom_friction")
 
 # Factor of the gains of position servos.
-GAIN_SCALE = _factor(_scale_gains, "actuator_gainprm", "actuator_biasprm")
+GAIN_SCALE = _scale_type(_scale_gains, "actuator_gainprm", "actuator_biasprm")
 
 # Mass of a body [kg], with inertia in proportion.
 MASS = ParameterType(

@@ -60,7 +60,7 @@ def excess(layouts):
 @pytest.mark.parametrize("domain", TASKS)
 def test_a_scene_offers_every_parameter_of_its_layout(domain):
     layouts = Layouts(domain, TASKS[domain])
-    for varied in layouts.task.variations.wanted.values():
+    for varied in layouts.task.variations.by_name.values():
         parameter = layouts.parameters[varied.name]
         assert varied.group == "layout"
         for split in SPLITS:
@@ -98,13 +98,13 @@ def test_the_burners_are_those_of_the_oven(kitchen):
     oven = kitchen.task.scene.props["oven"].mjcf_model
     bodies = [oven.find("body", f"{name}_burner") for name in burners.BURNERS]
     at = np.array([kitchen.physics.bind(body).xpos for body in bodies])
-    np.testing.assert_allclose((at - at[0])[:, :2], burners.DISPLACEMENTS[:, :2], atol=1e-9)
+    np.testing.assert_allclose((at - at[0])[:, :2], burners.BURNER_DISPLACEMENTS[:, :2], atol=1e-9)
 
 
 def test_the_kettle_stands_on_the_burner_that_was_set(kitchen):
     joint = kitchen.task.scene.props["kettle"].joints[0]
     start = kitchen.set({}).bind(joint).qpos.copy()
-    for burner, displacement in enumerate(burners.DISPLACEMENTS):
+    for burner, displacement in enumerate(burners.BURNER_DISPLACEMENTS):
         moved = kitchen.set({"kettle/burner": burner}).bind(joint).qpos
         np.testing.assert_allclose(moved - start, [*displacement, 0, 0, 0, 0], atol=1e-12)
         assert kitchen.parameters["kettle/burner"].get(kitchen.physics) == burner
