@@ -78,6 +78,10 @@ class Goal:
         """Returns the joints that the goal is set for; raises a ValueError if the scene lacks one."""
         return scene.joints(self.prop, self.joints)
 
+    def geoms_in(self, scene: Scene) -> list[mjcf.Element]:
+        """Returns the geoms that move with these joints."""
+        return [geom for joint in self.joints_in(scene) for geom in joint.parent.find_all("geom")]
+
     def shares_joints(self, other: Self) -> bool:
         """Whether another goal is set for one of the same joints."""
         if self.joints is None or other.joints is None:

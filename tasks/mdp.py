@@ -51,7 +51,7 @@ class Simulation(Protocol):
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         """Returns columns `(..., k)` of a field: a copy, except for a slice, which is a live view.
 
-        A field of vectors, such as `xpos`, gives `(..., k, 3)`.
+        Of a field of vectors, such as `xpos`, `(..., k, 3)`.
 
         Args:
           field: such as `qpos`.
@@ -63,7 +63,7 @@ class Simulation(Protocol):
         """Sets columns `(..., k)` of a field."""
 
 
-def columns(indices: NDArray[np.int64]) -> Columns:
+def as_columns(indices: NDArray[np.int64]) -> Columns:
     """Returns consecutive indices as a slice, which reads several times as fast, and others as they are."""
     start, stop = int(indices[0]), int(indices[-1]) + 1
     return slice(start, stop) if np.array_equal(indices, np.arange(start, stop)) else indices
@@ -165,7 +165,7 @@ class FeatureSensors:
                 found += range(address, address + size)[part]
             self.indices[feature] = slice(start, len(found))
         self.columns = np.array(found)
-        self.ctrl = columns(physics.bind(self._robot.actuators).element_id)
+        self.ctrl = as_columns(physics.bind(self._robot.actuators).element_id)
 
     def refresh(self, physics: mjcf.Physics) -> None:
         """Updates kinematics and sensors from the joint positions and velocities."""

@@ -19,8 +19,8 @@ from kitchen_suite import checks
 from kitchen_suite.entities.parameters import Parameter
 from kitchen_suite.entities.scenes import Scene, SiteArena
 from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_parameters
-from kitchen_suite.tasks.goals import GoalSet, checked_instructions
-from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, columns
+from kitchen_suite.tasks.goals import checked_instructions
+from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, as_columns
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
@@ -152,8 +152,9 @@ class ResetRequests:
 class SuiteTask(composer.Task):
     """A task that steps by its MDP, with saved states, metrics of its episodes, and optional highlighting of success.
 
-    A task of one's own overrides `reset_physics`, and the class attributes. It sets `policy_inputs` and `observed`, and
-    calls `vary`, in its constructor, where they are not those of a class of the suite.
+    A task of one's own that extends a task of the suite overrides class attributes, `reset_physics`, `initial_state`,
+    `bind` and `publish`. One that extends this class also calls `vary`, and sets `policy_inputs` and `observed`, in its
+    constructor.
 
     Attributes:
       domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
@@ -394,7 +395,7 @@ class SuiteTask(composer.Task):
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
-        self._joint_columns = columns(physics.bind(self.robot.joints).qposadr)
+        self._joint_columns = as_columns(physics.bind(self.robot.joints).qposadr)
         if self.extras is not None:
             self.extras.bind(physics)
         (self._action_size,) = self.action_spec(physics).shape
@@ -479,20 +480,14 @@ class SuiteTask(composer.Task):
 
 
 class Highlighting:
-    """Colours of objects: their own, or green."""
+    """Colours of some objects: their own, or green where the task counts them as a success."""
 
     def __init__(self, physics: mjcf.Physics, objects: Iterable[Sequence[mjcf.Element]]) -> None:
-        """Stores the own colours of the geoms of some objects."""
-        self._physics, self._objects = physics, tuple(objects)
+        """Stores the objects, each with its geoms, and their own colours."""
+        self._physics, self._objects = physics, [*objects]
         self._own_rgba = [np.array(physics.bind(geoms).rgba) for geoms in self._objects]
 
-    @classmethod
-    def of_goals(cls, physics: mjcf.Physics, scene: Scene, goals: GoalSet) -> Self:
-        """Returns the colours of the geoms that move with the joints of each goal."""
-        joints = (goal.joints_in(scene) for goal in goals.goals)
-        return cls(physics, [[geom for joint in each for geom in joint.parent.find_all("geom")] for each in joints])
-
     def update(self, successes: Iterable[bool]) -> None:
-        """Colours the objects of successes green, and restores the others' own colours."""
+        """Colours the objects that are a success green, and restores the own colours of the others."""
         for geoms, own_rgba, is_success in zip(self._objects, self._own_rgba, successes, strict=True):
             self._physics.bind(geoms).rgba = SUCCESS_RGBA if is_success else own_rgba

@@ -14,7 +14,7 @@ from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, ArmServos, Gripper
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns, unit_spec
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
 # Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
 # Longer, and it lags behind; shorter, and the servos' torques reach their limits.
@@ -52,7 +52,7 @@ class Arm:
         """
         self.servos = ArmServos(physics, robot)
         site, base = robot.end_effector, mjcf.get_attachment_frame(robot.mjcf_model)
-        self._joints = columns(physics.bind(robot.joints[:ARM_SIZE]).element_id)
+        self._joints = as_columns(physics.bind(robot.joints[:ARM_SIZE]).element_id)
         self._site, self._body, self._base = (
             np.atleast_1d(physics.bind(element).element_id) for element in (site, site.parent, base)
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities import PANDA
 from kitchen_suite.entities.franka import Franka
-from kitchen_suite.tasks.mdp import ActionMode, Simulation, columns, unit_spec
+from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
 GRIPPER_MODES = ("sampled", "deterministic")
 
@@ -55,7 +55,7 @@ class JointOffset(ActionMode):
         self.draws = self.gripper == "sampled"
 
     def bind(self, physics: mjcf.Physics, robot: Franka, timestep: float) -> None:
-        self._joint_qpos = columns(physics.bind(robot.joints).qposadr)
+        self._joint_qpos = as_columns(physics.bind(robot.joints).qposadr)
 
     def spec(self, robot: Franka) -> specs.Array:
         """Seven joint offsets [rad] and the gripper logit (log odds of closing); unbounded, but finite."""
@@ -124,7 +124,7 @@ class ArmServos:
         self._gain = np.array([actuator.gain for actuator in actuators])
         self.lag = np.array([actuator.damping + actuator.velocity_gain for actuator in actuators]) / self._gain
         self._ctrl_low, self._ctrl_high = np.transpose(physics.bind(robot.actuators[:ARM_SIZE]).ctrlrange)
-        self._qpos, self._qvel = columns(joints.qposadr), columns(joints.dofadr)
+        self._qpos, self._qvel = as_columns(joints.qposadr), as_columns(joints.dofadr)
 
     def positions(self, simulation: Simulation) -> NDArray[np.float64]:
         """Returns the present joint positions `(..., 7)` [rad]."""

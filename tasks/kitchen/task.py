@@ -291,7 +291,7 @@ class KitchenTask(SuiteTask):
         return state if self.requests.order is None else self.mdp.with_request(state, self.requests.order)
 
     def bind(self, physics: mjcf.Physics) -> None:
-        self._highlighting = Highlighting.of_goals(physics, self.scene, self.mdp.goals)
+        self._highlighting = Highlighting(physics, (goal.geoms_in(self.scene) for goal in self.mdp.goals.goals))
         self._starts = starts(self.mdp.goals, self.scene, physics)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:

@@ -156,7 +156,7 @@ class MicrowaveTableTask(SuiteTask):
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._indices = SceneIndices(self.scene, self._goals, physics)
-        self._highlighting = Highlighting.of_goals(physics, self.scene, self._goals)
+        self._highlighting = Highlighting(physics, [GOAL.geoms_in(self.scene)])
 
     def _away_from_goal(self, values: Values) -> Values:
         """Returns values with which the door does not start nearly open."""

@@ -13,7 +13,7 @@ from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, split_options
-from kitchen_suite.tasks.mdp import columns
+from kitchen_suite.tasks.mdp import as_columns
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
@@ -168,7 +168,7 @@ class OpenCabinetTask(SuiteTask):
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, [self.scene.cabinet.handle_geoms(self.drawer)])
-        self._joint_qpos = columns(physics.bind(self.scene.robot.joints).qposadr)
+        self._joint_qpos = as_columns(physics.bind(self.scene.robot.joints).qposadr)
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)

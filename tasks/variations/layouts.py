@@ -11,7 +11,7 @@ from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.control_modes import inverse_kinematics
 from kitchen_suite.tasks.control_modes.joints import ARM_SIZE
-from kitchen_suite.tasks.mdp import columns
+from kitchen_suite.tasks.mdp import as_columns
 
 # Depth by which two geoms may be deeper in each other than in the default layout [m].
 CLEARANCE_TOLERANCE = 0.004
@@ -111,7 +111,7 @@ class Reach:
         """
         self._model = physics.model.ptr
         joints = physics.bind(robot.joints[:ARM_SIZE])
-        self._qpos, self._joints = columns(joints.qposadr), joints.element_id
+        self._qpos, self._joints = as_columns(joints.qposadr), joints.element_id
         self._low, self._high = np.transpose(joints.range)
         self._hand, self._handles = (physics.bind(each).element_id for each in (robot.end_effector, handles))
         start = np.clip(data.qpos[self._qpos], self._low, self._high)

@@ -301,10 +301,11 @@ def test_visualising_the_reward_colours_the_handle_of_an_open_drawer():
 
 
 def test_a_term_of_ones_own_reads_the_states_before_and_after_the_step():
-    class OwnTask(OpenCabinetTask):
-        extra_rewards = {"pull": lambda before, action, after: after.features[..., 34] - before.features[..., 34]}
+    def pull(before, action, after):
+        return after.features[..., 34] - before.features[..., 34]
 
-    domain = dataclasses.replace(suite.DOMAINS["open_cabinet"], name="own", task=OwnTask)
+    task = type("OwnTask", (OpenCabinetTask,), {"extra_rewards": {"pull": pull}})
+    domain = dataclasses.replace(suite.DOMAINS["open_cabinet"], name="own", task=task)
     environment = domain.load(random=0, visuals=False)
     environment.reset()
     before = environment.task.drawer_opening
