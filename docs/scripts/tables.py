@@ -428,7 +428,7 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     options = {"visuals": False, **_NOISY.get(domain, {})}
     task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
     units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
-    if DONE in task.variations.wanted:
+    if DONE in task.variations.by_name:
         units[DONE] = done_parameter(task.scene, dict).unit
     return {
         name: (
@@ -440,7 +440,7 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
                 for each in (variation.seen, variation.held_out)
             ),
         )
-        for name, variation in task.variations.wanted.items()
+        for name, variation in task.variations.by_name.items()
     }
 
 

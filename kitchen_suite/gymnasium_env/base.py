@@ -144,7 +144,7 @@ class SuiteEnv(gymnasium.Env):
         )
         self._task = self._environment.task
         self._set_action_space(limit)
-        self.varies = bool(self._task.variations.wanted)
+        self.varies = bool(self._task.variations.by_name)
         self._renderer.check_camera(self._environment)
         rate = 1 / self._environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}

@@ -50,7 +50,7 @@ class Variations:
     """The parameters of a task that vary from episode to episode.
 
     Attributes:
-      wanted: the parameters that vary, by name, in the order in which they are drawn; empty if nothing varies.
+      by_name: the parameters that vary with their variations, in the order in which they are drawn; may be empty.
       split: `seen` or `held_out`.
       randomizer: draws and sets them; from `bind` on.
       ranges: least and greatest value of each, by name; from `bind` on.
@@ -101,9 +101,9 @@ class Variations:
         chosen = {*self._given} if isinstance(variations, Mapping) else _in_groups(variations or (), rows)
         self._rows = {name: row for name, row in rows.items() if name in chosen}
         self._parameters = {name: offered[name] for name in self._rows}
-        self.wanted = self._rows
-        self._layout = [name for name, row in self.wanted.items() if row.group == "layout"]
-        if any(row.group == "appearance" for row in self.wanted.values()):
+        self.by_name = self._rows
+        self._layout = [name for name, row in self.by_name.items() if row.group == "layout"]
+        if any(row.group == "appearance" for row in self.by_name.values()):
             scene.prepare_appearance()
         if self._layout and scene.arena.mjcf_model.option.flag.sleep == "enable":
             raise ValueError("variations of the layout need sleep=False: sleeping objects would stay where they were")
@@ -115,8 +115,8 @@ class Variations:
         Raises a TypeError or a ValueError if a parameter varies twice, or does not take its constant.
         """
         defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
-        self.wanted = {name: row.about(defaults[name]) for name, row in self._rows.items()}
-        self.ranges = {name: row.range(defaults[name]) for name, row in self.wanted.items()}
+        self.by_name = {name: row.about(defaults[name]) for name, row in self._rows.items()}
+        self.ranges = {name: row.range(defaults[name]) for name, row in self.by_name.items()}
         draws = [
             Draw(
                 parameter=self._parameters[name],
@@ -125,7 +125,7 @@ class Variations:
                 # Groups draw within the ranges anyway.
                 bounds=self.ranges[name] if self._given else None,
             )
-            for name, row in self.wanted.items()
+            for name, row in self.by_name.items()
         ]
         self.randomizer = Randomizer(physics, (*self._first, *draws))
         constants = {name: each for name, each in self._given.items() if distributions.is_constant(each)}
@@ -142,7 +142,7 @@ class Variations:
     @property
     def values(self) -> dict[str, NDArray[np.float64]]:
         """Current values of the parameters that vary, in fresh arrays."""
-        return {name: np.array(self.randomizer.values[name]) for name in self.wanted}
+        return {name: np.array(self.randomizer.values[name]) for name in self.by_name}
 
     @property
     def info(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class Variations:
 
         Empty if nothing varies. With `MAX_REFUSALS` refusals the layout is the default one.
         """
-        if not self.wanted:
+        if not self.by_name:
             return {}
         refusals = {"layout_refusals": np.array(self._refusals)} if self._layout_check else {}
         return {"variation_values": self.values, **refusals}
@@ -170,20 +170,20 @@ class Variations:
             when empty.
           values: values of parameters by name, or in nested dicts by the parts of the names.
         """
-        if (names or values) and not self.wanted:
+        if (names or values) and not self.by_name:
             raise ValueError("nothing varies: build the environment with variations")
         flat = flat_values(values or {})
         for name in flat:
-            checks.choice(name, self.wanted, "parameter of variation_values")
+            checks.choice(name, self.by_name, "parameter of variation_values")
         checked = self.randomizer.checked(flat)
         self._check_ranges(checked)
-        excluded = set() if names is None else self.wanted.keys() - self._named(names)
+        excluded = set() if names is None else self.by_name.keys() - self._named(names)
         return VariationRequest(excluded=frozenset(excluded), values=checked)
 
     def _named(self, names: str | Sequence[str]) -> set[str]:
         """Returns the parameters that names of parameters and groups stand for."""
-        choices = {name: [name] for name in self.wanted}
-        for name, row in self.wanted.items():
+        choices = {name: [name] for name in self.by_name}
+        for name, row in self.by_name.items():
             choices.setdefault(row.group, []).append(name)
         each = (checks.choice(name, choices, "variation") for name in _group_names(names, "variation"))
         return {name for one in each for name in choices[one]}

@@ -195,7 +195,7 @@ def test_an_option_names_what_varies_in_one_episode(envs):
     for names, groups in (([], set()), ("dynamics", {"dynamics"}), (["dynamics", "layout"], {"dynamics", "layout"})):
         _, info = env.reset(seed=6, options={"variation": names})
         for name, value in info["variation_values"].items():
-            varies = env.environment.task.variations.wanted[name].group in groups
+            varies = env.environment.task.variations.by_name[name].group in groups
             np.testing.assert_array_equal(value, (drawn if varies else defaults)[name], name)
     _, info = env.reset(seed=6, options={"variation": "kettle/mass,kettle/pose"})
     differing = {name for name, value in info["variation_values"].items() if not np.array_equal(value, defaults[name])}

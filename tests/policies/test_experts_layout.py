@@ -109,7 +109,7 @@ def test_a_task_out_of_reach_is_postponed():
     environment = load("all", random=0, tasks_to_complete=tasks, extra_observables=KITCHEN_POSES)
     # Farther away than any layout that is drawn.
     far = {"microwave/offset": np.array([-0.4, 0.3, 0.0])}
-    excluded = frozenset(environment.task.variations.wanted)
+    excluded = frozenset(environment.task.variations.by_name)
     environment.task.variations.follow(VariationRequest(excluded=excluded, values=far))
     assert play(environment)["tasks_completed"].keys() == {"light switch"}
 

@@ -173,7 +173,7 @@ class Expert(abc.ABC):
 
 def _varied_layout(task: Any) -> list[str]:
     """Returns the names of the parameters of the layout that a task varies."""
-    return [name for name, each in task.variations.wanted.items() if each.group == "layout"]
+    return [name for name, each in task.variations.by_name.items() if each.group == "layout"]
 
 
 def make(task: composer.Task, **options: Any) -> Expert:

@@ -38,7 +38,7 @@ def test_nothing_varies_by_default(domain):
     for key, value in first.observation.items():
         np.testing.assert_array_equal(value, second.observation[key])
     for environment in (plain, empty):
-        assert not environment.task.variations.wanted
+        assert not environment.task.variations.by_name
         assert environment.task.variations.values == environment.task.variations.info == {}
         assert "variation_values" not in environment.task.get_state()
     streams = [environment.random_state.get_state(legacy=False) for environment in (plain, empty)]
@@ -49,8 +49,8 @@ def test_nothing_varies_by_default(domain):
 def test_each_group_varies_what_it_names(domain):
     for group in GROUPS:
         task = load(domain, variations=group).task
-        assert {varied.group for varied in task.variations.wanted.values()} == {group}
-        listed = [varied.name for varied in task.varied if varied.name in task.variations.wanted]
+        assert {varied.group for varied in task.variations.by_name.values()} == {group}
+        listed = [varied.name for varied in task.varied if varied.name in task.variations.by_name]
         assert list(task.variations.randomizer.names) == listed
 
 
@@ -100,7 +100,7 @@ def test_the_same_seed_draws_the_same_and_another_one_does_not(domain):
     values = [environment.task.variations.values for environment in (first, same, other)]
     np.testing.assert_equal(values[0], values[1])
     # Others have few values, or those of the default where a task is asked.
-    continuous = [name for name, varied in first.task.variations.wanted.items() if isinstance(varied.seen, Bands)]
+    continuous = [name for name, varied in first.task.variations.by_name.items() if isinstance(varied.seen, Bands)]
     different = [name for name in continuous if not np.array_equal(values[0][name], values[2][name])]
     assert set(continuous) - set(different) <= {"tasks/done", "slide_cabinet/door"}
     np.testing.assert_equal(model_arrays(first), model_arrays(same))
@@ -111,7 +111,7 @@ def test_values_come_after_the_start_pose_and_before_the_noise():
     environment.reset()
     random = np.random.RandomState(0)
     random.uniform(-0.125, 0.125, 9)
-    for name, varied in environment.task.variations.wanted.items():
+    for name, varied in environment.task.variations.by_name.items():
         np.testing.assert_array_equal(environment.task.variations.values[name], varied.seen(random_state=random))
     noise = random.uniform(-1, 1, environment.task.mdp.noise_draws) * environment.task.mdp.noise_scale
     np.testing.assert_array_equal(environment.task.state.noise, noise)
@@ -123,7 +123,7 @@ def test_layouts_are_drawn_again_from_a_stream_of_their_own():
     for _ in range(6):
         environment.reset()
         refusals += int(environment.task.variations.info["layout_refusals"])
-        for varied in environment.task.variations.wanted.values():
+        for varied in environment.task.variations.by_name.values():
             varied.held_out(random_state=random)
         # One further number seeds the redraws, however many there are; the noise follows.
         random.randint(2**31)
@@ -406,7 +406,7 @@ def test_draws_fill_their_range_and_are_independent(domain, split):
     count = 2000
     drawn = [task.variations.randomizer.draw(random) for _ in range(count)]
     columns = {}
-    for name, varied in task.variations.wanted.items():
+    for name, varied in task.variations.by_name.items():
         values = np.array([each[name] for each in drawn])
         distribution = varied.distribution(split)
         width = distribution.high - distribution.low
