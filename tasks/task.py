@@ -81,7 +81,7 @@ class PolicyInputs:
         return np.concatenate([array for array in arrays if array.ndim < PICTURE_AXES], axis=-1)
 
     def state_and_requests(self, observation: NDArray | Mapping[str, Any], tasks: Sequence[str]) -> NDArray[np.float64]:
-        """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each of `tasks` that is asked.
+        """Returns the inputs `(..., n)` of a policy without goals: the state, and 1 for each requested task.
 
         Args:
           observation: as `flatten` takes it; without requests, it asks for all tasks.
@@ -109,7 +109,7 @@ class Completions(NamedTuple):
 
     @property
     def steps_by_task(self) -> dict[str, int | None]:
-        """The tasks that are asked for, each with the control step of its completion or None."""
+        """The requested tasks, each with the control step of its completion or None."""
         rows = zip(self.tasks, self.requested.tolist(), self.steps.tolist(), strict=True)
         return {name: step if step > 0 else None for name, is_requested, step in rows if is_requested}
 

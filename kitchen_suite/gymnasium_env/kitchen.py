@@ -33,7 +33,7 @@ _GOALS = ("achieved_goal", "desired_goal")
 
 
 class KitchenObservations(observations.Observations):
-    """Observations with the achieved and the desired goals of the kitchen's tasks, and with the tasks asked."""
+    """Observations with the achieved and the desired goals of the kitchen's tasks, and with the requested tasks."""
 
     def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
         """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
@@ -75,21 +75,21 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
       `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`. With `tasks_per_episode` also
-      `requested_tasks` `(n,)` float64, 1 where a task is asked and 0 elsewhere.
+      `requested_tasks` `(n,)` float64, 1 where a task is requested and 0 elsewhere.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
       order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
-      sentence; with `variations` also `variation_split`; with `tasks_per_episode` also `requested_tasks`, in the order
-      asked.
+      sentence; with `variations` also `variation_split`; with `tasks_per_episode` also `requested_tasks`, in their
+      order.
     Info, always, in configured order: these three as masks `(n,)` bool, under their names with `_mask` appended;
       `completion_steps` `(n,)` int64, -1 for tasks not yet completed; `task_distances` `(n,)` float64 [rad, m].
     Info, with `tasks_per_episode`: `requested_tasks_mask` `(n,)` bool, and `requested_order` `(n,)` int64, the place of
-      each task in the order asked, from 0, and -1 where it is not asked. All other infos concern the tasks asked. With
-      `tasks_in_turn` also `attempted_tasks_mask` `(n,)` bool: the task asked before the step, and those completed.
+      each requested task, from 0, and -1 for the others. All other infos concern the requested tasks. With
+      `tasks_in_turn` also `attempted_tasks_mask` `(n,)` bool: the task requested before the step, and those completed.
     Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
       needs of the episode.
-    Info, always: `is_success`, whether all tasks asked have been completed, and `episode_step`; numbers, or arrays of
-      shape `()` with `info_format="arrays"`.
+    Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
+      numbers, or arrays of shape `()` with `info_format="arrays"`.
     """
 
     metadata = {**SuiteEnv.metadata, "render_fps": 1 / CONTROL_TIMESTEP}

@@ -14,7 +14,7 @@ from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_C
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Attributes that depend on the tasks asked.
+# Attributes that depend on the requested tasks.
 _WORDS = ("instruction", "instructions", "task", "task_description")
 
 

@@ -136,12 +136,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
 
     def current_mask(self, state: KitchenState) -> NDArray[np.bool_]:
-        """Returns which tasks `(..., n)` are asked at present."""
+        """Returns which tasks `(..., n)` are requested at present."""
         order = self.current_order(state)
         return np.full(state.distances.shape, True) if order is None else order >= 0
 
     def current_order(self, state: KitchenState) -> NDArray[np.int64] | None:
-        """Returns the order `(..., n)` of the tasks that are asked at present; None if every episode asks for all."""
+        """Returns the order `(..., n)` of the tasks requested at present; None if every episode asks for all."""
         order = state.requested_order
         if not self.tasks_in_turn or order is None:
             return order

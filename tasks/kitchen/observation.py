@@ -68,7 +68,7 @@ def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float6
 
 
 class KitchenReading(NamedTuple):
-    """Joint positions after a control step, and distances in space where they are asked for.
+    """Joint positions after a control step, and distances in space where they are measured.
 
     Attributes:
       positions: `(..., 9)`, of the robot [rad, m].

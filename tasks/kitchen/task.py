@@ -232,7 +232,7 @@ class KitchenTask(SuiteTask):
         return self.mdp.goals.by_completion(self.progress.completion_steps)
 
     def metrics(self, infos: Mapping[str, Any]) -> Metrics:
-        """Returns whether all tasks asked were completed, and the control step of each completion."""
+        """Returns whether all requested tasks were completed, and the control step of each completion."""
         completions = self.completions_in(infos)
         steps = self.mdp.goals.by_completion(completions.steps)
         return {"success": len(steps) == int(completions.requested.sum()), "tasks_completed": steps}
@@ -308,7 +308,7 @@ class KitchenTask(SuiteTask):
         return [start for task, start in self._starts.items() if task in self.requests.tasks]
 
     def _away_from_goals(self, values: Values) -> Values:
-        """Returns values with which props that start near an asked goal, or out of bounds, start as by default."""
+        """Returns values with which props that start near a requested goal, or out of bounds, start as by default."""
         goals, achieved = self.mdp.goals, self.mdp.sensors.read(self._simulation).achieved
         near = self.mdp.success.within(achieved, factor=START_DISTANCE) & np.isin(goals.tasks, self.requests.tasks)
         qpos = self._simulation.read("qpos", slice(None))
