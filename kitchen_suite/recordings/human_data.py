@@ -23,9 +23,9 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
 from kitchen_suite.rollouts.folder import RecordingFolder
-from kitchen_suite.rollouts.spec import SEEDINGS, EnvironmentSpec, EpisodeSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
@@ -45,7 +45,7 @@ _D4RL_SIZE = 2 * POSITIONS.size
 
 _SUFFIXES = (".hdf5", ".h5")
 
-# Any number of the seven tasks is asked; episodes go on after their last completion.
+# An episode may ask for any number of the seven tasks; episodes go on after their last completion.
 _TASK = "all"
 _TASK_KWARGS: dict[str, Any] = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
 
@@ -218,7 +218,9 @@ def _check_actions(actions: NDArray, steps: int, what: str) -> None:
         )
 
 
-def convert(environment: SuiteEnv, index: int, shown: Demonstration) -> tuple[EpisodeArrays, Metrics, list[str]]:
+def convert(
+    environment: SuiteEnv, index: int, demonstration: Demonstration
+) -> tuple[EpisodeArrays, Metrics, list[str]]:
     """Converts a demonstration to an episode that asks for the tasks that it completes, in the order of completion.
 
     Rewards, completions and infos are those that the task's MDP computes from the recorded positions.
@@ -226,50 +228,44 @@ def convert(environment: SuiteEnv, index: int, shown: Demonstration) -> tuple[Ep
     Args:
       environment: the kitchen, with `tasks_per_episode`; it is not stepped.
       index: number of the episode.
-      shown: the demonstration.
+      demonstration: to convert.
 
     Returns:
       The episode; its metrics, without success where it completes nothing; and the tasks that it completes, in order.
     """
     task: KitchenTask = environment.composer_task
     mdp, observe = task.mdp, environment.observations
-    achieved = _achieved(task, shown)
+    achieved = _achieved(task, demonstration)
     order = _completion_order(task, achieved)
-    noise, robot = np.zeros(mdp.noise_draws), shown.observations[:, ROBOT_POSITIONS]
+    noise, robot = np.zeros(mdp.noise_draws), demonstration.observations[:, ROBOT_POSITIONS]
     readings = [KitchenReading(*rows) for rows in zip(robot, achieved, strict=True)]
     state = mdp.with_request(mdp.initial_state(readings[0], noise), order)
-    buffer = EpisodeBuffer(observe(shown.observations[0], state, {}), _info(task, state, 0))
-    for step, action in enumerate(shown.actions, start=1):
+    buffer = EpisodeBuffer(observe(demonstration.observations[0], state, {}), _info(task, state, 0))
+    for step, action in enumerate(demonstration.actions, start=1):
         reading = readings[step]
         state = mdp.step(state, action=action, target=reading.positions, reading=reading, draws=noise)
-        buffer.add(
-            np.asarray(action, np.float32),
-            observe(shown.observations[step], state, {}),
-            float(mdp.reward(state)),
-            termination=False,
-            truncation=step == len(shown.actions),
-            info=_info(task, state, step),
-        )
+        is_last = step == len(demonstration.actions)
+        outcome = Step(np.asarray(action, np.float32), float(mdp.reward(state)), termination=False, truncation=is_last)
+        buffer.add(outcome, observe(demonstration.observations[step], state, {}), _info(task, state, step))
     completed = task.requests.tasks_in(order)
     instruction = task.requests.instructions_in(order)[0] if completed else ""
     episode = EpisodeArrays(index=index, seed=None, arrays=buffer.arrays(), instruction=instruction)
     return episode, {**task.metrics(episode.last_info), "success": bool(completed)}, completed
 
 
-def _achieved(task: KitchenTask, shown: Demonstration) -> NDArray[np.float64]:
+def _achieved(task: KitchenTask, demonstration: Demonstration) -> NDArray[np.float64]:
     """Returns the achieved goals `(T + 1, k)`: those recorded, or else the positions observed."""
-    objects = shown.observations[:, OBJECT_POSITIONS]
+    objects = demonstration.observations[:, OBJECT_POSITIONS]
     parts = []
     for name in task.policy_inputs.tasks:
         goal = GOALS[name]
-        parts.append(shown.achieved.get(name, objects[:, task.scene.elements(goal.prop, goal.joints)]))
+        parts.append(demonstration.achieved.get(name, objects[:, task.scene.elements(goal.prop, goal.joints)]))
     return np.concatenate(parts, axis=1)
 
 
 def _completion_order(task: KitchenTask, achieved: NDArray[np.float64]) -> NDArray[np.int64]:
     """Returns the order `(n,)` in which the tasks are first complete after a step; -1 for those that never are."""
-    mdp = task.mdp
-    within = mdp.success.within(achieved)[1:]
+    within = task.mdp.success.within(achieved)[1:]
     first = np.where(within.any(axis=0), within.argmax(axis=0), -1)
     return order_of(in_order(first), first.size)
 
@@ -299,7 +295,7 @@ class ConvertJob:
             **vars(environments),
             policy=_POLICY,
             seed=0,
-            seeding=SEEDINGS[0],
+            seeding="gymnasium",
             versions=installed_versions(),
             origin=origin,
         )
@@ -313,13 +309,14 @@ class ConvertJob:
         """Converts the episodes; prints how many there are, and which tasks they complete."""
         tasks, numbers = collections.Counter[str](), collections.Counter[int]()
         goals, steps = set[str](), 0
+        demonstrations = tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)
         with contextlib.closing(self._environment):
-            for index, shown in enumerate(tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)):
-                episode, metrics, completed = convert(self._environment, index, shown)
+            for index, demonstration in enumerate(demonstrations):
+                episode, metrics, completed = convert(self._environment, index, demonstration)
                 self._folder.save(episode, EpisodeStats.of(episode, metrics))
                 tasks.update(completed)
                 numbers[len(completed)] += 1
-                goals |= {*shown.goals}
+                goals |= {*demonstration.goals}
                 steps += episode.steps
                 self._finished += 1
         print(f"{self._finished} episodes of {self._settings.source} ({self._data.format}), {steps} control steps")

@@ -10,7 +10,7 @@ The names, for an episode of `T` control steps:
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import dm_env
 import gymnasium
@@ -22,7 +22,15 @@ from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import SuiteEnv
 from kitchen_suite.tasks.task import Metrics
 
-STEP_ARRAYS = ("action", "reward", "termination", "truncation")
+
+class Step(NamedTuple):
+    """A control step by the names above: values of one environment, or arrays `(n, ...)` of many."""
+
+    action: NDArray
+    reward: Any
+    termination: Any
+    truncation: Any
+
 
 # Kinds of NumPy dtypes, rows beside one a control step, and dimensions (0: any) of the arrays above.
 _LAYOUT = {
@@ -60,7 +68,7 @@ class EpisodeArrays:
 
     def check(self) -> None:
         """Raises a ValueError unless the arrays have the names, types and lengths of an episode."""
-        if missing := [name for name in STEP_ARRAYS if name not in self.arrays]:
+        if missing := [name for name in Step._fields if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
             raise ValueError("there are no observations")
@@ -163,26 +171,18 @@ class EpisodeBuffer:
         self.name = name
         self.observation = observation
         self._rows = [_row(observation, info)]
-        self._steps: list[tuple[NDArray, float, bool, bool]] = []
+        self._steps: list[Step] = []
 
-    def add(
-        self,
-        action: NDArray,
-        observation: Any,
-        reward: float,
-        termination: bool,
-        truncation: bool,
-        info: Mapping[str, Any],
-    ) -> None:
-        """Adds a step: its action, and the values that `gymnasium.Env.step` returned."""
+    def add(self, step: Step, observation: Any, info: Mapping[str, Any]) -> None:
+        """Adds a step, and the observation and the info after it."""
         self.observation = observation
         self._rows.append(_row(observation, info))
-        self._steps.append((action, reward, termination, truncation))
+        self._steps.append(step)
 
     def step(self, environment: gymnasium.Env, action: NDArray) -> None:
         """Makes a control step, and adds it."""
         observation, reward, termination, truncation, info = environment.step(action)
-        self.add(action, observation, float(reward), termination, truncation, info)
+        self.add(Step(action, float(reward), termination, truncation), observation, info)
 
     @property
     def steps(self) -> int:
@@ -192,26 +192,26 @@ class EpisodeBuffer:
     @property
     def has_ended(self) -> bool:
         """Whether the last step terminated or truncated the episode."""
-        return bool(self._steps) and (self._steps[-1][2] or self._steps[-1][3])
+        return bool(self._steps) and (self._steps[-1].termination or self._steps[-1].truncation)
 
     @property
     def reward(self) -> float:
         """Reward of the last step; 0 before the first one."""
-        return self._steps[-1][1] if self._steps else 0.0
+        return self._steps[-1].reward if self._steps else 0.0
 
     def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
         """Returns the present time step as the suite's own environment would."""
         observation = environment.present_observation
         if not self._steps:
             return dm_env.restart(observation)
-        return dm_env.transition(self._steps[-1][1], observation)
+        return dm_env.transition(self.reward, observation)
 
     def arrays(self) -> dict[str, NDArray]:
         """Returns the arrays of the episode so far."""
         columns = zip(*self._steps, strict=True)
         return {
             **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
-            **{name: np.array(column) for name, column in zip(STEP_ARRAYS, columns, strict=True)},
+            **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
         }
 
 

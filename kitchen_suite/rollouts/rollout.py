@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
-from kitchen_suite.rollouts.episode import STEP_ARRAYS, EpisodeArrays, EpisodeBuffer, flatten
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, flatten
 from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -198,6 +198,8 @@ class VectorRollout:
         self._environments, self._controller = environments, controller
         count = environments.num_envs
         self._running: list[_Running | None] = [None] * count
+        # Of the last step or reset.
+        self._observations: Any = None
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
         self._history = _History()
 
@@ -250,7 +252,7 @@ class VectorRollout:
         result = self._environments.step_some(actions, is_playing)
         self._observations, self._rewards, terminations, truncations, infos = result
         diverged = infos.pop("physics_error", np.zeros(len(self._running), bool))
-        self._history.add_step(self._observations, infos, (actions, self._rewards, terminations, truncations))
+        self._history.add_step(Step(actions, self._rewards, terminations, truncations), self._observations, infos)
         self._history.forget_before(min(running.first for running in self._running if running))
         return terminations | truncations, diverged
 
@@ -267,7 +269,7 @@ class _History:
     def __init__(self) -> None:
         # `_rows[t]` holds observations and infos at time `t`; `_steps[t]` leads from there to `_rows[t + 1]`.
         self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
-        self._steps: collections.deque[tuple[NDArray, ...]] = collections.deque()
+        self._steps: collections.deque[Step] = collections.deque()
         self._forgotten = 0
 
     @property
@@ -288,7 +290,7 @@ class _History:
             self._rows.pop()
         self._rows.append(row)
 
-    def add_step(self, observations: Any, infos: Mapping[str, NDArray], step: tuple[NDArray, ...]) -> None:
+    def add_step(self, step: Step, observations: Any, infos: Mapping[str, NDArray]) -> None:
         """Adds a step, and the observations and infos after it."""
         self._steps.append(step)
         self._rows.append(_named(observations, infos))
@@ -302,7 +304,7 @@ class _History:
 
     def rewards(self, i: int, first: int) -> NDArray[np.float64]:
         """Returns the rewards of environment `i` since time `first`."""
-        return np.array([step[STEP_ARRAYS.index("reward")][i] for step in self._since(first, self._steps)])
+        return np.array([step.reward[i] for step in self._since(first, self._steps)])
 
     def last_info(self, i: int) -> dict[str, NDArray]:
         """Returns the present infos of environment `i`."""
@@ -311,7 +313,7 @@ class _History:
     def episode(self, i: int, first: int) -> dict[str, NDArray]:
         """Returns the arrays of environment `i` since time `first`."""
         rows, steps = self._since(first, self._rows), self._since(first, self._steps)
-        columns = zip(STEP_ARRAYS, zip(*steps, strict=True), strict=True)
+        columns = zip(Step._fields, zip(*steps, strict=True), strict=True)
         return {
             **{name: np.stack([row[name][i] for row in rows]) for name in rows[0]},
             **{name: np.stack([array[i] for array in column]) for name, column in columns},
@@ -361,7 +363,7 @@ def even_count(num_episodes: int, num_envs: int) -> int:
 
 
 class SingleRunner:
-    """Plays its episodes one after the other."""
+    """Plays episodes one after the other; a `workers.worker.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec) -> None:
         self._rollout = SingleRollout(spec)
@@ -374,7 +376,7 @@ class SingleRunner:
 
 
 class VectorRunner:
-    """Plays many of its episodes at once."""
+    """Plays many episodes at once; a `workers.worker.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()
