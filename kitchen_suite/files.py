@@ -226,9 +226,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
     return path
 
 
-def load_arrays(
-    path: Path, what: str = "an episode", max_bytes: int = MAX_ARRAY_BYTES
-) -> tuple[dict[str, NDArray], dict[str, Any]]:
+def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tuple[dict[str, NDArray], dict[str, Any]]:
     """Returns the arrays and the metadata that `save_arrays` wrote.
 
     Raises an OSError unless the file holds `what`, in arrays of at most `max_bytes` together.
@@ -239,7 +237,7 @@ def load_arrays(
         return arrays, _as_metadata(arrays.pop("metadata"))
 
 
-def load_metadata(path: Path, what: str = "an episode") -> dict[str, Any]:
+def load_metadata(path: Path, what: str) -> dict[str, Any]:
     """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
     with reading(path, what), zipfile.ZipFile(path) as archive:
         check_size(archive.getinfo("metadata.npy").file_size, _MAX_JSON_BYTES)

@@ -100,16 +100,16 @@ def test_a_member_that_is_no_array_is_refused(tmp_path, member):
     npz(tmp_path / "x.npz", metadata=METADATA, array=member)
     with pytest.raises(OSError, match=r"x.npz does not hold a policy \(\w+(: [^\n]{1,200})?\)$"):
         files.load_arrays(tmp_path / "x.npz", "a policy")
-    assert files.load_metadata(tmp_path / "x.npz") == {"a": 1}
+    assert files.load_metadata(tmp_path / "x.npz", "a policy") == {"a": 1}
 
 
 def test_sizes_are_looked_at_before_arrays_are_read(tmp_path, monkeypatch):
     npz(tmp_path / "x.npz", metadata=METADATA, array=array(np.zeros(2**20)))
     assert tmp_path.joinpath("x.npz").stat().st_size < 20_000
-    assert files.load_arrays(tmp_path / "x.npz", max_bytes=2**24)[0]["array"].shape == (2**20,)
+    assert files.load_arrays(tmp_path / "x.npz", "an episode", max_bytes=2**24)[0]["array"].shape == (2**20,)
     monkeypatch.setattr(zipfile.ZipFile, "open", None)
     with pytest.raises(OSError, match=r"x.npz does not hold an episode: it would take 8\d+ bytes of memory, more than"):
-        files.load_arrays(tmp_path / "x.npz", max_bytes=2**22)
+        files.load_arrays(tmp_path / "x.npz", "an episode", max_bytes=2**22)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "9" * 5000, '{"a": "\\ud800'])
@@ -130,7 +130,7 @@ def test_a_missing_file_is_named(tmp_path):
 def test_arrays_are_read_as_numpy_reads_them(tmp_path, order, dtype):
     values = np.arange(24).reshape(2, 3, 4).astype(dtype, order=order)
     files.save_arrays(tmp_path / "x.npz", {"a/b": values, "empty": np.zeros((0, 3))}, {"seed": 2**70})
-    arrays, metadata = files.load_arrays(tmp_path / "x.npz")
+    arrays, metadata = files.load_arrays(tmp_path / "x.npz", "an episode")
     with np.load(tmp_path / "x.npz") as expected:
         assert list(arrays) == ["a/b", "empty"]
         for name, found in arrays.items():
@@ -142,7 +142,7 @@ def test_arrays_are_read_as_numpy_reads_them(tmp_path, order, dtype):
 def test_the_reason_of_damaged_contents_is_named(tmp_path):
     tmp_path.joinpath("x.npz").write_bytes(b"nothing")
     with pytest.raises(OSError, match=r"x.npz does not hold an episode \(BadZipFile: File is not a zip file\)$"):
-        files.load_arrays(tmp_path / "x.npz")
+        files.load_arrays(tmp_path / "x.npz", "an episode")
 
 
 @pytest.mark.parametrize("load", [files.load_json, files.load_arrays, files.load_metadata])

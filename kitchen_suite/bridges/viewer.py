@@ -156,8 +156,7 @@ class LiveEpisode:
     def __init__(self, settings: ViewSettings) -> None:
         """Builds environment and policy, and starts the episode of the settings' seed."""
         spec = EpisodeSpec.of(settings, seeding="gymnasium")
-        quality = {} if "render_quality" in spec.task_kwargs else {"render_quality": settings.render_quality}
-        self._rollout = SingleRollout(spec.prepared(), visuals=True, **quality)
+        self._rollout = SingleRollout(spec.prepared(), visuals=True, render_quality=settings.render_quality)
         self._max_steps = spec.max_episode_steps
         self._environment = suite_env(self._rollout.environment).environment
         find_camera(self.physics, settings.camera)
@@ -219,11 +218,15 @@ class LiveEpisode:
 
 
 class Viewer:
-    """Plays an episode in real time, and does what is chosen in the panel."""
+    """Plays an episode in real time, and does what is chosen in the panel.
+
+    Attributes:
+      episode: the one that is shown.
+    """
 
     def __init__(self, server: Any, settings: ViewSettings, episode: LiveEpisode) -> None:
         """Shows an episode of the settings in a server of viser."""
-        self._server, self._episode = server, episode
+        self._server, self.episode = server, episode
         self._panel = ViewerPanel(server.gui, settings)
         self._problem = ""
         self._due = time.monotonic()
@@ -240,18 +243,13 @@ class Viewer:
         if not panel.is_paused and not self._problem and now >= self._due:
             self._step()
             # Where steps take longer than they should, time passes more slowly.
-            self._due = max(self._due + self._episode.timestep / panel.speed, now)
+            self._due = max(self._due + self.episode.timestep / panel.speed, now)
         wait = _IDLE if panel.is_paused or self._problem else min(_IDLE, max(self._due - time.monotonic(), 0.0))
         try:
             command = panel.commands.get(timeout=wait) if wait else panel.commands.get_nowait()
         except queue.Empty:
             return
         self._carry_out(command)
-
-    @property
-    def episode(self) -> LiveEpisode:
-        """The episode that is shown."""
-        return self._episode
 
     def _carry_out(self, command: str) -> None:
         if command == "step":
@@ -263,22 +261,22 @@ class Viewer:
         self._due = time.monotonic()
 
     def _step(self) -> None:
-        if not self._episode.has_ended:
-            self._try(self._episode.step)
+        if not self.episode.has_ended:
+            self._try(self.episode.step)
         elif self._panel.continues:
-            self._panel.seed = self._episode.seed + 1
+            self._panel.seed = self.episode.seed + 1
             self._try(self._reset)
 
     def _load(self) -> None:
         self._panel.show("Loading.")
         episode = LiveEpisode(self._panel.settings())
-        self._episode.close()
-        self._episode = episode
+        self.episode.close()
+        self.episode = episode
         self._scene = self._show_scene()
 
     def _reset(self) -> None:
-        self._episode.start(self._panel.seed)
-        if not self._scene.shows(self._episode.physics):
+        self.episode.start(self._panel.seed)
+        if not self._scene.shows(self.episode.physics):
             self._scene = self._show_scene()
 
     def _try(self, action: Any) -> None:
@@ -288,24 +286,24 @@ class Viewer:
             self._problem = ""
         except _ERRORS as error:
             self._problem = " ".join(str(error).split())
-        self._scene.update(self._episode.physics)
-        self._panel.show(f"**Error:** {self._problem}" if self._problem else self._episode.report())
+        self._scene.update(self.episode.physics)
+        self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
 
     def _show_scene(self) -> WebScene:
         """Replaces the scene by that of the episode's model."""
-        physics, server = self._episode.physics, self._server
+        physics, server = self.episode.physics, self._server
         server.scene.reset()
         server.scene.set_up_direction("+z")
         self._panel.offer_cameras(camera_names(physics))
         scene = WebScene(server, physics, find_camera(physics, self._panel.camera))
         scene.update(physics)
-        self._panel.show(self._episode.report())
+        self._panel.show(self.episode.report())
         self._move_cameras()
         return scene
 
     def _move_cameras(self) -> None:
         """Moves the views of all browsers to the chosen camera."""
-        physics, view = self._episode.physics, self._server.initial_camera
+        physics, view = self.episode.physics, self._server.initial_camera
         set_camera(self._server, physics, find_camera(physics, self._panel.camera))
         for client in self._server.get_clients().values():
             with client.atomic():

@@ -31,6 +31,7 @@ _MEANS = {
     "score": "score",
     "d4rl_score": "D4RL score",
 }
+_ENTROPY = "order entropy [bit]"
 
 
 def format_heading(description: Mapping[str, Any]) -> str:
@@ -47,8 +48,8 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
     title = task_name if name == task_name else f"{name} ({task_name})"
     intervals = scores["intervals"]
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
-    if "order_entropy" in scores:
-        rows.append(("order entropy [bit]", f"{scores['order_entropy']:.2f}", ""))
+    if entropy := _entropy(scores):
+        rows.append((_ENTROPY, entropy, ""))
     parts = [table((title, _episodes(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
         tasks = [
@@ -71,7 +72,7 @@ def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
         (name, *(_text(key, each[key]) if key in each else "" for key in keys), _entropy(each))
         for name, each in scores.items()
     ]
-    return table(("condition", *map(_label, keys), "order entropy [bit]"), rows)
+    return table(("condition", *map(_label, keys), _ENTROPY), rows)
 
 
 def _episodes(count: int) -> str:
@@ -126,7 +127,7 @@ class EpisodePage:
 
     def _play(self, prefix: str, spec: EpisodeSpec, show: PageStep) -> None:
         """Plays the episodes of a condition, whose names begin with a prefix."""
-        rollout = SingleRollout(spec, visuals=True, **_light(spec))
+        rollout = SingleRollout(spec, visuals=True, render_quality="fast")
         environment = suite_env(rollout.environment).environment
 
         def watch(buffer: EpisodeBuffer) -> None:
@@ -139,11 +140,6 @@ class EpisodePage:
                 # The page has an episode until its physics diverges.
                 with contextlib.suppress(PhysicsError):
                     rollout.play(index, spec.seed + index, watch)
-
-
-def _light(spec: EpisodeSpec) -> dict[str, str]:
-    """Returns the argument with which meshes are light, unless the episodes' pictures are of another quality."""
-    return {} if "render_quality" in spec.task_kwargs else {"render_quality": "fast"}
 
 
 class EvaluateJob:

@@ -140,7 +140,8 @@ def shipped(task: "SuiteTask") -> Path:
         if (path := SHIPPED / f"{key}.npz").exists():
             return path
     title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
-    present = [f"{files.load_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
+    others = {path.stem: files.load_metadata(path, "a trained policy") for path in sorted(SHIPPED.glob("*.npz"))}
+    present = [f"{metadata['domain_name']} {name}" for name, metadata in others.items()]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 
 

@@ -26,8 +26,8 @@ class _Metadata:
     total_reward: float
     seconds: float
     results: Metrics
+    instruction: str = ""  # Of which older files have none.
     recording: Mapping[str, Any]
-    instruction: str = ""
 
 
 class RecordingFolder:
@@ -89,21 +89,21 @@ class RecordingFolder:
         It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics, the task's
         sentence and the specification.
         """
-        metadata = {
-            "episode": episode.index,
-            "seed": episode.seed,
-            "steps": episode.steps,
-            "total_reward": stats.total_reward,
-            "seconds": episode.seconds,
-            "results": stats.metrics,
-            "instruction": episode.instruction,
-            "recording": self.spec.as_json(),
-        }
-        files.save_arrays(self._path(episode.index), episode.arrays, metadata)
+        metadata = _Metadata(
+            episode=episode.index,
+            seed=episode.seed,
+            steps=episode.steps,
+            total_reward=stats.total_reward,
+            seconds=episode.seconds,
+            results=stats.metrics,
+            instruction=episode.instruction,
+            recording=self.spec.as_json(),
+        )
+        files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
 
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
-        arrays, record = files.load_arrays(self._path(index))
+        arrays, record = files.load_arrays(self._path(index), "an episode")
         metadata = self._parse(index, record)
         try:
             episode = EpisodeArrays(
@@ -129,7 +129,7 @@ class RecordingFolder:
 
     def load_stats(self, index: int) -> EpisodeStats:
         """Reads the statistics of an episode, and not its arrays; raises as `load`."""
-        metadata = self._parse(index, files.load_metadata(self._path(index)))
+        metadata = self._parse(index, files.load_metadata(self._path(index), "an episode"))
         return EpisodeStats(
             seed=metadata.seed,
             steps=metadata.steps,

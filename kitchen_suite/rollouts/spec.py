@@ -66,8 +66,8 @@ class EnvironmentSpec:
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
             raise ValueError(f"{', '.join(reserved)} cannot be among the task_kwargs: the command sets it itself")
         domain = suite.find_domain(domain_name)
-        # Gymnasium takes some names itself, such as `disable_env_checker`.
         env_class = domain.resolve("env")
+        # Before Gymnasium does, which takes some names itself, such as `disable_env_checker`.
         env_class.check_keywords(domain, task_kwargs, exclude=_RESERVED)
         obs_type = env_class.find_obs_type(task_kwargs.get("obs_type"))
         # The quality of observed pictures must not depend on that of a video.
@@ -105,7 +105,10 @@ class EnvironmentSpec:
         return env_class
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
-        """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""
+        """Makes a single environment; `extra` are further arguments, which replace none of the specification's.
+
+        So a video's `render_quality`, for example, is not that of the pictures that are observed.
+        """
         arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments}
         try:
             return gymnasium.make(suite.find_domain(self.domain_name).env_id, **arguments)
@@ -120,7 +123,10 @@ class EnvironmentSpec:
         autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
         **extra: Any,
     ) -> SuiteVectorEnv:
-        """Makes vectorised environments; `extra` are further arguments, which replace the specification's."""
+        """Makes vectorised environments; `extra` are further arguments, which replace the specification's.
+
+        So training, for example, has goals as arrays whatever the specification says.
+        """
         environments = gymnasium.make_vec(
             suite.find_domain(self.domain_name).env_id,
             num_envs,
