@@ -199,9 +199,11 @@ class WorkerSettings(EpisodeSettings):
         "Ray cluster of the workers: HOST:PORT, ray://HOST:PORT, or auto.", None, unset="started for the command"
     )
 
-    @property
     def ray(self) -> "RaySettings | None":
-        """The workers that play the episodes, checked; None where the command plays them itself."""
+        """Returns the workers that play the episodes, once they are checked; None where the command plays them itself.
+
+        Raises as `RaySettings.of`.
+        """
         if self.workers is None:
             if self.ray_address:
                 raise ValueError("--ray_address needs --workers: the number of processes there")
@@ -298,8 +300,8 @@ class RecordSettings(WorkerSettings):
             return self
         presets = suite.find_domain(self.domain_name).resolve("recording") or {}
         chosen = presets[checks.choice(self.preset, presets, "preset")]
-        defaults = {field.name: field.default for field in dataclasses.fields(self)} | {"task_kwargs": {}}
-        if given := sorted(name for name in chosen if getattr(self, name) not in (defaults[name], chosen[name])):
+        default = vars(RecordSettings(output=self.output))
+        if given := sorted(name for name in chosen if vars(self)[name] not in (default[name], chosen[name])):
             raise ValueError(f"preset {self.preset!r} fixes {', '.join(given)}: leave it out, or the preset")
         return dataclasses.replace(self, **chosen)
 
@@ -353,7 +355,7 @@ class BenchmarkSettings:
     json: bool = flag("Print JSON in place of tables.", False)
 
 
-_PROTOCOLS = "the protocol's"
+_OF_PROTOCOL = "the protocol's"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -367,13 +369,13 @@ class EvaluateSettings(TaskSettings, PageSettings):
         "Protocol of the evaluation: it sets task, variations, seeds and number of episodes.", "default"
     )
     policy: str = policy_flag("random")
-    task_name: str | None = task_flag(None, unset=_PROTOCOLS)
-    control_mode: str | None = control_mode_flag(None, unset=_PROTOCOLS)
-    variations: str | None = variations_flag(None, unset=_PROTOCOLS)
-    variation_split: str | None = variation_split_flag(None, unset=_PROTOCOLS)
-    seed: int | None = seed_flag(None, unset=_PROTOCOLS)
-    num_episodes: int | None = num_episodes_flag(None, unset=_PROTOCOLS)
-    max_episode_steps: int | None = max_episode_steps_flag(None, unset=_PROTOCOLS)
+    task_name: str | None = task_flag(None, unset=_OF_PROTOCOL)
+    control_mode: str | None = control_mode_flag(None, unset=_OF_PROTOCOL)
+    variations: str | None = variations_flag(None, unset=_OF_PROTOCOL)
+    variation_split: str | None = variation_split_flag(None, unset=_OF_PROTOCOL)
+    seed: int | None = seed_flag(None, unset=_OF_PROTOCOL)
+    num_episodes: int | None = num_episodes_flag(None, unset=_OF_PROTOCOL)
+    max_episode_steps: int | None = max_episode_steps_flag(None, unset=_OF_PROTOCOL)
     num_envs: int = num_envs_flag(16)
     num_threads: int | None = num_threads_flag(None)
     resume: bool = flag("Continue the evaluation in the folder.", False)
@@ -387,11 +389,11 @@ class EvaluateSettings(TaskSettings, PageSettings):
 PPO = "ppo"
 ALGORITHMS = (PPO, "bc", "flow", "vqbet")
 
-# Of imitation, in every domain.
-_IMITATION = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
+# Values of a `Schedule` by imitation, in every domain.
+_IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
 
-# Of domains without a training recipe of their own.
-_TRAINING = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
+# Values by PPO, unless the domain's training recipe has others.
+_PPO_SCHEDULE = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -457,8 +459,8 @@ class TrainSettings(TaskSettings):
     def schedule(self) -> "Schedule":
         """When to evaluate and when to stop, with the domain's values for those that are None."""
         recipe = suite.find_domain(self.domain_name).resolve("training")
-        own = _IMITATION if self.algorithm != PPO else {} if recipe is None else recipe.settings
-        defaults: dict[str, Any] = {**_TRAINING, **own}
+        own = {} if recipe is None else recipe.settings
+        defaults: dict[str, Any] = {**_PPO_SCHEDULE, **own} if self.algorithm == PPO else _IMITATION_SCHEDULE
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
         return Schedule(**{name: defaults[name] if value is None else value for name, value in chosen.items()})
 

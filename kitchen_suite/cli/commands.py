@@ -14,6 +14,7 @@ from kitchen_suite import checks
 from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
 from kitchen_suite.rendering import gl
 from kitchen_suite.settings import (
+    WIDTH,
     BenchmarkSettings,
     ConvertSettings,
     EvaluateSettings,
@@ -48,7 +49,7 @@ def _protocol_lines() -> str:
         domains = "" if protocol.is_general else "kitchen; "
         text = f"{protocol.follows} ({domains}{protocol.num_episodes:,} episodes, seeds from {protocol.seed:,})"
         first = f"  {protocol.name:<17} "
-        lines.append(textwrap.fill(text, 110, initial_indent=first, subsequent_indent=" " * 20))
+        lines.append(textwrap.fill(text, WIDTH, initial_indent=first, subsequent_indent=" " * 20))
     return "\n".join(["", *lines, ""])
 
 

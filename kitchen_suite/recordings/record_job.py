@@ -47,7 +47,7 @@ class RecordJob:
 
     def __init__(self, settings: RecordSettings) -> None:
         """Prepares the recording, so that bad settings are refused before the first episode."""
-        self._ray = settings.ray
+        self._ray = settings.ray()
         self._settings = settings = _with_format(settings.resolved)
         self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
         self._template_env = self._spec.make_environment()

@@ -37,7 +37,7 @@ class RolloutJob:
 
     def __init__(self, settings: RolloutSettings) -> None:
         """Prepares the rollout, so that bad settings are refused before the first episode."""
-        self._ray = settings.ray
+        self._ray = settings.ray()
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
