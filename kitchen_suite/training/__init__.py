@@ -1,1 +1,1 @@
-"""Training of policies by PPO on the vectorised environments; needs the extra `train`."""
+"""Training of policies by PPO on the vectorised environments, or by imitation; needs the extra `train`."""

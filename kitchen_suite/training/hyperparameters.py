@@ -13,7 +13,7 @@ class Recipe:
     """The defaults of training in a domain, as far as they are not the general ones.
 
     Attributes:
-      hyperparameters: values that replace defaults of `training.hyperparameters.Hyperparameters`.
+      hyperparameters: values that replace defaults of `Hyperparameters`.
       cloning_hyperparameters: values that replace these where demonstrations are cloned first.
       options: arguments of the environments that policies are trained in from scratch, which those that they are
         evaluated in do not have; except for `max_episode_steps`, which both have.

@@ -1,4 +1,4 @@
-"""What trains a policy, whatever the algorithm: its settings, its learner, and the evaluation of its policies."""
+"""Interfaces of all training algorithms: the settings of a run, its learner, and the evaluation of its policies."""
 
 import abc
 import collections

@@ -4,7 +4,7 @@ import collections
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -215,6 +215,26 @@ def advantages(
     return estimates
 
 
+class Samples(NamedTuple):
+    """Control steps that the optimiser learns from, one in each of `b` rows.
+
+    Attributes:
+      observations: `(b, m)`, standardised.
+      actions: `(b, k)`, in units of the policy's scale.
+      log_densities: `(b,)`, of the actions when they were taken.
+      advantages: `(b,)`, of the actions, standardised.
+      values: `(b, 1)`, outputs of the value network when the actions were taken.
+      returns: `(b, 1)`, estimated, standardised.
+    """
+
+    observations: torch.Tensor
+    actions: torch.Tensor
+    log_densities: torch.Tensor
+    advantages: torch.Tensor
+    values: torch.Tensor
+    returns: torch.Tensor
+
+
 class Agent:
     """A policy and a value function, and their optimiser.
 
@@ -282,10 +302,10 @@ class Agent:
         self.policy.requires_grad_(not values_only)
         samples, metrics = self.samples(batch), collections.defaultdict[str, list[float]](list)
         for _ in range(self._config.learning_epochs):
-            order = torch.randperm(len(samples[0]))
+            order = torch.randperm(len(samples.actions))
             size = len(order) // self._config.mini_batches
             shuffled = [tensor[order].split(size) for tensor in samples]
-            steps = [self._step(*part) for part in zip(*shuffled, strict=True)]
+            steps = [self._step(Samples(*part)) for part in zip(*shuffled, strict=True)]
             for step in steps:
                 for name, value in step.items():
                     metrics[name].append(value)
@@ -300,11 +320,8 @@ class Agent:
         return {name: float(np.mean(values)) for name, values in metrics.items()}
 
     @torch.no_grad()
-    def samples(self, batch: Batch) -> list[torch.Tensor]:
-        """Returns what the optimiser learns from in a batch, whose returns are added to their statistics.
-
-        Each row is of a control step; the order is that of the arguments of `_step`.
-        """
+    def samples(self, batch: Batch) -> Samples:
+        """Returns the samples of a batch, whose returns are added to their statistics."""
         config = self._config
         observations = self.observation_scaler(torch.cat([batch.observations, batch.next_observations[None]]))
         outputs = self.value(observations)
@@ -314,14 +331,14 @@ class Agent:
         )
         returns = (estimates + values[:-1]).reshape(-1, 1)
         self.value_scaler.update(returns)
-        return [
-            observations[:-1].flatten(0, 1),
-            batch.actions.flatten(0, 1),
-            batch.log_densities.flatten(),
-            ((estimates - estimates.mean()) / (estimates.std() + _LEAST_DEVIATION)).flatten(),
-            outputs[:-1].flatten(0, 1),
-            self.value_scaler(returns),
-        ]
+        return Samples(
+            observations=observations[:-1].flatten(0, 1),
+            actions=batch.actions.flatten(0, 1),
+            log_densities=batch.log_densities.flatten(),
+            advantages=((estimates - estimates.mean()) / (estimates.std() + _LEAST_DEVIATION)).flatten(),
+            values=outputs[:-1].flatten(0, 1),
+            returns=self.value_scaler(returns),
+        )
 
     def _bootstrapped(self, batch: Batch) -> torch.Tensor:
         """Returns the rewards `(t, n)`; with the discounted value of the last observation where a step truncated."""
@@ -331,34 +348,17 @@ class Agent:
         rewards[steps, indices] += self._config.discount * following
         return rewards
 
-    def _step(
-        self,
-        observations: torch.Tensor,
-        actions: torch.Tensor,
-        log_densities: torch.Tensor,
-        advantage: torch.Tensor,
-        values: torch.Tensor,
-        returns: torch.Tensor,
-    ) -> dict[str, float]:
-        """Makes a step of the optimiser; returns its metrics.
-
-        Args:
-          observations: `(b, m)`, standardised.
-          actions: `(b, k)`, in units of the policy's scale.
-          log_densities: `(b,)`, of the actions when they were taken.
-          advantage: `(b,)`, of the actions, standardised.
-          values: `(b, 1)`, outputs of the value network when the actions were taken.
-          returns: `(b, 1)`, estimated, standardised.
-        """
-        config = self._config
-        change = self.policy.log_densities(observations, actions) - log_densities
+    def _step(self, samples: Samples) -> dict[str, float]:
+        """Makes a step of the optimiser; returns its metrics."""
+        config, values = self._config, samples.values
+        change = self.policy.log_densities(samples.observations, samples.actions) - samples.log_densities
         ratio = change.exp()
         clipped = ratio.clamp(1 - config.ratio_clip, 1 + config.ratio_clip)
-        policy_loss = -torch.minimum(advantage * ratio, advantage * clipped).mean()
-        predicted = self.value(observations)
+        policy_loss = -torch.minimum(samples.advantages * ratio, samples.advantages * clipped).mean()
+        predicted = self.value(samples.observations)
         if config.value_clip:
             predicted = values + (predicted - values).clamp(-config.value_clip, config.value_clip)
-        value_loss = config.value_scale * torch.nn.functional.mse_loss(predicted, returns)
+        value_loss = config.value_scale * torch.nn.functional.mse_loss(predicted, samples.returns)
         # The entropy of a normal distribution, without its constant.
         entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
         self.optimizer.zero_grad()

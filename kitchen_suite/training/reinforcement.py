@@ -27,7 +27,7 @@ from kitchen_suite.training.learner import DivergedError, Learner, Training, epi
 from kitchen_suite.training.ppo import Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Weight of a task that always succeeds, relative to 1 more for one that never does.
+# Weight of a task that always succeeds; that of one that never does is greater by 1.
 _LEAST_WEIGHT = 0.05
 
 # Number of episodes of a task over which its success is averaged.
@@ -37,7 +37,7 @@ _MEMORY = 50
 # squared error of a few large actions would dominate the loss.
 _ACTION_LIMIT = 5.0
 
-# Of cloning.
+# Minibatch size, and learning rate and weight decay of the optimiser (AdamW), of cloning.
 _BATCH_SIZE, _LEARNING_RATE, _WEIGHT_DECAY = 512, 1e-3, 1e-4
 
 

@@ -25,6 +25,9 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 POLICY_FILE = "policy.npz"
 
+# Below the success rate and mean return of any evaluation.
+NO_RESULT = (-1.0, 0.0)
+
 # First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
 _TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 500_000_000
@@ -102,7 +105,7 @@ class SeedRun:
         folder.mkdir(parents=True, exist_ok=True)
         # Duration and processor time of all threads until the last evaluation [s].
         self._seconds = np.zeros(2)
-        self.best, self._progress = (-1.0, 0.0), 0.0
+        self.best, self._progress = NO_RESULT, 0.0
         # Success rates of the last two evaluations.
         self._successes: list[float] = []
         self.resumed = self._restore()

@@ -23,10 +23,7 @@ from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
 from kitchen_suite.training.run_folder import RunDescription
-from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, POLICY_FILE, SeedRun, StopReason
-
-# Below the success rate and mean return of any evaluation.
-_NO_RESULT = (-1.0, 0.0)
+from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT, POLICY_FILE, SeedRun, StopReason
 
 
 class TrainJob:
@@ -63,7 +60,7 @@ class TrainJob:
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
         self.training.make_learner(settings.seed)
         self._seed_run: SeedRun | None = None
-        self._best = self._present_best() if settings.resume else _NO_RESULT
+        self._best = self._present_best() if settings.resume else NO_RESULT
         description = RunDescription(**self.metadata, seed=settings.seed, algorithm=settings.algorithm)
         if settings.resume:
             description.resume(settings.output)
@@ -119,7 +116,7 @@ class TrainJob:
             training = metadata["training"]
             return float(training["success"]), float(training["return"])
         except (KeyError, OSError, TypeError, ValueError):  # There is none, or a damaged one.
-            return _NO_RESULT
+            return NO_RESULT
 
     def _keep_if_best(self, run: SeedRun) -> None:
         """Copies the policy of a seed to the folder of the run if it is the best of all seeds so far."""

@@ -349,8 +349,8 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
     for (t, i), observation in zip(truncations, last, strict=True):
         np.testing.assert_array_equal(observation, seen[t][1]["final_obs"][i].astype(np.float32))
     np.testing.assert_allclose(batch.rewards, 0.5 * np.array([rewards for rewards, _ in seen]), rtol=1e-6)
-    assert len(samples[0][0]) == BATCH
-    assert torch.isfinite(samples[0][5]).all()
+    assert len(samples[0].actions) == BATCH
+    assert torch.isfinite(samples[0].returns).all()
 
 
 def test_a_learner_finds_the_action_that_is_rewarded():

@@ -147,7 +147,7 @@ class ImitationTraining(Training):
             if getattr(settings, flag):
                 raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {name!r}")
         self._method = METHODS[name]
-        self.title = self._method.__doc__.partition(":")[0]
+        self.title = self._method.title
         self.config: Any = checked_changes(self._method.hyperparameters(), settings.hyperparameters)
         if self.config.executed > self.config.chunk:
             raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")

@@ -63,9 +63,13 @@ class Method(torch.nn.Module, abc.ABC):
     """Networks of an algorithm, and its loss.
 
     Attributes:
+      title: name of the algorithm.
+      policy_class: class of the policies that it exports.
+      hyperparameters: class of its hyperparameters.
       network: that predicts from inputs.
     """
 
+    title: ClassVar[str]
     policy_class: ClassVar[type[ImitatedPolicy]]
     hyperparameters: ClassVar[type[ImitationHyperparameters]]
 
@@ -87,6 +91,7 @@ class Method(torch.nn.Module, abc.ABC):
 class Cloning(Method):
     """Behaviour cloning: the mean absolute error of chunks."""
 
+    title = "Behaviour cloning"
     policy_class = ClonedPolicy
     hyperparameters = ImitationHyperparameters
 
@@ -102,6 +107,7 @@ class Cloning(Method):
 class Flow(Method):
     """Flow matching: the velocity of straight lines from noise to chunks, at times drawn from U(0, 1)."""
 
+    title = "Flow matching"
     policy_class = FlowPolicy
     hyperparameters = FlowHyperparameters
 
@@ -126,6 +132,7 @@ class Flow(Method):
 class Tokens(Method):
     """VQ-BeT: first an autoencoder of chunks with residual codes, then a classifier of codes with offsets of chunks."""
 
+    title = "VQ-BeT"
     policy_class = TokenPolicy
     hyperparameters = TokenHyperparameters
 
