@@ -66,16 +66,16 @@ def nearest(value: str, choices: Collection[str]) -> str | None:
     return near[0] if near else None
 
 
-def keywords(names: Iterable[object], *takers: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
+def keywords(names: Iterable[object], *functions: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
     """Raises a TypeError unless functions have keyword arguments of given names.
 
     Args:
       names: of the arguments.
-      *takers: functions, or classes, that share the arguments among them.
+      *functions: functions, or classes, that share the arguments among them.
       what: kind of the arguments, for the message.
       exclude: arguments of the functions that are set otherwise.
     """
-    parameters = [parameter for taker in takers for parameter in inspect.signature(taker).parameters.values()]
+    parameters = [parameter for function in functions for parameter in inspect.signature(function).parameters.values()]
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(exclude)
     for name in names:

@@ -110,17 +110,17 @@ def _with_classes(domain: Domain) -> Domain:
 
 def _register_ids(domain: Domain, arguments: Mapping[str, Any]) -> None:
     """Registers the ids of a domain with Gymnasium, those that it does not have yet, with further arguments."""
-    tasks = {domain.task_ids[task]: each for task, each in domain.tasks.items()}
+    of_tasks = {domain.task_ids[task]: of_task for task, of_task in domain.tasks.items()}
     # Arguments of one task among several would be left to those that `make` adds for another one.
-    general = next(iter(tasks.values())) if len(tasks) == 1 else {}
-    for env_id, each in {domain.env_id: general, **tasks}.items():
+    general = next(iter(of_tasks.values())) if len(of_tasks) == 1 else {}
+    for env_id, of_id in {domain.env_id: general, **of_tasks}.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
                 entry_point=domain.env,
                 vector_entry_point=domain.vector_env,
                 max_episode_steps=domain.episode_steps,
-                kwargs={**arguments, **each},
+                kwargs={**arguments, **of_id},
             )
 
 

@@ -122,20 +122,20 @@ class Domain:
         return pkgutil.resolve_name(value) if isinstance(value, str) else value
 
     @property
-    def takers(self) -> tuple[Callable[..., Any], ...]:
+    def argument_functions(self) -> tuple[Callable[..., Any], ...]:
         """Functions that share the keyword arguments of scene and task among them, the task's control modes included.
 
         The constructors of a task's bases are among them as far as each passes further arguments on.
         """
         from kitchen_suite.tasks.observables import Pictures
 
-        task, takers = self.resolve("task"), [self.resolve("scene")]
+        task, functions = self.resolve("task"), [self.resolve("scene")]
         constructors = [vars(base)["__init__"] for base in inspect.getmro(task)[:-1] if "__init__" in vars(base)]
         for constructor in constructors:
-            takers.append(constructor)
+            functions.append(constructor)
             if not _passes_on(constructor):
-                return tuple(takers)
-        return (*takers, Pictures, *task.control_modes.values())
+                return tuple(functions)
+        return (*functions, Pictures, *task.control_modes.values())
 
     @property
     def control_options(self) -> tuple[str, ...]:
@@ -147,7 +147,8 @@ class Domain:
         self, names: Iterable[object], *others: Callable[..., Any], what: str, exclude: Collection[str] = ()
     ) -> None:
         """Checks that scene, task or other functions have arguments of given names; see `checks.keywords`."""
-        checks.keywords(names, *others, *self.takers, what=what, exclude=(*_SET_BY_THE_SUITE, *exclude))
+        exclude = (*_SET_BY_THE_SUITE, *exclude)
+        checks.keywords(names, *others, *self.argument_functions, what=what, exclude=exclude)
 
     def load(
         self,
@@ -181,9 +182,9 @@ class Domain:
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")
         of_scene = _parameters(build_scene)
-        own = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
-        others = {name: value for name, value in arguments.items() if name not in of_scene}
-        task = build_task(build_scene(**own), **others)
+        scene_arguments = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
+        task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
+        task = build_task(build_scene(**scene_arguments), **task_arguments)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
         constructors = Environment, *Environment.__bases__

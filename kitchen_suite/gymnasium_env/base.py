@@ -172,7 +172,7 @@ class SuiteEnv(gymnasium.Env):
         """
         if name in domain.control_options[1:]:
             return None
-        signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.takers)]
+        signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.argument_functions)]
         default = next((signature[name].default for signature in signatures if name in signature), None)
         return None if default is inspect.Parameter.empty else default
 

@@ -30,6 +30,7 @@ Policy = Callable[[dm_env.TimeStep], ArrayLike]
 
 PolicyBuilder = Callable[..., Policy]
 """Builds the policy for one episode from the environment and a generator of the episode's own."""
+
 # Packages that the extra `experts` installs.
 EXPERT_PACKAGES = ("daqp", "mink")
 
@@ -105,8 +106,8 @@ class ExpertSource(PolicySource):
         from kitchen_suite.policies import experts
 
         expert_class = experts.expert_class(environment.task)
-        takers: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
-        checks.keywords(options, *takers, what="option", exclude=("style",))
+        functions: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
+        checks.keywords(options, *functions, what="option", exclude=("style",))
         names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
         style = {name: options.pop(name) for name in names if name in options}
         return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
