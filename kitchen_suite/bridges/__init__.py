@@ -1,1 +1,1 @@
-"""Adapters of vectorised environments and recordings to libraries with interfaces of their own."""
+"""Adapters of environments and recordings to other libraries; exported scenes; the live viewer."""

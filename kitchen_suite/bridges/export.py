@@ -48,7 +48,7 @@ LICENCES = (
     },
 )
 
-_PAGE = """\
+_PAGE_TEMPLATE = """\
 # {domain_name} {task_name}
 
 A scene exported by `kitchen-export`, which `mujoco` alone loads.
@@ -102,7 +102,7 @@ Control mode `{control_mode}`: {meaning}
 {licences}
 """
 
-XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE = (
+XML_FILE, BINARY_FILE, STATE_FILE, METADATA_FILE, PAGE_FILE = (
     "scene.xml",
     "scene.mjb",
     "state.npz",
@@ -121,7 +121,7 @@ def page(record: Mapping[str, Any]) -> str:
     """Returns the page of a scene with given metadata, those of its JSON file."""
     action = record["action"]
     positions = {joint["name"]: joint["qposadr"] for joint in record["joints"]}
-    return _PAGE.format(
+    return _PAGE_TEMPLATE.format(
         **{name: record[name] for name in ("domain_name", "task_name", "seed", "keyframe")},
         **{name: record[name] for name in ("control_timestep", "physics_timestep", "substeps")},
         **{name: action[name] for name in ("control_mode", "meaning", "formula")},
@@ -165,7 +165,7 @@ class ExportJob:
             differences = write_scene(folder, self._environment)
             record = {**self._metadata(), **{name: each._asdict() for name, each in differences.items()}}
             (folder / METADATA_FILE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            (folder / PAGE).write_text(page(record), encoding="utf-8")
+            (folder / PAGE_FILE).write_text(page(record), encoding="utf-8")
         print(f"{self._spec.domain_name} {self._spec.task_name}, seed {self._seed}, in {self._folder}")
         print(f"{BINARY_FILE}: the environment's model, to the bit")
         for name, difference in differences.items():

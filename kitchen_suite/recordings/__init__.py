@@ -1,1 +1,1 @@
-"""Many episodes recorded, as Minari datasets, replayed and compared."""
+"""Recordings of many episodes: made, exported as datasets of Minari and LeRobot, replayed; and human demonstrations."""

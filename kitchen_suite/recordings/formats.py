@@ -83,7 +83,7 @@ class Source(abc.ABC):
 
     @abc.abstractmethod
     def load(self, index: int) -> EpisodeArrays:
-        """Reads an episode."""
+        """Reads an episode, once the environment has been made."""
 
     def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
         """Returns a replayed episode with the arrays that the source holds of an episode."""

@@ -70,7 +70,10 @@ class LeRobotObservations:
         assert isinstance(given, spaces.Dict)
         if refused := sorted(found & {"depth", "segmentation"}):
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")
-        self._further = [key for key in given.spaces if key not in (AGENT_POS, ENVIRONMENT_STATE, PIXELS)]
+        # Of the parts of `environment_state` in the suite's observation: of that of its name, and of those beside it.
+        self._state_size = _shape(given[ENVIRONMENT_STATE])[0] if ENVIRONMENT_STATE in found else 0
+        others = [key for key in given.spaces if key not in (AGENT_POS, ENVIRONMENT_STATE, PIXELS)]
+        self._extra_sizes = {key: _shape(given[key])[0] for key in others}
         pictures = environment.composer_task.pictures.pictures
         self._cameras = [picture_key(picture.camera) for picture in pictures]
         parts: dict[str, spaces.Space] = {AGENT_POS: given[AGENT_POS]}
@@ -81,8 +84,6 @@ class LeRobotObservations:
         if self._picture_spaces:
             parts[PIXELS] = spaces.Dict([*self._picture_spaces.items()])
         self.space = spaces.Dict([*parts.items()])
-        self._size = _shape(given[ENVIRONMENT_STATE])[0] if ENVIRONMENT_STATE in found else 0
-        self._sizes = {key: _shape(given[key])[0] for key in self._further}
         self.features = [*self._vectors(environment), *self._pictures(), _action(environment.action_space)]
 
     def __call__(self, observation: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,10 +122,10 @@ class LeRobotObservations:
         """
         states = columns.get(_COLUMNS[ENVIRONMENT_STATE])
         arrays = {f"observation/{AGENT_POS}": columns[_COLUMNS[AGENT_POS]]}
-        if self._size and states is not None:
-            arrays[f"observation/{ENVIRONMENT_STATE}"] = states[:, : self._size]
-        start = self._size
-        for key, size in self._sizes.items():
+        if self._state_size and states is not None:
+            arrays[f"observation/{ENVIRONMENT_STATE}"] = states[:, : self._state_size]
+        start = self._state_size
+        for key, size in self._extra_sizes.items():
             assert states is not None
             arrays[f"observation/{key}"], start = states[:, start : start + size], start + size
         pictures = {camera: columns[f"{_IMAGES}{camera}"] for camera in self._cameras}
@@ -146,7 +147,7 @@ class LeRobotObservations:
 
     def _environment_keys(self, keys: Mapping[str, Any]) -> list[str]:
         """Returns the keys of what `environment_state` is made of."""
-        return [*([ENVIRONMENT_STATE] if ENVIRONMENT_STATE in keys else []), *self._further]
+        return [*([ENVIRONMENT_STATE] if ENVIRONMENT_STATE in keys else []), *self._extra_sizes]
 
     def _by_camera(self, pictures: Any) -> dict[str, Any]:
         """Returns pictures, or their spaces, by camera, also where there is one camera."""
@@ -157,8 +158,8 @@ class LeRobotObservations:
 
     def _vectors(self, environment: SuiteEnv) -> list[Feature]:
         names = environment.observations.element_names
-        further = [f"{key}[{i}]" for key, size in self._sizes.items() for i in range(size)]
-        names[ENVIRONMENT_STATE] = [*(names[ENVIRONMENT_STATE] if self._size else []), *further]
+        extras = [f"{key}[{i}]" for key, size in self._extra_sizes.items() for i in range(size)]
+        names[ENVIRONMENT_STATE] = [*(names[ENVIRONMENT_STATE] if self._state_size else []), *extras]
         kinds = {AGENT_POS: "STATE", ENVIRONMENT_STATE: "ENV"}
         return [
             Feature(key, _COLUMNS[key], kind, _shape(self.space[key]), tuple(names[key]))

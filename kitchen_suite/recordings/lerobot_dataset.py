@@ -163,7 +163,7 @@ class LeRobotSource(Source):
         return range(len(self._record.episodes))
 
     def load(self, index: int) -> EpisodeArrays:
-        """Reads an episode, with the arrays of `LeRobotObservations.arrays`, once the environment has been made."""
+        """Reads an episode, with the arrays of `LeRobotObservations.arrays`."""
         recorded = self._record.episodes[index]
         with self._reading(f"episode {index}"):
             bounds = self._dataset.meta.episodes[index]

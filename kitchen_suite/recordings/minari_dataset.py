@@ -159,7 +159,7 @@ class MinariSource(Source):
 
     def load(self, index: int) -> EpisodeArrays:
         with self._reading(f"episode {index}"):
-            check_size(self._dataset.storage.data_path, index)
+            _check_episode_size(self._dataset.storage.data_path, index)
             (data,) = self._dataset.iterate_episodes([index])
             (metadata,) = self._dataset.storage.get_episode_metadata([index])
             arrays = {
@@ -263,7 +263,7 @@ def check_id(dataset_id: str) -> None:
         raise ValueError(f"{dataset_id!r} is no name of a dataset, such as kitchen-suite/complete-expert-v0") from error
 
 
-def check_size(data_path: Path, index: int) -> None:
+def _check_episode_size(data_path: Path, index: int) -> None:
     """Raises an OSError if an episode in HDF5 declares more than `files.MAX_ARRAY_BYTES`, before it is read."""
     path = data_path / _DATA_FILE
     if not path.exists():  # Minari's other formats.

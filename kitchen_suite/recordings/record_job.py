@@ -24,12 +24,14 @@ from kitchen_suite.tasks.task import Metrics
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
 
-# Four tasks always in the same order; four of the seven in an order drawn for each episode; and one to seven of them,
-# in the order that suits the expert. Noise on its actions and poses makes all episodes differ.
+# Noise on the expert's actions and poses makes all episodes differ.
 KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
+        # Four tasks, always in the same order.
         "fixed_order": {"task_name": "complete", "policy": _DEMONSTRATOR},
+        # Four of the seven, in an order drawn for each episode.
         "random_order": {"task_name": "random_4", "task_kwargs": {"tasks_in_turn": True}, "policy": _DEMONSTRATOR},
+        # One to seven, in the order that suits the expert.
         "goal_conditioned": {"task_name": "all", "task_kwargs": {"tasks_per_episode": [1, 7]}, "policy": _DEMONSTRATOR},
     }
 )

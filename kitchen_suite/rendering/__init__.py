@@ -1,1 +1,1 @@
-"""Rendering: the choice of a GL library, cameras and mp4 videos."""
+"""Rendering: the choice of a GL library, cameras, render quality, mp4 videos and web pages."""
