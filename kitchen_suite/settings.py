@@ -200,10 +200,7 @@ class WorkerSettings(EpisodeSettings):
     )
 
     def ray(self) -> "RaySettings | None":
-        """Returns the workers that play the episodes, once they are checked; None where the command plays them itself.
-
-        Raises as `RaySettings.of`.
-        """
+        """Returns the workers that play the episodes, None where the command does; raises as `RaySettings.of`."""
         if self.workers is None:
             if self.ray_address:
                 raise ValueError("--ray_address needs --workers: the number of processes there")

@@ -4,7 +4,6 @@ import concurrent.futures
 import dataclasses
 import importlib.metadata
 import json
-import pkgutil
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -60,11 +59,10 @@ class BenchmarkJob:
 
 def find_cases(domain_name: str) -> BenchmarkDomain:
     """Returns the benchmark cases of a domain."""
-    benchmark = suite.find_domain(domain_name).benchmark
-    if benchmark is None:
+    cases: BenchmarkDomain | None = suite.find_domain(domain_name).resolve("benchmark")
+    if cases is None:
         names = [domain.name for domain in suite.DOMAINS.values() if domain.benchmark]
         raise ValueError(f"domain {domain_name!r} has no benchmark; choose from {names}")
-    cases: BenchmarkDomain = pkgutil.resolve_name(benchmark)
     return cases
 
 

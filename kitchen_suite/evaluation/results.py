@@ -112,15 +112,15 @@ class EpisodeResult:
     diverged: bool = False
 
     @classmethod
-    def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **numbers: Any) -> "EpisodeResult":
-        """Returns the result of an episode of a task from its last infos, without leading axis."""
+    def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **others: Any) -> "EpisodeResult":
+        """Returns an episode's result from the last infos of its task, without leading axis, and other attributes."""
         completions = task.completions_in(infos)
         return cls(
             success=bool(infos["is_success"]),
             progress=float(task.progress_in(infos)),
             control_steps=control_steps,
             asked=completions.steps_by_task if completions else None,
-            **numbers,
+            **others,
         )
 
     @classmethod

@@ -119,7 +119,7 @@ class ImitatedPolicy(StoredPolicy):
         elements = self.state_elements
         size = task.policy_inputs.state_size
         observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, size)
-        self._check(task, observed=observed, expected=size)
+        self._check_sizes_and_mode(task, observed=observed, expected=size)
         if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 

@@ -82,7 +82,8 @@ class ResidualNetwork(NamedTuple):
         if odd := sorted(own.keys() ^ expected):
             raise ValueError(f"missing or unknown arrays {odd}")
         first, *middle, last = (_linear(own, f"{name}.{part}") for part in parts)
-        blocks = tuple(Block(*middle[i : i + 3]) for i in range(0, len(middle), 3))
+        size = len(Block._fields)
+        blocks = tuple(Block(*middle[i : i + size]) for i in range(0, len(middle), size))
         network = cls(first, blocks, last)
         network._check(name)
         return network

@@ -114,7 +114,7 @@ class StoredPolicy(abc.ABC):
         arguments = self.metadata.get("task_kwargs")
         return f"{task} with the task_kwargs {json.dumps(arguments)}" if arguments else task
 
-    def _check(self, task: "SuiteTask", *, observed: int, expected: int) -> None:
+    def _check_sizes_and_mode(self, task: "SuiteTask", *, observed: int, expected: int) -> None:
         """Raises a ValueError unless observed and expected numbers of elements agree, and the actions fit the task."""
         (size,) = task.mdp.action_mode.spec(task.robot).shape
         if (observed, self.action_size) != (expected, size):

@@ -15,9 +15,6 @@ from kitchen_suite.policies.stored import StoredPolicy
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
-# First parts of the names of each layer's arrays.
-_LAYER = ("weight", "bias")
-
 # Folder of the policies that come with the package.
 SHIPPED = Path(__file__).parent / "trained_policies"
 
@@ -103,13 +100,13 @@ class TrainedPolicy(StoredPolicy):
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
         layers = range(sum(name.startswith("weight_") for name in arrays))
-        names = ["mean", "deviation", "clip", "action_scale", *(f"{kind}_{i}" for kind in _LAYER for i in layers)]
-        if odd := sorted(arrays.keys() ^ set(names)):
+        of_layers = [f"{kind}_{i}" for kind in ("weight", "bias") for i in layers]
+        if odd := sorted(arrays.keys() ^ {"mean", "deviation", "clip", "action_scale", *of_layers}):
             raise ValueError(f"missing or unknown arrays {odd}")
         return cls(
             mean=arrays["mean"],
             deviation=arrays["deviation"],
-            clip=float(_scalar(arrays["clip"])),
+            clip=_number(arrays["clip"], "clip"),
             weights=tuple(arrays[f"weight_{i}"] for i in layers),
             biases=tuple(arrays[f"bias_{i}"] for i in layers),
             action_scale=arrays["action_scale"],
@@ -117,7 +114,7 @@ class TrainedPolicy(StoredPolicy):
         )
 
     def check_fits(self, task: "SuiteTask") -> None:
-        self._check(task, observed=self.observation_size, expected=task.policy_inputs.size)
+        self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
     def episode(
         self, task: "SuiteTask", generator: np.random.Generator
@@ -127,11 +124,11 @@ class TrainedPolicy(StoredPolicy):
         return self._acting_in(task, lambda timestep: self(flatten(timestep.observation).ravel()))
 
 
-def _scalar(array: NDArray) -> NDArray:
-    """Returns an array of shape `()` of a real number."""
+def _number(array: NDArray, name: str) -> float:
+    """Returns the number that an array of shape `()` holds."""
     if array.shape != () or array.dtype.kind not in "fiu":
-        raise ValueError(f"clip must be a number, not {array.dtype} of shape {array.shape}")
-    return array
+        raise ValueError(f"{name} must be a number, not {array.dtype} of shape {array.shape}")
+    return float(array)
 
 
 def shipped(task: "SuiteTask") -> Path:

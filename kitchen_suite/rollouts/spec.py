@@ -105,10 +105,8 @@ class EnvironmentSpec:
         return env_class
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
-        """Makes a single environment; `extra` are further arguments, which replace none of the specification's.
-
-        So a video's `render_quality`, for example, is not that of the pictures that are observed.
-        """
+        """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""
+        # A film, for example, does not replace the `render_quality` of observed pictures.
         arguments = {"max_episode_steps": self.max_episode_steps, **extra, **self._arguments}
         try:
             return gymnasium.make(suite.find_domain(self.domain_name).env_id, **arguments)
@@ -123,10 +121,7 @@ class EnvironmentSpec:
         autoreset_mode: AutoresetMode = AutoresetMode.DISABLED,
         **extra: Any,
     ) -> SuiteVectorEnv:
-        """Makes vectorised environments; `extra` are further arguments, which replace the specification's.
-
-        So training, for example, has goals as arrays whatever the specification says.
-        """
+        """Makes vectorised environments; `extra` are further arguments, which replace the specification's."""
         environments = gymnasium.make_vec(
             suite.find_domain(self.domain_name).env_id,
             num_envs,
