@@ -44,7 +44,6 @@ class BenchmarkJob:
         return True
 
     def progress(self) -> str:
-        """Returns how far the job came: there are no results before its end."""
         return "before there were results"
 
     def measure(self) -> dict[str, Any]:

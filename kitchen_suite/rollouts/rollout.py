@@ -198,8 +198,7 @@ class VectorRollout:
         self._environments, self._controller = environments, controller
         count = environments.num_envs
         self._running: list[_Running | None] = [None] * count
-        # Of the last step or reset.
-        self._observations: Any = None
+        self._observations: Any = None  # After the last step or reset.
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
         self._history = _History()
 

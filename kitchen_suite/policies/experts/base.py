@@ -2,7 +2,6 @@
 
 import abc
 import dataclasses
-import pkgutil
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Self
 
@@ -53,10 +52,12 @@ class Expert(abc.ABC):
       observation_size: elements of an observation.
     """
 
-    # Share of the style's speed at which the trajectory is followed at present.
-    _pace: float = 1.0
     control_modes: ClassVar[Mapping[str, Callable[..., ActionMode]]]
     observation_size: int
+
+    # Share of the style's speed at which the trajectory is followed at present.
+    _pace: float = 1.0
+    _target: Array  # Of the arm's joints in the last control step; their positions where a trajectory begins [rad].
 
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
         """Prepares for episodes; the encoder has the arm's kinematics and speed limits."""
@@ -188,12 +189,12 @@ def make(task: composer.Task, **options: Any) -> Expert:
 
 def expert_class(task: composer.Task) -> type[Expert]:
     """Returns the class of the expert for a task: that of its domain; raises a ValueError if there is none."""
-    entry_points = {domain.name: domain.expert for domain in suite.DOMAINS.values() if domain.expert}
+    domains = {domain.name: domain for domain in suite.DOMAINS.values() if domain.expert}
     name = getattr(task, "domain_name", None)
-    if name not in entry_points:
-        names = ", ".join(entry_points)
+    if name not in domains:
+        names = ", ".join(domains)
         raise ValueError(f"there is no expert for {type(task).__name__}; the domains with one are {names}")
-    expert: type[Expert] = pkgutil.resolve_name(entry_points[name])
+    expert: type[Expert] = domains[name].resolve("expert")
     return expert
 
 
