@@ -304,7 +304,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
       sensors: sensors of the scene, bound to its compiled model.
       action_mode: meaning of the action.
       rewards: the terms of the reward by name; their sum is the reward.
-      persistent: fields of the state that a reset leaves as they are.
+      persistent: fields of the state that a reset leaves as they are: numbers of control steps over all episodes.
     """
 
     sensors: Sensors[Reading]

@@ -157,7 +157,7 @@ class SuiteTask(composer.Task):
     constructor.
 
     Attributes:
-      domain_name: name of the task's domain in the suite, whose expert acts in it; None for a task outside the suite.
+      domain_name: name of the domain whose expert acts in the task; None for a task outside the suite.
       control_modes: the task's control modes by name, the default first; empty if it has only one.
       varied: the parameters that groups vary, in the order in which they are drawn.
       extra_rewards: further terms of the reward by name, in classes of a user's own; see `tasks.mdp.RewardTerm`.
