@@ -3,7 +3,7 @@
 import copy
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Self
 
 import gymnasium
@@ -190,9 +190,12 @@ class SuiteEnv(gymnasium.Env):
         low, high = (np.broadcast_to(bound, spec.shape).astype(np.float32) for bound in bounds)
         self.action_space = spaces.Box(low, high, dtype=np.float32)
 
-    def _make_observations(self, obs_type: str, make: Callable[..., Observations] = Observations) -> Observations:
-        limit, dtype = self.observation_limit, self.observation_dtype
-        return make(self._environment, obs_type, robot_keys=self.robot_keys, limit=limit, dtype=dtype)
+    def _make_observations(self, obs_type: str) -> Observations:
+        return Observations(self._environment, obs_type, **self._observation_settings())
+
+    def _observation_settings(self) -> dict[str, Any]:
+        """Returns the keyword arguments of `Observations`."""
+        return {"robot_keys": self.robot_keys, "limit": self.observation_limit, "dtype": self.observation_dtype}
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -266,7 +269,7 @@ class SuiteEnv(gymnasium.Env):
     @property
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
-        return self._observations.own(*self._parts())
+        return self._observations.suite_observation(*self._parts())
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` clipped to the `action_limit`."""

@@ -1,10 +1,9 @@
 """The kitchen as a Gymnasium environment with the interface of FrankaKitchen-v1."""
 
 import contextlib
-import functools
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ class KitchenObservations(observations.Observations):
         space = spaces.Box(0.0, 1.0, (len(self._mdp.goals.tasks),), np.float64)
         return {REQUESTED: observations.Part(space, lambda flat, state, pictures: self._requests(state))}
 
-    def own_goals(self, state: KitchenState) -> dict[str, NDArray]:
+    def suite_goals(self, state: KitchenState) -> dict[str, NDArray]:
         goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
         parts = {f"{key}/{task}": part for key, flat in goals for task, part in self._mdp.goals.split(flat).items()}
         return {**parts, **({REQUESTED: self._requests(state)} if self._mdp.task_draw else {})}
@@ -148,13 +147,12 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             name = type(self._task).__name__
             raise ValueError(f"instructions=True needs a task with a sentence: {name} has no instructions")
 
-    def _make_observations(
-        self, obs_type: str, make: Callable[..., observations.Observations] = KitchenObservations
-    ) -> observations.Observations:
+    def _make_observations(self, obs_type: str) -> KitchenObservations:
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in self._task.task_observables.items():
             part.enabled = not key.startswith((*_GOALS, REQUESTED))
-        return super()._make_observations(obs_type, functools.partial(make, flat_goals=self._goal_format == "flat"))
+        settings = self._observation_settings()
+        return KitchenObservations(self._environment, obs_type, flat_goals=self._goal_format == "flat", **settings)
 
     @property
     def info_format(self) -> str:

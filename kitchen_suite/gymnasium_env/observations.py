@@ -117,7 +117,7 @@ class Observations:
         """Returns vectors that every observation type has after its own parts."""
         return {}
 
-    def own_goals(self, state: Any) -> dict[str, NDArray]:
+    def suite_goals(self, state: Any) -> dict[str, NDArray]:
         """Returns goals and requests as the suite's own observation has them, in fresh arrays."""
         return {}
 
@@ -177,11 +177,11 @@ class Observations:
         """Returns copies of the parts `(..., k)` of a flat observation by their names in the suite's own."""
         return {key: flat[..., part].copy() for key, part in self._slices.items()}
 
-    def own(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    def suite_observation(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
         """Returns an observation of the suite's own environment, pictures last; arguments as of `Part.read`."""
         return {
             **self.split(flat),
-            **self.own_goals(state),
+            **self.suite_goals(state),
             **{key: pictures[key] for key in self._task.pictures.by_name},
         }
 

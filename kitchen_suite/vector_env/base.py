@@ -162,7 +162,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     def suite_observations(self) -> dict[str, NDArray]:
         """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
-        return self._observations.own(*self._parts())
+        return self._observations.suite_observation(*self._parts())
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""
