@@ -200,7 +200,8 @@ def test_a_description_has_no_path(tmp_path):
 
 
 def test_settings_are_the_protocols_by_default():
-    replaced = {field.name for field in dataclasses.fields(EvaluateSettings) if field.metadata.get("unset")}
+    fields = {field.name: field.metadata["flag"] for field in dataclasses.fields(EvaluateSettings)}
+    replaced = {name for name, flag in fields.items() if flag.unset == "the protocol's"}
     assert replaced == {
         "task_name",
         "control_mode",
