@@ -1,6 +1,7 @@
 """Specifications of the Franka Panda: those of FrankaKitchen-v1 and of the published model; `Franka` builds either."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -131,10 +132,12 @@ class FrankaSpec:
         """The nine joints with their actuators: the arm's from the base outwards, then the two fingers'."""
         return (*(link.actuator for link in self.links), *(finger.actuator for finger in self.fingers))
 
-    @property
+    @functools.cached_property
     def joint_limits(self) -> NDArray[np.float64]:
-        """Least and greatest position `(2, 9)` of each of these joints [rad, m]."""
-        return np.array([actuator.range for actuator in self.joint_actuators]).T.copy()
+        """Least and greatest position `(2, 9)` of each of these joints [rad, m]; read-only."""
+        limits = np.array([actuator.range for actuator in self.joint_actuators]).T.copy()
+        limits.flags.writeable = False
+        return limits
 
 
 def _links(

@@ -109,7 +109,9 @@ class EpisodeState(NamedTuple):
 
     def put(self, i: int, episode: "EpisodeState") -> None:
         """Writes the state of one episode that starts to row `i` of the arrays of many."""
-        map_arrays(lambda one, rows: rows.__setitem__(i, one), episode, self)
+        for rows, one in zip(tree.flatten(self), tree.flatten(episode), strict=True):
+            if rows is not None:
+                rows[i] = one
 
 
 def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:
