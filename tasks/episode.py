@@ -110,7 +110,7 @@ class EpisodeState(NamedTuple):
     def put(self, i: int, episode: "EpisodeState") -> None:
         """Writes the state of one episode that starts to row `i` of the arrays of many."""
         for rows, one in zip(tree.flatten(self), tree.flatten(episode), strict=True):
-            if rows is not None:
+            if one is not None:
                 rows[i] = one
 
 
