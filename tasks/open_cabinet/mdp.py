@@ -125,9 +125,10 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
 
     def info(self, state: OpenCabinetState) -> dict[str, NDArray]:
         """Returns the infos on drawer and reward: fresh arrays `(...)`."""
+        opening = Features(state.features).drawer_position
         return {
             **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
-            "drawer_opening": np.array(Features(state.features).drawer_position),
-            "is_success": np.array(state.is_success),
+            "drawer_opening": np.array(opening),
+            "is_success": np.array(succeeds(opening)),
             "success_at_any_time": np.array(state.succeeded),
         }

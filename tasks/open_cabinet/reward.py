@@ -198,11 +198,10 @@ def _term(formula: Callable[[Features], NDArray[np.float64]]) -> RewardTerm:
     return lambda before, action, after: formula(after.view)
 
 
+# The change may be infinite; the term bounds it.
+@np.errstate(over="ignore")
 def _effort_term(before: Any, action: NDArray[np.float64], after: Any) -> NDArray[np.float64]:
-    # The change may be infinite; the term bounds it.
-    with np.errstate(over="ignore"):
-        change = action - before.previous_action
-    return effort(after.view, change, before.total_steps)
+    return effort(after.view, action - before.previous_action, before.total_steps)
 
 
 _SHARED: Mapping[str, RewardTerm] = {
