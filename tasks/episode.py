@@ -107,11 +107,10 @@ class EpisodeState(NamedTuple):
         repeated: Self = map_arrays(lambda each: np.repeat(np.asarray(each)[np.newaxis], count, axis=0), self)
         return repeated
 
-    def put(self, i: int, episode: "EpisodeState") -> None:
-        """Writes the state of one episode that starts to row `i` of the arrays of many."""
-        for rows, one in zip(tree.flatten(self), tree.flatten(episode), strict=True):
-            if one is not None:
-                rows[i] = one
+    def arrays(self) -> list[Any]:
+        """Returns all arrays of the state, None where it has none, always in the same order."""
+        arrays: list[Any] = tree.flatten(self)
+        return arrays
 
 
 def map_arrays(function: Callable[..., Any], *nested: Any) -> Any:

@@ -457,8 +457,10 @@ class SuiteTask(composer.Task):
         start = EpisodeState(
             sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
         )
-        start = start._replace(mdp_state=self.initial_state(start.scaled(draws)))
-        self._set_episode(start if before is None else start.persisting(mdp.persistent, before, True), physics)
+        state = self.initial_state(start.scaled(draws))
+        if before is not None and mdp.persistent:
+            state = state._replace(**{name: getattr(before, name) for name in mdp.persistent})
+        self._set_episode(start._replace(mdp_state=state), physics)
         self._start_command(physics)
 
     def _start_command(self, physics: mjcf.Physics) -> None:

@@ -88,6 +88,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
         self._pictures = BatchPictures(self._template_env.environment, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
+        self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
         self._needs_reset = True
         self._process = os.getpid()
 
@@ -244,8 +245,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
           ValueError: the actions have the wrong shape, hold NaN or inf, or have no meaning; nothing has changed then.
         """
         self._check_process()
-        self._check_episodes(np.full(self.num_envs, True))
-        return self._step(vector_checks.actions(actions, self.action_space), np.full(self.num_envs, False))
+        self._check_episodes(self._everyone)
+        return self._step(vector_checks.actions(actions, self.action_space), self._no_one)
 
     def step_some(
         self, actions: ArrayLike, mask: NDArray[np.bool_]
@@ -290,13 +291,13 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             self._episodes.start(restarting | diverged)
             infos = vector_checks.with_masks({"physics_error": diverged}, diverged) if diverged.any() else {}
             infos |= self._restart_in_same_step(diverged)
-            infos |= vector_checks.with_masks(self._get_info(), np.full(self.num_envs, True))
+            infos |= vector_checks.with_masks(self._get_info(), self._everyone)
             infos |= self._episodes.masked_variation_info()
             return self._get_obs(), rewards, terminations, truncations, infos
 
     def _restarting(self) -> NDArray[np.bool_]:
         """Environments `(n,)` that start an episode instead of a control step: with `NextStep`, where one has ended."""
-        return self._ended if self._autoreset == AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
+        return self._ended if self._autoreset == AutoresetMode.NEXT_STEP else self._no_one
 
     def _restart_in_same_step(self, diverged: NDArray[np.bool_]) -> dict[str, Any]:
         """With `SameStep`, starts an episode where one has ended, unless the divergence of a simulation has started it.

@@ -25,8 +25,11 @@ def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
         raise TypeError(f"actions must hold numbers, got {value!r}")
     if array.shape != space.shape:
         raise ValueError(f"actions must have shape {space.shape}, got shape {array.shape}")
-    with np.errstate(over="ignore"):
-        array = array.astype(np.float64)
+    if array.dtype == np.float64:
+        array = array.copy()
+    else:
+        with np.errstate(over="ignore"):
+            array = array.astype(np.float64)
     if not np.isfinite(array).all():
         rows = np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist()
         raise ValueError(f"actions must be finite; those of environments {rows} are not")

@@ -123,6 +123,7 @@ class BatchEpisodes:
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         model, data = environment.physics.model.ptr, environment.physics.data.ptr
         kept = {name: getattr(self.state.mdp_state, name)[indices] for name in self._mdp.persistent}
+        arrays = self.state.arrays()
         for i in indices.tolist():
             environment.random_state = self.streams[i].random_state
             if i in self._variation_requests:
@@ -133,7 +134,9 @@ class BatchEpisodes:
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
                 values[i] = getattr(model, name)
-            self.state.put(i, self._task.episode)
+            for rows, started in zip(arrays, self._task.episode.arrays(), strict=True):
+                if started is not None:
+                    rows[i] = started
             if self._extras:
                 self._extra_values[i] = self._extras.values
         for name, values in kept.items():
@@ -183,8 +186,10 @@ class BatchEpisodes:
         """Returns draws `(n,)` for the actions, from U(0, 1): only where `stepping`, the median elsewhere."""
         if not self._mdp.action_mode.draws:
             return MEDIAN
-        each = zip(self.streams, stepping.tolist(), strict=True)
-        return np.array([stream.random_state.random_sample() if draws else MEDIAN for stream, draws in each])
+        draws = np.full(stepping.shape, MEDIAN)
+        for i in stepping.nonzero()[0].tolist():
+            draws[i] = self.streams[i].random_state.random_sample()
+        return draws
 
     def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
         """Draws the numbers of the observation noise where `stepping`."""

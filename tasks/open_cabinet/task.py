@@ -172,11 +172,12 @@ class OpenCabinetTask(SuiteTask):
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         offsets = random_state.uniform(-RESET_NOISE, RESET_NOISE, DEFAULT_POSE.size)
-        pose = np.clip(DEFAULT_POSE + offsets, *self.robot.specification.joint_limits)
-        physics.data.qpos[:] = 0.0
-        physics.data.qpos[self._joint_qpos] = pose
-        physics.data.qvel[:] = 0.0
-        physics.data.ctrl[self.mdp.sensors.ctrl] = pose
+        low, high = self.robot.specification.joint_limits
+        data, pose = physics.data, np.minimum(np.maximum(DEFAULT_POSE + offsets, low), high)
+        data.qpos[:] = 0.0
+        data.qpos[self._joint_qpos] = pose
+        data.qvel[:] = 0.0
+        data.ctrl[self.mdp.sensors.ctrl] = pose
 
     def saved_state(self) -> dict[str, Any]:
         state = self.state
