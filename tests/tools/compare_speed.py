@@ -1,10 +1,11 @@
 """Compares the speed of two versions of the suite side by side.
 
-python tests/tools/compare_speed.py REVISION --rounds=31
+python tests/tools/compare_speed.py REVISION --rounds=21
 
 A process for that revision of this repository and one for this tree play the same episodes in turn, never at the same
 time. For each case the table has the ratio of control steps per second, this tree over that revision: the median over
-the rounds, and the quartiles. Machines are shared and noisy: only the ratios mean anything. Exit status: 0 if every
+pairs of episodes, the quartiles, and the number of pairs. In a round every case has about a second for each tree, so
+short episodes have more pairs. Machines are shared and noisy: only the ratios mean anything. Exit status: 0 if every
 median is at least 0.98, else 1.
 """
 
@@ -24,12 +25,14 @@ from tqdm import tqdm
 LEAST = 0.98
 # Control steps of a round, and the environments of vectorised cases.
 STEPS, MANY = 280, 32
+# Time that a case has in a round, for each tree [s].
+SECONDS = 1.0
 
-Play = Callable[[], int]
+Play = Callable[[], None]
 
 
 def cases() -> dict[str, Play]:
-    """By name, functions that play an episode and return its number of control steps."""
+    """By name, functions that play an episode."""
     import gymnasium
 
     from kitchen_suite import suite
@@ -58,23 +61,22 @@ def player(environment: object, scale: float, count: int = 0) -> Play:
     shape = space.shape if space else environment.action_spec().shape
     actions = np.random.default_rng(0).uniform(-scale, scale, (STEPS // (4 if count else 1), *shape))
 
-    def play() -> int:
+    def play() -> None:
         environment.reset()
         for action in actions:
             environment.step(action)
-        return len(actions) * max(count, 1)
 
     return play
 
 
 def serve() -> None:
-    """Plays the cases that it is told by lines on stdin; answers with control steps per second."""
+    """Plays an episode of each case that it is told by a line on stdin; answers with how long it took [s]."""
     made = cases()
     print(*made, sep="\t", flush=True)
     for line in sys.stdin:
         start = time.perf_counter()
-        steps = made[line.strip()]()
-        print(steps / (time.perf_counter() - start), flush=True)
+        made[line.strip()]()
+        print(time.perf_counter() - start, flush=True)
 
 
 class Server:
@@ -88,8 +90,8 @@ class Server:
         )
         self.cases = self._answer().split("\t")
 
-    def rate(self, case: str) -> float:
-        """Control steps per second of an episode."""
+    def seconds(self, case: str) -> float:
+        """Plays an episode; returns how long it took [s]."""
         assert self.process.stdin
         print(case, file=self.process.stdin, flush=True)
         return float(self._answer())
@@ -102,7 +104,7 @@ class Server:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", help="revision of git to compare this tree with")
-    parser.add_argument("--rounds", type=int, default=31)
+    parser.add_argument("--rounds", type=int, default=21)
     parser.add_argument("--only", default="", help="play only the cases whose name contains this")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -115,17 +117,21 @@ def main() -> int:
             for tree in (trees.extract(arguments.revision, Path(work, "tree")), trees.ROOT)
         )
         ratios: dict[str, list[float]] = {case: [] for case in after.cases if arguments.only in case}
-        # The first round warms up. Which tree is first alternates.
-        for number in tqdm(range(arguments.rounds + 1), unit="round", disable=None):
-            for case in ratios:
-                order = (before, after) if number % 2 else (after, before)
-                rates = {server: server.rate(case) for server in order}
-                if number:
-                    ratios[case].append(rates[after] / rates[before])
+        # The first episodes warm up, and tell how long they take.
+        pairs = {
+            case: max(1, round(SECONDS / max(server.seconds(case) for server in (before, after)))) for case in ratios
+        }
+        for _ in tqdm(range(arguments.rounds), unit="round", disable=None):
+            for case, count in pairs.items():
+                for _ in range(count):
+                    # Which tree is first alternates.
+                    order = (after, before) if len(ratios[case]) % 2 else (before, after)
+                    seconds = {server: server.seconds(case) for server in order}
+                    ratios[case].append(seconds[before] / seconds[after])
     medians = {case: statistics.median(values) for case, values in ratios.items()}
     for case, values in ratios.items():
         low, _, high = statistics.quantiles(values, n=4)
-        print(f"{case:<48}{medians[case]:7.3f}  ({low:.3f} to {high:.3f})")
+        print(f"{case:<48}{medians[case]:7.3f}  ({low:.3f} to {high:.3f})  {len(values):5} pairs")
     return 0 if min(medians.values()) >= LEAST else 1
 
 
