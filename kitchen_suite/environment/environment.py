@@ -157,7 +157,7 @@ class UnbufferedUpdater(observation.Updater):
         self._step_counter += 1
         if self._step_counter % self._physics_steps_per_control_step == 0:
             self._observation = collections.OrderedDict(
-                (name, np.array(read(), dtype)) for name, read, dtype in self._readers
+                [(name, np.array(read(), dtype)) for name, read, dtype in self._readers]
             )
 
     def get_observation(self) -> collections.OrderedDict[str, np.ndarray]:

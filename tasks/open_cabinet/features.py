@@ -1,6 +1,5 @@
 """Physics features of robot, handle and drawer, from which observation and reward are computed, and their sensors."""
 
-import functools
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Self
@@ -45,11 +44,20 @@ class Features:
 
     Attributes:
       values: `(..., 36)`, all parts end to end, in the order of `FEATURE_INDICES`.
+      handle_offset: `(..., 3)`, vector from the point between the finger tips to the handle, in the world frame [m].
+      handle_distance: `(...)`, its length [m].
+      quaternion_product: `(...)`, inner product of the two orientations, plus or minus the cosine of half the angle
+        between them.
+      is_held_open: `(...)`, whether the drawer is open, and the gripper within 0.03 m of its handle.
     """
 
     def __init__(self, values: NDArray[np.float64]) -> None:
         """Wraps `values`, without a copy."""
         self.values = values
+        self.handle_offset: NDArray[np.float64] = self.handle_position - self.tcp_position
+        self.handle_distance = np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
+        self.quaternion_product = np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
+        self.is_held_open = (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     @classmethod
     def of(cls, **parts: ArrayLike) -> Self:
@@ -108,26 +116,6 @@ class Features:
     def drawer_velocity(self) -> NDArray[np.float64]:
         """`(...)`: velocity of the drawer, positive when opening [m/s]."""
         return scalars(self.values[..., FEATURE_INDICES["drawer_velocity"]])
-
-    @functools.cached_property
-    def handle_offset(self) -> NDArray[np.float64]:
-        """`(..., 3)`: vector from the point between the finger tips to the handle, in the world frame [m]."""
-        return self.handle_position - self.tcp_position
-
-    @functools.cached_property
-    def handle_distance(self) -> NDArray[np.float64]:
-        """`(...)`: length of `handle_offset` [m]."""
-        return np.sqrt(np.add.reduce(np.square(self.handle_offset), axis=-1))
-
-    @functools.cached_property
-    def quaternion_product(self) -> NDArray[np.float64]:
-        """`(...)`: inner product of the two orientations, plus or minus the cosine of half the angle between them."""
-        return np.add.reduce(self.handle_quaternion * self.tcp_quaternion, axis=-1)
-
-    @functools.cached_property
-    def is_held_open(self) -> NDArray[np.bool_]:
-        """`(...)`: whether the drawer is open, and the gripper within 0.03 m of its handle."""
-        return (self.drawer_position > 0.0) & (self.handle_distance <= _HOLD_DISTANCE)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Returns copies of all parts by name, from which `Features.of` makes equal features."""

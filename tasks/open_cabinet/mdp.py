@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.tasks.mdp import MDP, ActionMode, RewardTerm, Simulation
-from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors, scalars
+from kitchen_suite.tasks.open_cabinet.features import FEATURE_INDICES, Features, OpenCabinetSensors, scalars
 from kitchen_suite.tasks.open_cabinet.observation import SIZE, clipped, observe
 from kitchen_suite.tasks.open_cabinet.reward import succeeds, terminates
 
@@ -45,9 +45,14 @@ class OpenCabinetState(NamedTuple):
     gripper: NDArray[np.float64] | None = None
 
     @property
+    def drawer_position(self) -> NDArray[np.float64]:
+        """`(...)`, opening of the drawer [m]."""
+        return scalars(self.features[..., FEATURE_INDICES["drawer_position"]])
+
+    @property
     def is_success(self) -> NDArray[np.bool_]:
         """`(...)`, whether the drawer is open by 0.3 m or more now."""
-        return succeeds(Features(self.features).drawer_position)
+        return succeeds(self.drawer_position)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -125,7 +130,7 @@ class OpenCabinetMDP(MDP[NDArray[np.float64], OpenCabinetState]):
 
     def info(self, state: OpenCabinetState) -> dict[str, NDArray]:
         """Returns the infos on drawer and reward: fresh arrays `(...)`."""
-        opening = Features(state.features).drawer_position
+        opening = state.drawer_position
         return {
             **{f"reward/{name}": np.array(term) for name, term in state.terms.items()},
             "drawer_opening": np.array(opening),

@@ -133,7 +133,7 @@ class OpenCabinetTask(SuiteTask):
     @property
     def drawer_opening(self) -> float:
         """Present opening of the drawer [m]."""
-        return float(Features(self.state.features).drawer_position)
+        return float(self.state.drawer_position)
 
     @property
     def is_success(self) -> bool:
