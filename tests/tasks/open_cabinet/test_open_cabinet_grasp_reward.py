@@ -120,18 +120,22 @@ def test_closing_a_drawer_costs_whether_it_is_held_or_not():
     assert env.task.reward_terms["opening"] == pytest.approx(10 * velocity)
 
 
-def grips(shape):
-    """Returns features of aligned grippers with the bar in their middle, and the gaps on either side of the bar [m]."""
-    features = Features(np.zeros((*shape, 36)))
-    features.values[..., [21, 28]] = 1.0
-    gaps = np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
-    features.values[..., [7, 8]] = 0.006 + gaps
-    return features, gaps
+def grips(shape, gaps=0.0):
+    """Returns values of features of aligned grippers with the bar in their middle, `gaps` on either side of it [m]."""
+    values = np.zeros((*shape, 36))
+    values[..., [21, 28]] = 1.0
+    values[..., [7, 8]] = 0.006 + gaps
+    return values
+
+
+def random_gaps(shape):
+    """Returns `(*shape, 2)` gaps between the pads and the bar [m]."""
+    return np.random.default_rng(0).uniform(0.0, 0.01, (*shape, 2))
 
 
 def test_it_is_the_farther_pad_that_counts():
-    features, gaps = grips((4, 5))
-    held = grip(features, 0.006)
+    gaps = random_gaps((4, 5))
+    held = grip(Features(grips((4, 5), gaps)), 0.006)
     np.testing.assert_allclose(held.gap, gaps.max(axis=-1), atol=1e-15)
     np.testing.assert_array_equal(held.enclosure, np.ones((4, 5)))
     np.testing.assert_allclose(held.holding, 1 / (1 + 1000 * gaps.max(axis=-1)), rtol=1e-12)
@@ -140,12 +144,10 @@ def test_it_is_the_farther_pad_that_counts():
 @pytest.mark.parametrize(("column", "end"), [(25, 0.03), (26, 0.006), (27, 0.0095)])
 def test_no_bar_is_held_beyond_the_pads(column, end):
     for side in (-1, 1):
-        features, _ = grips(())
-        features.values[[7, 8]] = 0.006
-        shares = []
+        values, shares = grips(()), []
         for distance in np.linspace(0.0, 1.2 * end, 13):
-            features.values[column] = side * distance
-            shares.append(float(grip(Features(features.values), 0.006).enclosure))
+            values[column] = side * distance
+            shares.append(float(grip(Features(values), 0.006).enclosure))
         assert shares[0] == 1.0
         assert 0.0 < shares[8] < 1.0
         assert max(shares[10:]) < 1e-9
@@ -153,18 +155,18 @@ def test_no_bar_is_held_beyond_the_pads(column, end):
 
 
 def test_no_bar_is_held_beside_fingers_that_open_along_it():
-    features, _ = grips(())
-    features.values[[7, 8]] = 0.006
-    features.values[21:25] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)
-    features.values[26] = 0.02
-    assert grip(features, 0.006).enclosure == 0.0
+    values = grips(())
+    values[21:25] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)
+    values[26] = 0.02
+    assert grip(Features(values), 0.006).enclosure == 0.0
 
 
 def test_a_batch_and_its_rows_have_equal_rewards():
-    batch, _ = grips((30,))
+    values = grips((30,), random_gaps((30,)))
     random = np.random.default_rng(1)
-    batch.values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
-    batch.values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
+    values[:, 18:21] = random.normal(scale=0.004, size=(30, 3))
+    values[:, 34:36] = random.uniform(-0.3, 0.3, (30, 2))
+    batch = Features(values)
     rewards = REWARDS["grasp"](CabinetConfig(handle_radius=0.006))
     gripper, change, steps = random.choice([0.0, 0.04], 30), random.normal(size=(30, 8)), np.arange(30) * 500
     terms = open_cabinet.reward_terms(
@@ -172,7 +174,7 @@ def test_a_batch_and_its_rows_have_equal_rewards():
     )
     assert len(set(terms["opening"])) > 20
     for i in range(30):
-        row = Features(batch.values[i])
+        row = Features(values[i])
         single = open_cabinet.reward_terms(
             rewards,
             row,
@@ -187,8 +189,7 @@ def test_a_batch_and_its_rows_have_equal_rewards():
 
 
 def test_a_thicker_bar_is_held_by_fingers_farther_apart():
-    features, _ = grips(())
-    features.values[[7, 8]] = 0.01
+    features = Features(grips((), 0.004))
     assert grip(features, 0.01).holding == 1.0
     assert grip(features, 0.006).holding == pytest.approx(0.2)
     env = load(cabinet_config=CabinetConfig(handle_radius=0.01))
