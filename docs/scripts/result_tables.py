@@ -1,6 +1,7 @@
 """The tables of measurements, from the results in docs/experiments/results/: `RESULT_TABLES`."""
 
 import functools
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -373,6 +374,34 @@ def digest_table() -> str:
     return f"{table}\n\nWith {versions}, on {result['machine']}."
 
 
+def soak_table() -> str:
+    """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
+    parts = read_results("soak")
+    counts = ("control_steps", "episodes", "not_finite", "diverged", "compared", "differences")
+    rows = []
+    for domain in suite.DOMAINS:
+        played = [part for part in parts if part["domain"] == domain]
+        equal = sum(part["replay"] == "0 0" for part in played)
+        sums = (f"{sum(part[count] for part in played):,}" for count in counts)
+        rows.append((f"`{domain}`", *sums, f"{equal} of {len(played)}"))
+    header = ("domain", "control steps", "episodes", "not finite", "diverged", "values compared", "different")
+    memory = [
+        row for _, process in itertools.groupby(parts, key=lambda part: part["process"]) for row in _memory(process)
+    ]
+    of_memory = ("process", "control steps", "hours", "greatest memory up to there [MiB]")
+    return "\n".join([markdown((*header, "recordings replayed equal"), rows), markdown(of_memory, memory)])
+
+
+def _memory(process: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """Yields rows on the memory of a process at quarters of its parts."""
+    parts = [*process]
+    for quarter in range(1, 5):
+        played = parts[: -(-len(parts) * quarter // 4)]
+        steps, seconds = (sum(part[name] for part in played) for name in ("control_steps", "seconds"))
+        greatest = max(part["memory"] for part in played)
+        yield str(parts[0]["process"]), f"{steps:,}", f"{seconds / 3600:.2f}", f"{greatest:.0f}"
+
+
 RESULT_TABLES: dict[str, Callable[[], str]] = {
     "control_modes_tracking": tracking_table,
     "control_modes_speed": control_speed_table,
@@ -392,6 +421,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "digests": digest_table,
+    "soak": soak_table,
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
         for domain, record in suite.DOMAINS.items()
