@@ -23,7 +23,7 @@ from kitchen_suite.tasks.kitchen.observation import (
     noise_scale,
 )
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
-from kitchen_suite.tasks.kitchen.reward import REWARDS
+from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -120,13 +120,12 @@ class KitchenTask(SuiteTask):
         self.reward_name = checks.choice(reward, REWARDS, "reward")
         criteria: dict[str, Any] = {"success": success, "threshold": threshold}
         self.success_options = {name: value for name, value in criteria.items() if value is not None}
-        terminates = reward != "dense" if terminate_on_tasks_completed is None else terminate_on_tasks_completed
+        terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
             action_mode=make_mode(control_mode, self.control_modes, control),
             goals=goal_set,
             rewards={**REWARDS[reward], **self.extra_rewards},
-            goal_terms=REWARDS[reward].keys(),
             noise_scale=noise_scale(
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),
