@@ -210,7 +210,8 @@ _FLOOR = Surface(
         _picture("concrete", "metal1", **_per_metre(0.5)),
     ),
 )
-_FRANKA = Surface(
+# Surfaces that arenas share: of the robot, of the microwave, and of a room of floor and walls.
+FRANKA = Surface(
     prefix="franka/",
     color=franka.COLOR,
     geoms=tuple(
@@ -218,7 +219,7 @@ _FRANKA = Surface(
     ),
     shades={f"franka/{part}_visual": shade for part, shade in franka.SHADES.items()},
 )
-_MICROWAVE = (
+MICROWAVE = (
     Surface(prefix="microwave/", color=(0.2, 0.2, 0.2), materials=("microwave/plastic",)),
     Surface(prefix="microwave/handle_", color=(1, 1, 1), materials=("microwave/metal",)),
 )
@@ -261,7 +262,7 @@ KITCHEN = (
     ),
     Surface(prefix="oven/metal_", color=(1, 1, 1), materials=("oven/metal", "hood/metal")),
     Surface(prefix="oven/enamel_", color=(0.15, 0.15, 0.15), materials=("oven/enamel", "hood/enamel")),
-    *_MICROWAVE,
+    *MICROWAVE,
     Surface(prefix="kettle/", color=(0.9, 0.9, 0.9), materials=("kettle/enamel",)),
     Surface(
         prefix="kettle/grip_",
@@ -274,10 +275,10 @@ KITCHEN = (
         ),
     ),
     Surface(prefix="pedestal/", color=(0.5, 0.5, 0.5), geoms=("pedestal",)),
-    _FRANKA,
+    FRANKA,
 )
 
-_ROOM = (
+ROOM = (
     _FLOOR,
     # The wall is metres wide, over which the sides of a cube would be stretched; a flat texture becomes stripes on it.
     Surface(
@@ -295,7 +296,7 @@ _ROOM = (
 )
 
 OPEN_CABINET = (
-    *_ROOM,
+    *ROOM,
     Surface(
         prefix="cabinet/front_", color=cabinet.COLORS["front"], materials=("cabinet/front",), textures=_FRONT_TEXTURES
     ),
@@ -312,11 +313,11 @@ OPEN_CABINET = (
         ),
     ),
     Surface(prefix="cabinet/handle_", color=cabinet.COLORS["metal"], materials=("cabinet/metal",)),
-    _FRANKA,
+    FRANKA,
 )
 
 MICROWAVE_TABLE = (
-    *_ROOM,
+    *ROOM,
     Surface(
         prefix="table/",
         color=(1, 1, 1),
@@ -329,6 +330,6 @@ MICROWAVE_TABLE = (
     ),
     Surface(prefix="table/leg_", color=(0.36, 0.47, 0.53), materials=("leg",)),
     Surface(prefix="pedestal/", color=(0.55, 0.56, 0.58), materials=("steel",)),
-    *_MICROWAVE,
-    _FRANKA,
+    *MICROWAVE,
+    FRANKA,
 )

@@ -23,7 +23,7 @@ if (_parent / "setup.cfg").is_file():
 from kitchen_suite import lazy as _lazy  # noqa: E402
 from kitchen_suite.suite import load as load  # noqa: E402
 
-__getattr__, __dir__ = _lazy.names(
+__getattr__, __dir__ = _lazy.attributes(
     __name__,
     [*__all__, "__version__", "experts"],
     {name: f"kitchen_suite.{name}:" for name in [*__all__, "experts"] if name != "load"},

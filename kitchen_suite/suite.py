@@ -64,7 +64,7 @@ _TABLES: dict[str, Callable[[], Any]] = {
     "ALL_TASKS": lambda: tuple((domain.name, task) for domain in DOMAINS.values() for task in domain.tasks),
     "BENCHMARKING": lambda: tuple((each.name, task) for each in DOMAINS.values() for task in each.benchmark_tasks),
 }
-__getattr__, __dir__ = lazy.names(__name__, __all__, _TABLES)
+__getattr__, __dir__ = lazy.attributes(__name__, __all__, _TABLES)
 
 
 def register(domain: Domain) -> None:

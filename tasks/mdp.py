@@ -34,7 +34,7 @@ Reading = TypeVar("Reading")
 Reading_co = TypeVar("Reading_co", covariant=True)
 State = TypeVar("State", bound=tuple)
 
-# Stands for the draw of an action mode that draws nothing: the median of U(0, 1).
+# Draw of an action mode that draws nothing: the median of U(0, 1).
 MEDIAN = 0.5
 
 _NO_DRAWS = np.zeros(0)

@@ -457,10 +457,8 @@ class SuiteTask(composer.Task):
         start = EpisodeState(
             sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
         )
-        state = self.initial_state(start.scaled(draws))
-        if before is not None and mdp.persistent:
-            state = state._replace(**{name: getattr(before, name) for name in mdp.persistent})
-        self._set_episode(start._replace(mdp_state=state), physics)
+        episode = start._replace(mdp_state=self.initial_state(start.scaled(draws)))
+        self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)
         self._start_command(physics)
 
     def _start_command(self, physics: mjcf.Physics) -> None:

@@ -26,16 +26,13 @@ from result_tables import RESULT_TABLES, markdown
 
 from kitchen_suite import entities, suite
 from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
-from kitchen_suite.entities import appearance as surfaces
+from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
-from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.kitchen import observation
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES as KITCHEN_MODES
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
-from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES as MICROWAVE_TABLE_MODES
 from kitchen_suite.tasks.microwave_table.task import GOAL as MICROWAVE_GOAL
 from kitchen_suite.tasks.observables import offered
 from kitchen_suite.tasks.open_cabinet import observation as drawer_observation
@@ -294,7 +291,7 @@ def camera_table() -> str:
     return markdown(("camera", "domains", "content"), rows)
 
 
-_MODES = {"kitchen": KITCHEN_MODES, "open_cabinet": OFFSET_MODES, "microwave_table": MICROWAVE_TABLE_MODES}
+_MODES = {name: domain.resolve("task").control_modes for name, domain in suite.DOMAINS.items()}
 # Elements by mode: the specs have the names of single joints.
 _ELEMENTS = {
     "joint_velocity": "9 velocities, as a share of `velocity_scale`",
@@ -413,11 +410,6 @@ def distribution_table() -> str:
     return markdown(("distribution", "arguments"), [*rows, ("`choice`", "the values, each with the same probability")])
 
 
-_SURFACES = {
-    "kitchen": surfaces.KITCHEN,
-    "open_cabinet": surfaces.OPEN_CABINET,
-    "microwave_table": surfaces.MICROWAVE_TABLE,
-}
 # Parameters that exist only where observations have noise.
 _NOISY = {"open_cabinet": {"observation_noise": {"handle_offset": 0.01}}}
 _PALETTES = {name: each for name, each in vars(appearance).items() if isinstance(each, appearance.Palette)}
@@ -436,7 +428,7 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
             units[name],
             _number_or_vector(task.variations.randomizer.defaults[name]),
             *(
-                _described(domain, name, task.variations.randomizer.defaults[name], each)
+                _described(task.scene.arena.surfaces, name, task.variations.randomizer.defaults[name], each)
                 for each in (variation.seen, variation.held_out)
             ),
         )
@@ -460,20 +452,20 @@ def parameter_table(groups: Sequence[str]) -> str:
     return markdown(header, [(", ".join(names[row]), *row) for row in rows])
 
 
-def _described(domain: str, name: str, default: NDArray[np.float64], distribution: Distribution) -> str:
+def _described(surfaces: Sequence[Surface], name: str, default: NDArray[np.float64], distribution: Distribution) -> str:
     if isinstance(distribution, Bands):
         return _bands(distribution.intervals, default)
     assert isinstance(distribution, Choice)
     if name.endswith("color"):
         return _colors(distribution.values)
-    labels = _labels(domain, name)
+    labels = _labels(surfaces, name)
     numbers = (f"{value:g}" for value in distribution.values)
     return ", ".join(f"{number} {labels[int(number)]}" if labels else number for number in numbers)
 
 
-def _labels(domain: str, name: str) -> Sequence[str]:
+def _labels(surfaces: Sequence[Surface], name: str) -> Sequence[str]:
     """Returns meanings of the values of a parameter that is an index; none of other parameters."""
-    textures = {f"{surface.prefix}texture": surface.textures for surface in _SURFACES[domain]}
+    textures = {f"{surface.prefix}texture": surface.textures for surface in surfaces}
     if name in textures:
         return ["as built", *(texture.name.replace("_", " ") for texture in textures[name])]
     return [burner.replace("_", " ") for burner in BURNERS] if name == "kettle/burner" else []

@@ -38,7 +38,7 @@ KITCHEN_ID = DOMAINS["kitchen"].env_id
 OPEN_CABINET_ID = DOMAINS["open_cabinet"].env_id
 """Id for any drawer of open_cabinet: `KitchenSuite/FrankaOpenCabinet-v1`."""
 
-__getattr__, __dir__ = lazy.names(
+__getattr__, __dir__ = lazy.attributes(
     __name__,
     __all__,
     {

@@ -97,7 +97,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     default_cameras = ("workspace",)
     robot_keys = ("franka/joint_positions", "franka/joint_velocities")
     observation_dtype = np.float64
-    # As FrankaKitchen-v1's.
+    # The same as in FrankaKitchen-v1.
     free_camera = {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
     array_options = {"info_format": "arrays"}
     flat_options = {"goal_format": "flat"}

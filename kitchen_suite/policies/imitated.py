@@ -1,7 +1,7 @@
 """Policies learned by imitation, which act with numpy alone, in chunks: several control steps are predicted at once.
 
-The input of a policy is the state that it observes, without goals, and which of its tasks are asked. It therefore acts
-in every task that asks for some of them, whatever goals the observation has.
+The input of a policy is the state that it observes, without goals, and which of its tasks are requested. It therefore
+acts in every task that asks for some of them, whatever goals the observation has.
 """
 
 import abc
@@ -80,11 +80,11 @@ class ImitatedPolicy(StoredPolicy):
         return self.metadata.get("state_elements")
 
     def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are asked."""
+        """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are requested."""
         if self.state_elements is None:
             return inputs
-        state, asked = np.split(inputs, [inputs.size - len(self.tasks)])
-        return np.concatenate([state[self.state_elements], asked])
+        state, requests = np.split(inputs, [inputs.size - len(self.tasks)])
+        return np.concatenate([state[self.state_elements], requests])
 
     @property
     def action_size(self) -> int:

@@ -62,15 +62,15 @@ class TaskBalance:
         """Adds the `ended` ones `(n,)` of episodes with given last infos.
 
         Returns:
-          Successes of the tasks asked for, by the names of their curves.
+          Successes of the requested tasks, by the names of their curves.
         """
-        asked, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
-        # A task that is asked in turn counts only if it was attempted.
-        asked = infos.get("attempted_tasks_mask", asked)
+        requested, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
+        # A task that is requested in turn counts only if it was attempted.
+        requested = infos.get("attempted_tasks_mask", requested)
         for i in np.flatnonzero(ended).tolist():
-            self.success += np.where(asked[i], completed[i] - self.success, 0.0) / _MEMORY
+            self.success += np.where(requested[i], completed[i] - self.success, 0.0) / _MEMORY
         self._requests.weights = 1.0 + _LEAST_WEIGHT - self.success
-        each = {name: completed[ended & asked[:, column], column] for column, name in enumerate(self._names)}
+        each = {name: completed[ended & requested[:, column], column] for column, name in enumerate(self._names)}
         return {f"episode/success/{name}": done.astype(np.float64) for name, done in each.items() if done.size}
 
 

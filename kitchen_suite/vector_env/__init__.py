@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FrankaKitchenVectorEnv", "FrankaMicrowaveTableVectorEnv", "FrankaOpenCabinetVectorEnv", "SuiteVectorEnv"]
 
-__getattr__, __dir__ = lazy.names(
+__getattr__, __dir__ = lazy.attributes(
     __name__,
     __all__,
     {

@@ -162,7 +162,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         return self._observations(*self._parts())
 
     def suite_observations(self) -> dict[str, NDArray]:
-        """Returns the present observations as the suite's own environment lays them out, with a leading axis."""
+        """Returns the present observations in the format of the suite's own environment, with a leading axis."""
         return self._observations.suite_observation(*self._parts())
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:

@@ -1,4 +1,4 @@
-"""The vectorised cabinet: many cabinets stepped together as one Gymnasium vector environment."""
+"""The domains with a cabinet or a table as vectorised environments: named classes over `SuiteVectorEnv`."""
 
 import gymnasium
 import numpy as np

@@ -1,4 +1,4 @@
-"""Checks of the arguments of vectorised environments, and infos and states with a leading axis.
+"""Checks of the arguments of vectorised environments, and conversions of infos with a leading axis.
 
 The checks raise a TypeError for a value of the wrong type, and a ValueError for another that is refused.
 """
@@ -131,17 +131,17 @@ def fresh_dicts(infos: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_masks(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium lays them out.
+    """Returns infos with a fresh copy of the mask `(n,)` under `_key` beside each `key`, as Gymnasium has them.
 
     Dicts among the infos have masks of their own beside each of their keys.
     """
-    laid_out: dict[str, Any] = {}
+    formatted: dict[str, Any] = {}
     # One allocation for all copies.
     copies = np.repeat(mask[np.newaxis], len(infos), axis=0)
     for (key, part), copy in zip(infos.items(), copies, strict=True):
-        laid_out[key] = with_masks(part, mask) if isinstance(part, dict) else part
-        laid_out[f"_{key}"] = copy
-    return laid_out
+        formatted[key] = with_masks(part, mask) if isinstance(part, dict) else part
+        formatted[f"_{key}"] = copy
+    return formatted
 
 
 def masked(infos: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
 from kitchen_suite.tasks.variations.variations import VariationRequest
-from kitchen_suite.vector_env import checks
+from kitchen_suite.vector_env import checks as vector_checks
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
 
@@ -210,7 +210,7 @@ class BatchEpisodes:
 
     def variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
-        return checks.copied(self.state.variation)
+        return vector_checks.copied(self.state.variation)
 
     def masked_variation_info(self) -> dict[str, Any]:
         """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
@@ -218,9 +218,9 @@ class BatchEpisodes:
         Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
         if self._masked_variation_info is None:
-            everyone = np.full(self.steps.shape, True)
-            self._masked_variation_info = checks.read_only(checks.with_masks(self.variation_info(), everyone))
-        return checks.fresh_dicts(self._masked_variation_info)
+            infos = vector_checks.with_masks(self.variation_info(), np.full(self.steps.shape, True))
+            self._masked_variation_info = vector_checks.read_only(infos)
+        return vector_checks.fresh_dicts(self._masked_variation_info)
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""

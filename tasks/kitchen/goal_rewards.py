@@ -15,7 +15,7 @@ from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
-from kitchen_suite.tasks.kitchen.reward import Shaping, Shares, task_shares
+from kitchen_suite.tasks.kitchen.reward import GOAL_TERMS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import total
 
 TO_COMPLETE = "tasks_to_complete"
@@ -46,8 +46,8 @@ def reward(
     """Returns the reward `(...)` of a step.
 
     With the sparse reward, a task is rewarded if the info lists it as still to complete or as completed in the step. An
-    info without these lists and masks rewards every task. A dense reward needs what it remembers, which infos of `step`
-    have under `reward_state/...`. Terms of a user's own do not follow the goals: infos have them under `reward/...`.
+    info without these lists and masks rewards every task. A dense reward needs its state, which infos of `step` have
+    under `reward_state/...`. Terms that do not follow the goals, such as a user's own, are read under `reward/...`.
     """
     infos = _broadcast(info, np.broadcast_shapes(achieved.shape, desired.shape)[:-1])
     requested = _requested(infos, mdp, ATTEMPTED if mdp.tasks_in_turn else REQUESTED)
@@ -63,7 +63,7 @@ def reward(
     action = np.zeros(0)
     return total(
         {
-            name: term(None, action, step) if name in mdp.goal_terms else _part(infos, f"reward/{name}")
+            name: term(None, action, step) if term in GOAL_TERMS else _part(infos, f"reward/{name}")
             for name, term in mdp.rewards.items()
         }
     )
@@ -99,8 +99,9 @@ def _within(achieved: NDArray[np.float64], desired: NDArray[np.float64], mdp: Ki
 
 
 def _shaping(infos: NDArray[np.object_], goals: GoalSet) -> Shaping:
-    """Returns what a dense reward remembers."""
-    widths = {name: goals.desired.size if name.endswith("achieved") else len(goals.tasks) for name in Shaping._fields}
+    """Returns the state of a dense reward."""
+    example = Shaping.start(goals.desired, np.zeros(len(goals.tasks)), goals)
+    widths = {name: part.size for name, part in example._asdict().items()}
     parts: dict[str, Any] = {name: _part(infos, f"{REWARD_STATE}/{name}", width) for name, width in widths.items()}
     return Shaping(**{**parts, "previously_completed": parts["previously_completed"] > 0})
 

@@ -18,7 +18,7 @@ from kitchen_suite.tasks.goals import OPEN_MICROWAVE, Goal, GoalSet
 _ARM = (0.148388023, -1.76848573, 1.84390296, -2.4768576, 0.260252026, 0.712533105, 1.59515394)
 _FINGERS = (0.0479267505, 0.0371350919)
 
-# By prop.
+# Positions of the joints by prop.
 _OBJECTS = {
     "oven": (
         *(-0.00026627985, -5.18043486e-05),

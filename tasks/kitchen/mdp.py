@@ -1,7 +1,7 @@
 """The kitchen's Markov decision process: the state after a control step, its reward, observation and infos."""
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ class KitchenState(NamedTuple):
       distances: `(..., n)`, distance of each task from its goal [rad, m].
       progress: completion of the tasks.
       terms: `(...)` each, the terms of the last step's reward by name.
-      shaping: what dense rewards remember; None for the sparse reward.
+      shaping: state of a dense reward; None for the sparse one.
       requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
       shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
@@ -89,7 +89,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     Attributes:
       sensors: sensors of robot and objects.
       goals: the tasks, with their goals.
-      goal_terms: names of the terms of the reward that can be computed for other goals; others are read from infos.
       noise_scale: `(59,)`, greatest noise of each element of the observation.
       success: decides which tasks are complete.
       terminate_on_tasks_completed: whether an episode terminates once every task has been completed.
@@ -101,7 +100,6 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     sensors: KitchenSensors
     goals: GoalSet
-    goal_terms: Collection[str]
     noise_scale: NDArray[np.float64]
     success: Success
     terminate_on_tasks_completed: bool
@@ -153,7 +151,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return current | state.progress.completed if self.tasks_in_turn else current
 
     def start_shaping(self, reading: KitchenReading) -> Shaping | None:
-        """Returns what a dense reward remembers at a reset; None for the sparse one."""
+        """Returns the state of a dense reward at a reset; None for the sparse one."""
         if reading.hand_distances is None:
             return None
         return Shaping.start(reading.achieved, reading.hand_distances, self.goals)
@@ -191,12 +189,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return after._replace(terms=self.reward_terms(state, action, after), shares=None)
 
     def _next_shaping(self, before: KitchenState, hand_distances: NDArray[np.float64]) -> Shaping:
-        """Returns what a dense reward remembers after one more step."""
-        remembered = before.shaping
-        assert remembered is not None
+        """Returns the state of a dense reward after one more step."""
+        shaping = before.shaping
+        assert shaping is not None
         if self.tasks_in_turn:
-            remembered = remembered.restarted(before.progress.advanced, before.achieved, self.goals)
-        return remembered.after(before.achieved, before.progress.completed, hand_distances, self.goals)
+            shaping = shaping.restarted(before.progress.advanced, before.achieved, self.goals)
+        return shaping.after(before.achieved, before.progress.completed, hand_distances, self.goals)
 
     def observation(self, simulation: Simulation, state: KitchenState) -> NDArray[np.float64]:
         return self.sensors.observed(simulation) + state.noise
@@ -220,7 +218,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     def info(self, state: KitchenState) -> dict[str, NDArray]:
         """Returns the infos on the tasks: fresh arrays, `(...)` or, in configured order, `(..., n)`.
 
-        With a dense reward also those on its terms, and what it remembers; with `task_draw` on requested tasks.
+        With a dense reward also those on its terms and its state; with `task_draw` on requested tasks.
         """
         progress = state.progress
         infos = {

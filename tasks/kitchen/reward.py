@@ -29,7 +29,7 @@ _APPROACH_WEIGHT, _PROGRESS_WEIGHT = 0.25, 0.75
 
 
 class Shaping(NamedTuple):
-    """Positions and shares on which the rewards of a step depend beside its achieved goals.
+    """State of a dense reward: positions and shares on which it depends beside the achieved goals of a step.
 
     Attributes:
       initial_achieved: `(..., k)`, achieved goals at the reset [rad, m, quaternion].
@@ -51,7 +51,7 @@ class Shaping(NamedTuple):
 
     @classmethod
     def start(cls, achieved: NDArray[np.float64], hand_distances: NDArray[np.float64], goals: GoalSet) -> Self:
-        """Returns what is remembered at a reset."""
+        """Returns the state at a reset."""
         distances = goals.distances(achieved)
         return cls(
             initial_achieved=achieved,
@@ -64,7 +64,7 @@ class Shaping(NamedTuple):
         )
 
     def restarted(self, mask: NDArray[np.bool_], achieved: NDArray[np.float64], goals: GoalSet) -> Self:
-        """Returns what is remembered if, where `mask` `(...)`, the last step counts as a reset.
+        """Returns the state in which, where `mask` `(...)`, the last step counts as a reset.
 
         Args:
           mask: which episodes.
@@ -81,7 +81,7 @@ class Shaping(NamedTuple):
         hand_distances: NDArray[np.float64],
         goals: GoalSet,
     ) -> Self:
-        """Returns what is remembered after one more step.
+        """Returns the state after one more step.
 
         Args:
           achieved: `(..., k)`, achieved goals before the step.
@@ -142,7 +142,7 @@ def task_shares(
     """Returns how far each task has come; those outside `mask` have not come anywhere.
 
     Args:
-      shaping: what is remembered, after the step.
+      shaping: state of the reward after the step.
       success: decides which tasks are complete.
       achieved: `(..., k)`, achieved goals after the step.
       desired: `(..., k)` or `(k,)`, goals that may be others than the episode's.
@@ -178,7 +178,6 @@ def covered(distances: NDArray[np.float64], initial: NDArray[np.float64]) -> NDA
 
 
 # The terms are functions of the state before a step, its action, and the state after it; see `tasks.mdp.RewardTerm`.
-# They read `completions` and, of a dense reward, `shares` of the latter alone, so that goals can be relabelled.
 
 
 def _summed(by_task: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -242,3 +241,12 @@ REWARDS: Mapping[str, Mapping[str, RewardTerm]] = MappingProxyType(
     }
 )
 """The terms of each reward, by the names of reward and term."""
+
+GOAL_TERMS = frozenset(
+    {completions, approach, progress, completed, approach_gain, progress_gain, completion_gain},
+)
+"""Terms that read only `completions` or, of a dense reward, `shares` of the state after the step, so that they can be
+computed for other goals. Infos have the values of all other terms."""
+
+# Rewards that pay for completed tasks in every later step: their episodes go on by default.
+CONTINUING = frozenset({"dense"})

@@ -23,7 +23,7 @@ from kitchen_suite.tasks.kitchen.observation import (
     noise_scale,
 )
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
-from kitchen_suite.tasks.kitchen.reward import REWARDS
+from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
@@ -82,7 +82,7 @@ class KitchenTask(SuiteTask):
           scene: the furnished kitchen; each task needs a scene of its own.
           tasks_to_complete: keys of `goals.GOALS`, by default the reference's; lists keep this order.
           terminate_on_tasks_completed: whether the episode terminates once every task has been completed; when
-            omitted, unless the reward is `dense`.
+            omitted, unless the reward is one of `reward.CONTINUING`.
           remove_task_when_completed: whether a task is rewarded once (`True`), or in every step within its threshold.
           object_noise_ratio: scale of the noise of the objects' part of the observation; 0 for none.
           robot_noise_ratio: scale of the noise of the robot's part of the observation; 0 for none.
@@ -90,7 +90,7 @@ class KitchenTask(SuiteTask):
           threshold: distance from the goal below which a task is complete, of all tasks or by task [rad, m]; 0.3 when
             omitted. Not together with `success`.
           success: `original`, by the threshold, or `strict`, by joint; see `StrictSuccess`.
-          reward: `sparse`, `dense` or `dense_gain`; see `kitchen.reward`.
+          reward: key of `reward.REWARDS`: `sparse`, or a dense one such as `dense_gain`.
           tasks_per_episode: number of the tasks that an episode asks for, or a pair of the least and greatest number;
             each reset draws which of `tasks_to_complete`, and their order. Only these count for the start, the reward,
             the end and the infos. Every episode asks for all when omitted.
@@ -120,13 +120,12 @@ class KitchenTask(SuiteTask):
         self.reward_name = checks.choice(reward, REWARDS, "reward")
         criteria: dict[str, Any] = {"success": success, "threshold": threshold}
         self.success_options = {name: value for name, value in criteria.items() if value is not None}
-        terminates = reward != "dense" if terminate_on_tasks_completed is None else terminate_on_tasks_completed
+        terminates = reward not in CONTINUING if terminate_on_tasks_completed is None else terminate_on_tasks_completed
         mdp = KitchenMDP(
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
             action_mode=make_mode(control_mode, self.control_modes, control),
             goals=goal_set,
             rewards={**REWARDS[reward], **self.extra_rewards},
-            goal_terms=REWARDS[reward].keys(),
             noise_scale=noise_scale(
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),

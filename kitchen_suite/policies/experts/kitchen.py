@@ -114,7 +114,7 @@ class KitchenExpert(Expert):
             the observation must include all of them, and the motions are planned for the poses.
           observes_requests: whether the observation ends with `requested_tasks`, which the expert then does. Of several
             at once it cannot observe the order: with `in_order` it does them in that of `tasks`. It turns to other
-            tasks when others are asked, as with the environment's `tasks_in_turn`.
+            tasks when others are requested, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
         """
         self._goals = build_goals(tasks, goals)

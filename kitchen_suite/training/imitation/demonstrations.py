@@ -27,7 +27,7 @@ class Demonstrations(NamedTuple):
     """Control steps of all episodes, one after the other.
 
     Attributes:
-      inputs: `(m, n)`, float32: the state, or some of its elements, and which of the policy's tasks are asked.
+      inputs: `(m, n)`, float32: the state, or some of its elements, and which of the policy's tasks are requested.
       actions: `(m, k)`, float32, taken on them.
       last: `(m,)`, index of the last step of each step's episode.
       state_elements: elements of the state among the inputs; None for all.

@@ -8,7 +8,7 @@ from helpers.errors import refused
 
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
-from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks import GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.reward import REWARDS
 
 TERMS = ("approach", "progress", "completion")
@@ -238,6 +238,17 @@ class TestComputeReward:
             env.compute_reward(*goals, {})
         with refused(ValueError, "reward_state/hand_distances", "(1,)"):
             env.compute_reward(*goals, {**info, "reward_state/hand_distances": np.zeros(2)})
+
+    def test_a_term_of_ones_own_in_place_of_a_dense_one_has_the_value_of_the_infos(self, monkeypatch):
+        def progress(before, action, after):
+            return after.positions[..., 0] - before.positions[..., 0]
+
+        monkeypatch.setattr(KitchenTask, "extra_rewards", {"progress": progress})
+        env = make(["kettle"], "dense")
+        env.reset(seed=0)
+        observation, reward, *_, info = env.step(np.ones(9))
+        assert info["reward/progress"] != 0.0
+        assert env.compute_reward(observation["achieved_goal"], observation["desired_goal"], info) == reward
 
     def test_infinitely_far_goals_pay_no_progress(self):
         env = make(["microwave"], "dense")
