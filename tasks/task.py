@@ -221,6 +221,13 @@ class SuiteTask(composer.Task):
         self.episode, self.truncates, self._terminates = EpisodeState(), False, False
         self._visualize_reward = False
 
+    @classmethod
+    def with_extra_rewards(cls, rewards: Mapping[str, RewardTerm]) -> dict[str, RewardTerm]:
+        """Returns the terms of a reward and the `extra_rewards`; a ValueError where both have a term of one name."""
+        if taken := sorted(rewards.keys() & cls.extra_rewards.keys()):
+            raise ValueError(f"extra_rewards of {cls.__name__} must have other names than the reward's terms: {taken}")
+        return {**rewards, **cls.extra_rewards}
+
     def vary(self, *, handles: Sequence[mjcf.Element], parameters: Sequence[Parameter] = (), **arguments: Any) -> None:
         """Selects the parameters that vary; to be called once, before the scene is compiled.
 

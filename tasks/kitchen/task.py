@@ -125,7 +125,7 @@ class KitchenTask(SuiteTask):
             sensors=KitchenSensors(scene, goal_set, measures_hand=reward != "sparse"),
             action_mode=make_mode(control_mode, self.control_modes, control),
             goals=goal_set,
-            rewards={**REWARDS[reward], **self.extra_rewards},
+            rewards=self.with_extra_rewards(REWARDS[reward]),
             noise_scale=noise_scale(
                 robot_ratio=checks.number(robot_noise_ratio, "robot_noise_ratio"),
                 object_ratio=checks.number(object_noise_ratio, "object_noise_ratio"),

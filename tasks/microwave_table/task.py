@@ -119,7 +119,7 @@ class MicrowaveTableTask(SuiteTask):
         mdp = MicrowaveTableMDP(
             sensors=_sensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),
-            rewards={**REWARDS, **self.extra_rewards},
+            rewards=self.with_extra_rewards(REWARDS),
             threshold=checks.number(threshold, "threshold"),
         )
         super().__init__(scene, mdp, **observables)

@@ -106,10 +106,7 @@ class OpenCabinetTask(SuiteTask):
             action_mode=action_mode,
             action_size=action_size,
             noise_scale=self._observables.noise_scale,
-            rewards={
-                **REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config),
-                **self.extra_rewards,
-            },
+            rewards=self.with_extra_rewards(REWARDS[checks.choice(reward, REWARDS, "reward")](scene.cabinet.config)),
         )
         self.reward_name = reward
         super().__init__(scene, mdp, **observables)

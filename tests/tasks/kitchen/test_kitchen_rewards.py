@@ -194,6 +194,13 @@ def test_the_reward_is_part_of_the_policys_name():
     assert names == {"sparse": "kettle", "dense": "kettle_dense", "dense_gain": "kettle_dense_gain"}
 
 
+def test_a_term_of_ones_own_does_not_replace_one_of_the_reward(monkeypatch):
+    monkeypatch.setattr(KitchenTask, "extra_rewards", {"completion": lambda before, action, after: np.zeros(())})
+    for reward in REWARDS:
+        with refused(ValueError, "extra_rewards", "completion"):
+            make(["kettle"], reward)
+
+
 class TestComputeReward:
     """Dense rewards from goals and infos alone."""
 
@@ -238,17 +245,6 @@ class TestComputeReward:
             env.compute_reward(*goals, {})
         with refused(ValueError, "reward_state/hand_distances", "(1,)"):
             env.compute_reward(*goals, {**info, "reward_state/hand_distances": np.zeros(2)})
-
-    def test_a_term_of_ones_own_in_place_of_a_dense_one_has_the_value_of_the_infos(self, monkeypatch):
-        def progress(before, action, after):
-            return after.positions[..., 0] - before.positions[..., 0]
-
-        monkeypatch.setattr(KitchenTask, "extra_rewards", {"progress": progress})
-        env = make(["kettle"], "dense")
-        env.reset(seed=0)
-        observation, reward, *_, info = env.step(np.ones(9))
-        assert info["reward/progress"] != 0.0
-        assert env.compute_reward(observation["achieved_goal"], observation["desired_goal"], info) == reward
 
     def test_infinitely_far_goals_pay_no_progress(self):
         env = make(["microwave"], "dense")
