@@ -374,6 +374,20 @@ def digest_table() -> str:
     return f"{table}\n\nWith {versions}, on {result['machine']}."
 
 
+def mutant_table() -> str:
+    """Returns the table of what `tests/tools/mutants.py` has found."""
+    known = json.loads((RESULTS.parents[2] / "tests" / "tools" / "equivalent_mutants.json").read_text(encoding="utf-8"))
+    rows = []
+    for path in sorted((RESULTS / "mutants").glob("*.json")):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        equivalent = [[each["before"], each["after"]] for each in known.get(found["module"], [])]
+        left_out = sum(lines in equivalent for lines in found["survived"].values())
+        killed, survived = len(found["killed"]), len(found["survived"]) - left_out
+        score = f"{100 * killed / max(killed + survived, 1):.1f} %"
+        rows.append((f"`{found['module']}`", found["total"], killed + survived + left_out, left_out, survived, score))
+    return markdown(("module", "mutants", "tested", "equivalent", "survived", "score"), rows)
+
+
 def soak_table() -> str:
     """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
     parts = read_results("soak")
@@ -421,6 +435,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
     "digests": digest_table,
+    "mutants": mutant_table,
     "soak": soak_table,
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")

@@ -1,24 +1,30 @@
 """Mutation tests of the suite's pure functions: how many small faults the tests find.
 
 pip install cosmic-ray
-python tests/tools/mutants.py FOLDER                 makes and tests all mutants (hours); goes on where it was stopped
-python tests/tools/mutants.py FOLDER --only=WORD     those of modules whose name contains the word
-python tests/tools/mutants.py FOLDER --report        prints the scores so far, and the mutants that survived
+python tests/tools/mutants.py              tests all mutants (an hour or two); goes on where it was stopped
+python tests/tools/mutants.py --only=WORD  those of modules whose name contains the word
+python tests/tools/mutants.py --again      tests the survivors once more, after tests have been added
+python tests/tools/mutants.py --report     prints the scores so far, and the mutants that survived
 
 A mutant is a copy of a module with one operator, number or keyword changed by cosmic-ray. It survives if the tests
-named here pass with it. `equivalent_mutants.json` lists the survivors that no test can tell from the original, with the
-reason; scores leave them out. Each module is tested in a copy of the package of its own, two at a time; the present
-tree stays as it is. Exit status: 0 if all modules have a score of at least 90 %, else 1.
+named here pass with it. Each process tests in a copy of the package of its own, which it is checked to import: a
+function that is broken on purpose must be found. Results are in docs/experiments/results/mutants; those of a module
+that has changed since are dropped. `equivalent_mutants.json` lists the survivors that no test can tell from the
+original, with the reason; scores leave them out. Exit status: 0 if all modules have a score of at least 90 %, else 1.
 """
 
 import argparse
 import concurrent.futures
+import difflib
+import hashlib
 import json
+import multiprocessing
 import os
-import shlex
+import queue
 import shutil
-import subprocess
 import sys
+import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,11 +33,16 @@ from tabulate import tabulate
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "docs" / "experiments" / "results" / "mutants"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
 LEAST = 0.9
-TIMEOUT = 300.0  # [s] of the tests of one mutant.
+TIMEOUT = 120.0  # [s] of the tests of one mutant.
 _APART = ("slow", "thorough", "clients", "ray", "lerobot", "web", "browser", "rendering")
 MARKS = " and ".join(f"not {mark}" for mark in _APART)
+# Libraries that the tests import, loaded once; every mutant is tested in a fork.
+PRELOADED = ("pytest", "hypothesis", "scipy.spatial.transform", "dm_control.composer", "mujoco.batch", "gymnasium")
+# Exit status of pytest where no test was found.
+NO_TESTS = 5
 
 # Tests of each module, the quickest first: they stop at the first failure.
 TESTS = {
@@ -55,15 +66,10 @@ TESTS = {
 
 
 class Mutant(NamedTuple):
-    """A mutant whose tests have run.
+    """A mutant of a module: the operator of cosmic-ray and its place, and the lines that it changes."""
 
-    Attributes:
-      survived: whether all tests passed.
-      before: the changed lines of the module, stripped, one after the other.
-      after: the lines that replace them.
-    """
-
-    survived: bool
+    name: str
+    text: str
     before: str
     after: str
 
@@ -74,93 +80,160 @@ def installed(module: str) -> Path:
     return path if path.parts[0] == "kitchen_suite" else Path("kitchen_suite") / path
 
 
-def copy_package(folder: Path) -> None:
-    """Copies the package as it is installed: the folders of the repository's top are subpackages."""
-    for name in ("kitchen_suite", "entities", "tasks"):
-        shutil.copytree(ROOT / name, folder / installed(name), ignore=shutil.ignore_patterns("__pycache__"))
+def mutants(module: str) -> Iterator[Mutant]:
+    """Yields all mutants of a module."""
+    from cosmic_ray import plugins
+    from cosmic_ray.mutating import mutate_code
+
+    source = (ROOT / module).read_text(encoding="utf-8")
+    for operator in plugins.operator_names():
+        made = plugins.get_operator(operator)
+        if made.arguments():
+            # Variables to replace would have to be named.
+            continue
+        place = 0
+        while text := mutate_code(source, made(), place):
+            yield Mutant(f"{operator.removeprefix('core/')}/{place}", text, *changed_lines(source, text))
+            place += 1
 
 
-def environment(folder: Path) -> dict[str, str]:
-    """Returns environment variables with which the copy in a folder is imported."""
-    return {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+def changed_lines(before: str, after: str) -> tuple[str, str]:
+    """Returns the lines of two texts that differ, stripped, one after the other."""
+    lines = [*difflib.ndiff(before.splitlines(), after.splitlines())]
+    old, new = ("\n".join(line[2:].strip() for line in lines if line.startswith(sign)) for sign in ("- ", "+ "))
+    return old, new
 
 
-def run_module(module: str, folder: Path) -> None:
-    """Makes the mutants of a module, unless they exist, and tests those that have not been tested.
+class Results:
+    """The results of a module, in a file."""
 
-    Raises:
-      RuntimeError: the tests fail without a mutation, or do not import the copy.
-    """
-    package, session, config = folder / "package", folder / "session.sqlite", folder / "config.toml"
-    if not session.exists():
-        shutil.rmtree(package, ignore_errors=True)
-        package.mkdir(parents=True)
-        copy_package(package)
-    tests = [str(ROOT / test) for test in TESTS[module]]
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-o", "addopts="]
-    command += ["-m", MARKS, "-c", str(ROOT / "setup.cfg"), "--rootdir", str(ROOT), *tests]
-    config.write_text(
-        "[cosmic-ray]\n"
-        f"module-path = {json.dumps(str(package / installed(module)))}\n"
-        f"timeout = {TIMEOUT}\n"
-        "excluded-modules = []\n"
-        f"test-command = {json.dumps(shlex.join(command))}\n"
-        '[cosmic-ray.distributor]\nname = "local"\n',
-        encoding="utf-8",
-    )
-    variables = environment(package)
-    if not session.exists():
-        name = ".".join(installed(module).with_suffix("").parts)
-        code = f"import {name}; print({name}.__file__)"
-        found = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=folder, env=variables)
-        if Path(found.strip()) != package / installed(module):
-            raise RuntimeError(f"tests of {module} would import {found.strip()}, not the copy")
-        if subprocess.run(command, cwd=folder, env=variables, capture_output=True, check=False).returncode:
+    def __init__(self, module: str) -> None:
+        """Reads what there is of the present source."""
+        self.module, self.path = module, RESULTS / f"{module.replace('/', '_').removesuffix('.py')}.json"
+        self.digest = hashlib.sha256((ROOT / module).read_bytes()).hexdigest()
+        found = json.loads(self.path.read_text(encoding="utf-8")) if self.path.exists() else {}
+        if found.get("source") != self.digest:
+            found = {"total": None, "killed": [], "survived": {}}
+        self.total: int | None = found["total"]
+        self.killed: list[str] = found["killed"]
+        self.survived: dict[str, list[str]] = found["survived"]
+
+    def add(self, mutant: Mutant, survived: bool) -> None:
+        """Adds the result of a mutant, in place of an earlier one."""
+        self.survived.pop(mutant.name, None)
+        if survived:
+            self.survived[mutant.name] = [mutant.before, mutant.after]
+        else:
+            self.killed.append(mutant.name)
+
+    def save(self) -> None:
+        """Writes the file."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        record = {"module": self.module, "source": self.digest, "total": self.total}
+        record |= {"killed": self.killed, "survived": self.survived}
+        partial = self.path.with_suffix(".part")
+        partial.write_text(json.dumps(record, indent=0) + "\n", encoding="utf-8")
+        partial.replace(self.path)
+
+
+class Tester:
+    """Tests mutants in a copy of the package, each in a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        """Copies the package as it is installed: the folders of the repository's top are subpackages."""
+        self._folder = folder
+        for name in ("kitchen_suite", "entities", "tasks"):
+            shutil.copytree(ROOT / name, folder / installed(name), ignore=shutil.ignore_patterns("__pycache__"))
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload([*PRELOADED])
+
+    def passes(self, module: str, text: str) -> bool:
+        """Returns whether the tests of a module pass with another text of it; one that takes too long does not."""
+        path = self._folder / installed(module)
+        path.write_text(text, encoding="utf-8")
+        process = self._context.Process(target=run_tests, args=(self._folder, TESTS[module]))
+        process.start()
+        process.join(TIMEOUT)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+        shutil.copy(ROOT / module, path)
+        if process.exitcode == NO_TESTS:
+            raise RuntimeError(f"there are no tests of {module}")
+        return process.exitcode == 0
+
+    def check(self, module: str) -> None:
+        """Raises a RuntimeError unless the tests pass without a mutation, and find a function that is broken."""
+        source = (ROOT / module).read_text(encoding="utf-8")
+        if not self.passes(module, source):
             raise RuntimeError(f"tests of {module} fail without a mutation")
-        subprocess.run(["cosmic-ray", "init", str(config), str(session)], cwd=folder, env=variables, check=True)
-    # A run that was stopped may have left a mutation in the copy.
-    shutil.copy(ROOT / module, package / installed(module))
-    subprocess.run(["cosmic-ray", "exec", str(config), str(session)], cwd=folder, env=variables, check=True)
+        if self.passes(module, source.replace("    return ", "    return None and ")):
+            raise RuntimeError(f"tests of {module} pass when it is broken: they import another copy")
 
 
-def mutants(folder: Path) -> Iterator[Mutant | None]:
-    """Yields the mutants of a session; None for each whose tests have not run."""
-    from cosmic_ray.work_db import WorkDB, use_db
-    from cosmic_ray.work_item import TestOutcome
+def run_tests(folder: Path, tests: tuple[str, ...]) -> None:
+    """Ends this process with the exit status of pytest, for tests that import the package from a folder."""
+    import pytest
 
-    with use_db(str(folder / "session.sqlite"), WorkDB.Mode.open) as database:
-        results = dict(database.results)
-        for item in database.work_items:
-            result = results.get(item.job_id)
-            if result is None:
-                yield None
-                continue
-            lines = (result.diff or "").splitlines()
-            before = [line[1:].strip() for line in lines if line.startswith("-") and not line.startswith("---")]
-            after = [line[1:].strip() for line in lines if line.startswith("+") and not line.startswith("+++")]
-            yield Mutant(result.test_outcome == TestOutcome.SURVIVED, "\n".join(before), "\n".join(after))
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    sys.dont_write_bytecode = True
+    sys.path.insert(0, str(folder))
+    arguments = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-o", "addopts=", "-m", MARKS]
+    paths = [str(ROOT / test) for test in tests]
+    status = pytest.main([*arguments, "-c", str(ROOT / "setup.cfg"), "--rootdir", str(ROOT), *paths])
+    os._exit(int(status))
 
 
-def report(folder: Path) -> bool:
+def run(modules: list[str], *, again: bool, processes: int) -> None:
+    """Tests the mutants that have not been tested, or those that survived."""
+    results = {module: Results(module) for module in modules}
+    waiting: queue.SimpleQueue[tuple[str, Mutant]] = queue.SimpleQueue()
+    for module in tqdm(modules, desc="mutants", unit="module", disable=None):
+        made, found = [*mutants(module)], results[module]
+        found.total = len(made)
+        tested = {*found.killed} if again else {*found.killed, *found.survived}
+        for mutant in made:
+            if mutant.name not in tested and not (again and mutant.name not in found.survived):
+                waiting.put((module, mutant))
+    lock, bar = threading.Lock(), tqdm(total=waiting.qsize(), unit="mutant", disable=None)
+
+    def work(folder: Path) -> None:
+        tester, checked = Tester(folder), set()
+        while True:
+            try:
+                module, mutant = waiting.get_nowait()
+            except queue.Empty:
+                return
+            if module not in checked:
+                tester.check(module)
+                checked.add(module)
+            survived = tester.passes(module, mutant.text)
+            with lock:
+                results[module].add(mutant, survived)
+                results[module].save()
+                bar.update()
+
+    with tempfile.TemporaryDirectory() as folder, concurrent.futures.ThreadPoolExecutor(processes) as pool, bar:
+        for job in [pool.submit(work, Path(folder, str(number))) for number in range(processes)]:
+            job.result()
+
+
+def report(modules: list[str]) -> bool:
     """Prints the score of each module and its survivors; returns whether all have been tested and score enough."""
     known: dict[str, list[dict[str, Any]]] = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
     rows, enough = [], True
-    for module in TESTS:
-        place = folder / module.replace("/", "_")
-        if not (place / "session.sqlite").exists():
-            enough = False
-            continue
-        found = list(mutants(place))
-        tested = [mutant for mutant in found if mutant is not None]
+    for module in modules:
+        found = Results(module)
         equivalent = {(each["before"], each["after"]) for each in known.get(module, [])}
-        survivors = [each for each in tested if each.survived and (each.before, each.after) not in equivalent]
-        left_out = sum(each.survived for each in tested) - len(survivors)
-        count = len(tested) - left_out
-        score = 1.0 - len(survivors) / count if count else 0.0
-        enough = enough and len(tested) == len(found) and score >= LEAST
-        rows.append((module, len(found), len(tested), left_out, len(survivors), f"{100 * score:.1f} %"))
-        for each in survivors:
-            print(f"{module}\n  - {each.before}\n  + {each.after}")
+        survivors = [lines for lines in found.survived.values() if tuple(lines) not in equivalent]
+        tested, left_out = len(found.killed) + len(found.survived), len(found.survived) - len(survivors)
+        score = len(found.killed) / max(tested - left_out, 1)
+        enough = enough and tested == found.total and score >= LEAST
+        rows.append((module, found.total, tested, left_out, len(survivors), f"{100 * score:.1f} %"))
+        for before, after in survivors:
+            print(f"{module}\n  - {before}\n  + {after}")
     print(tabulate(rows, ("module", "mutants", "tested", "equivalent", "survived", "score")))
     return enough
 
@@ -168,18 +241,17 @@ def report(folder: Path) -> bool:
 def main() -> int:
     """Runs the command; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="folder of the sessions, outside this repository")
     parser.add_argument("--only", default="", help="word in the names of the modules to test")
+    parser.add_argument("--again", action="store_true", help="test the survivors once more")
     parser.add_argument("--report", action="store_true", help="print what was found, and test nothing")
+    parser.add_argument("--processes", type=int, default=2, help="number of tests at the same time")
     arguments = parser.parse_args()
-    folder = arguments.folder.resolve()
+    # Inherited by the processes; one thread each.
+    os.environ.update({"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"})
+    modules = [module for module in TESTS if arguments.only in module]
     if not arguments.report:
-        modules = [module for module in TESTS if arguments.only in module]
-        with concurrent.futures.ThreadPoolExecutor(2) as pool:
-            jobs = [pool.submit(run_module, module, folder / module.replace("/", "_")) for module in modules]
-            for job in tqdm(concurrent.futures.as_completed(jobs), total=len(jobs), unit="module"):
-                job.result()
-    return 0 if report(folder) else 1
+        run(modules, again=arguments.again, processes=arguments.processes)
+    return 0 if report(modules) else 1
 
 
 if __name__ == "__main__":
