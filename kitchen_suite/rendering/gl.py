@@ -131,19 +131,20 @@ def rendering(owner: ContextOwner) -> Iterator[None]:
       RuntimeError: a process from which this one was forked has rendered, or another thread holds the GL context.
     """
     _check_process()
+    thread = threading.current_thread()
     try:
         yield
     except (TypeError, ValueError):  # A bad argument.
         raise
     except Exception as error:
-        holder = _threads.get(owner)
-        if holder in (None, threading.current_thread()):
+        holder = _threads.get(owner, thread)
+        if holder is thread:
             raise
         raise RuntimeError(
-            f"nothing can be rendered in thread {threading.current_thread().name!r}: the environment has rendered in "
-            f"thread {holder.name!r}, which holds its GL context; render in that thread, or close() it there first"
+            f"nothing can be rendered in thread {thread.name!r}: the environment has rendered in thread "
+            f"{holder.name!r}, which holds its GL context; render in that thread, or close() it there first"
         ) from error
-    _threads[owner] = threading.current_thread()
+    _threads[owner] = thread
 
 
 def _check_process() -> None:
@@ -158,7 +159,7 @@ def _check_process() -> None:
 
 _owners: weakref.WeakSet[ContextOwner] = weakref.WeakSet()
 
-# Threads that rendered last, by owner.
+# By owner, the thread that rendered last.
 _threads: weakref.WeakKeyDictionary[ContextOwner, threading.Thread] = weakref.WeakKeyDictionary()
 
 # Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
