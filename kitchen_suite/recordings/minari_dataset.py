@@ -74,8 +74,9 @@ class MinariPlan(DatasetPlan):
             data_file = dataset.storage.data_path / _DATA_FILE
             for start in range(0, len(indices), _CHUNK):
                 episodes = [folder.load(index) for index in indices[start : start + _CHUNK]]
-                # HDF5 cuts off at the end what it has not used.
-                files.reserve(data_file, sum(_file_size(episode) for episode in episodes))
+                # Half of a chunk may be empty. HDF5 cuts off at the end what it has not used.
+                arrays = [array for episode in episodes for array in episode.arrays.values()]
+                files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
                 metadata = [{INSTRUCTION_KEY: episode.instruction} for episode in episodes]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
@@ -190,11 +191,6 @@ class MinariSource(Source):
 
     def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
         return files.reading(self._dataset.storage.data_path, what)
-
-
-def _file_size(episode: EpisodeArrays) -> int:
-    """Returns the most bytes that an episode takes in an HDF5 file, of which half of each chunk may be empty."""
-    return sum(_ARRAY_BYTES + 2 * array.nbytes for array in episode.arrays.values())
 
 
 def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:

@@ -125,11 +125,7 @@ def making_dm_control_context(owner: ContextOwner) -> Iterator[None]:
 
 @contextlib.contextmanager
 def rendering(owner: ContextOwner) -> Iterator[None]:
-    """Context in which an owner renders an image, and makes its GL context where it has none.
-
-    Raises:
-      RuntimeError: a process from which this one was forked has rendered, or another thread holds the GL context.
-    """
+    """Context in which an owner renders; raises a RuntimeError after a fork, or if another thread has its context."""
     _check_process()
     thread = threading.current_thread()
     try:
