@@ -204,6 +204,16 @@ def check_writable(folder: Path) -> None:
         raise PermissionError(f"{folder} may not be written to")
 
 
+def reserve(path: Path, size: int) -> None:
+    """Adds zeros to a file, which take `size` bytes of its disk: room for a library that a full disk would crash.
+
+    Raises an OSError unless the disk and the limits on files and users allow it.
+    """
+    if hasattr(os, "posix_fallocate"):
+        with path.open("ab") as file:
+            os.posix_fallocate(file.fileno(), file.tell(), size)
+
+
 def file_digest(path: Path) -> str:
     """Returns the SHA-256 of a file's contents, in hexadecimal."""
     with path.open("rb") as file:

@@ -170,6 +170,20 @@ def _checked(names: object, choices: Mapping[str, ExtraObservable]) -> dict[str,
     return {name: choices[name] for name in sorted(wanted, key=lambda name: not choices[name].of_robot)}
 
 
+class Camera(observable.MJCFCamera):
+    """A camera whose pictures can be black instead of rendered.
+
+    Attributes:
+      is_covered: whether they are black.
+    """
+
+    is_covered = False
+
+    def _callable(self, physics: mjcf.Physics) -> Callable[[], NDArray]:
+        take, spec = super()._callable(physics), self.array_spec
+        return lambda: np.zeros(spec.shape, spec.dtype) if self.is_covered else take()
+
+
 @dataclasses.dataclass(frozen=True)
 class Picture:
     """A picture that a camera takes.
@@ -182,7 +196,7 @@ class Picture:
 
     kind: str
     camera: str
-    taker: observable.MJCFCamera
+    taker: Camera
 
     @property
     def key(self) -> str:
@@ -230,7 +244,7 @@ class Pictures:
         height, width = _checked_size(DEFAULT_SIZE if image_size is None else image_size, root)
         kinds = {"pixels": {}, **{kind: {kind: True} for kind, flag in flags.items() if flag}}
         self.pictures = tuple(
-            Picture(kind, name, observable.MJCFCamera(elements[name], height, width, **kinds[kind]))
+            Picture(kind, name, Camera(elements[name], height, width, **kinds[kind]))
             for kind in kinds
             for name in names
         )

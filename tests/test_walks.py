@@ -10,7 +10,8 @@ CEILINGS = {
     "members of KitchenTask": 60,
     "classes of KitchenTask": 4,
     "files of source": 170,
-    "lines of source": 27_500,
+    # 27,500 when the house was built; hard trials of files, arguments and rendering needed more.
+    "lines of source": 28_300,
 }
 
 

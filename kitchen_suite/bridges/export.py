@@ -219,7 +219,10 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     """
     physics, root = environment.physics, environment.task.root_entity.mjcf_model
     model, data = physics.model.ptr, physics.data.ptr
-    mujoco.mj_saveModel(model, str(folder / BINARY_FILE))
+    # MuJoCo itself reads and writes no files here: it takes a backslash for a slash, and logs what it cannot write.
+    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, binary)
+    (folder / BINARY_FILE).write_bytes(binary.tobytes())
     state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
     mujoco.mj_getState(model, data, state, PHYSICS_STATE)
     np.savez(folder / STATE_FILE, integration=state)
@@ -228,7 +231,8 @@ def write_scene(folder: Path, environment: Environment) -> dict[str, Difference]
     _write_xml(folder, root)
     for name, text in _licence_texts().items():
         (folder / name).write_text(text, encoding="utf-8")
-    compiled = mujoco.MjModel.from_xml_path(str(folder / XML_FILE))
+    assets = {f"{_ASSETS}/{path.name}": path.read_bytes() for path in (folder / _ASSETS).iterdir()}
+    compiled = mujoco.MjModel.from_xml_string((folder / XML_FILE).read_text(encoding="utf-8"), assets)
     return {
         "xml_greatest_difference": greatest_difference(compiled, model),
         "xml_greatest_difference_in_physics": greatest_difference(compiled, model, physical=True),

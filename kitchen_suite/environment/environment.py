@@ -22,6 +22,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
 from kitchen_suite.rendering import gl
+from kitchen_suite.tasks.observables import Camera as PictureCamera
 from kitchen_suite.tasks.task import SuiteTask
 
 check_private_names()
@@ -47,14 +48,15 @@ class Physics(mjcf.Physics):
         dm_control allocates a scene for each image, which takes up to a third of the time of a fast one. Here the
         scenes of the model's cameras are kept until the GL context is freed.
         """
-        if camera_id == -1 or options.get("scene_callback"):
-            return super().render(height, width, camera_id, *arguments, **options)
-        options.pop("scene_callback", None)
-        key = (height, width, camera_id)
-        if key not in self._cameras:
-            self._cameras[key] = Camera(self, height, width, camera_id)
-        # A copy, since a camera draws all its images into the same array.
-        return np.array(self._cameras[key].render(*arguments, **options))
+        with gl.rendering(self):
+            if camera_id == -1 or options.get("scene_callback"):
+                return super().render(height, width, camera_id, *arguments, **options)
+            options.pop("scene_callback", None)
+            key = (height, width, camera_id)
+            if key not in self._cameras:
+                self._cameras[key] = Camera(self, height, width, camera_id)
+            # A copy, since a camera draws all its images into the same array.
+            return np.array(self._cameras[key].render(*arguments, **options))
 
     def free_context(self) -> None:
         """Frees the GL context; the next picture makes another."""
@@ -131,7 +133,11 @@ class UnbufferedUpdater(observation.Updater):
         self._bypasses_buffers = False
 
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
+        # latter is returned: an environment is built without a GL context, so that a process can build one and fork.
+        self._cover_cameras(self._enabled_structure is None)
         super().reset(physics, random_state)
+        self._cover_cameras(False)
         enabled = [part for part in self._observables.values() if part.enabled]
         self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
             is_unbuffered(part) and not part.aggregator for part in enabled
@@ -141,6 +147,11 @@ class UnbufferedUpdater(observation.Updater):
             for name, buffered in self._enabled_structure.items()
         ]
         self._observation: collections.OrderedDict[str, np.ndarray] = super().get_observation()
+
+    def _cover_cameras(self, is_covered: bool) -> None:
+        for part in self._observables.values():
+            if isinstance(part, PictureCamera):
+                part.is_covered = is_covered
 
     def skip(self, steps: int) -> None:
         """Counts physics steps of the present control step without updating the observables."""

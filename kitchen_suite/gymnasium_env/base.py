@@ -17,6 +17,7 @@ from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
+from kitchen_suite.rendering import cameras
 
 # Options of `reset` of every environment.
 VARIATION, VARIATION_VALUES = "variation", "variation_values"
@@ -143,6 +144,7 @@ class SuiteEnv(gymnasium.Env):
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )
         self._task = self._environment.task
+        observations.check_extras(self._task, obs_type, self.obs_types)
         self._set_action_space(limit)
         self.varies = bool(self._task.variations.by_name)
         self._renderer.check_camera(self._environment)
@@ -270,6 +272,10 @@ class SuiteEnv(gymnasium.Env):
     def present_observation(self) -> dict[str, NDArray]:
         """The present observation as the suite's own, which policies expect, whatever the observation type."""
         return self._observations.suite_observation(*self._parts())
+
+    def camera_parameters(self, camera: str, width: int, height: int) -> cameras.CameraParameters:
+        """Returns intrinsics and extrinsics of a camera, by its name, for images of `width` x `height` pixels."""
+        return cameras.camera_parameters(self._environment.physics, camera, width, height)
 
     def clip_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns actions `(..., k)` clipped to the `action_limit`."""

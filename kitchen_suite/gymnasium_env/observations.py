@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.environment import Environment
 from kitchen_suite.tasks.observables import Picture
+from kitchen_suite.tasks.task import SuiteTask
 
 # Kinds of parts, in the order of the observation, by observation type. `goal` needs a task with goals.
 OBS_TYPES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -25,6 +26,7 @@ OBS_TYPES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "environment_state_agent_pos": ("environment_state", "agent_pos"),
         "pixels": ("pixels",),
         "pixels_agent_pos": ("pixels", "agent_pos"),
+        "pixels_environment_state_agent_pos": ("pixels", "environment_state", "agent_pos"),
     }
 )
 
@@ -63,6 +65,22 @@ def picture_options(
         types = [each for each in obs_types if has_pictures(each)]
         raise ValueError(f"{name}={value!r} needs an obs_type with pictures, {types}, not {obs_type!r}")
     return others
+
+
+def check_extras(task: SuiteTask, obs_type: str, obs_types: Collection[str]) -> None:
+    """Raises a ValueError if observations of a type have no part for some extra observables of a task."""
+    if lost := _lost_extras(task, obs_type):
+        types = [name for name in obs_types if not _lost_extras(task, name)]
+        raise ValueError(
+            f"observations of obs_type {obs_type!r} have no part for extra_observables {lost}: leave them out, or "
+            f"choose an obs_type of {types}"
+        )
+
+
+def _lost_extras(task: SuiteTask, obs_type: str) -> list[str]:
+    of_robot = task.extras.of_robot if task.extras else ()
+    parts = {key: "agent_pos" if key in of_robot else "environment_state" for key in task.extra_observables}
+    return [key for key, part in parts.items() if {"observation", part}.isdisjoint(OBS_TYPES[obs_type])]
 
 
 class Observations:

@@ -78,6 +78,10 @@ class Renderer:
 class _MujocoRenderer(mujoco_rendering.MujocoRenderer):
     """Gymnasium's renderer, with a clear error where no GL library works, and beside others in one process."""
 
+    def render(self, render_mode: str | None) -> np.ndarray | None:
+        with gl.rendering(self):
+            return super().render(render_mode)
+
     def free_context(self) -> None:
         self.close()
 

@@ -21,9 +21,9 @@ class SuiteEnvConfig(EnvConfig):
     Attributes:
       task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
       fps: control steps per second, rounded down; set by the environment.
-      obs_type: `environment_state_agent_pos` or `pixels_agent_pos`.
+      obs_type: one of `recordings.formats.LEROBOT`, such as `pixels_agent_pos`.
       control_mode: meaning of the action; the domain's own when None.
-      cameras: names of the cameras of `pixels_agent_pos`; the domain's default when None.
+      cameras: names of the cameras whose pictures are observed; the domain's default when None.
       image_size: height and width of their pictures [pixels]; 128 x 128 when None.
       extra_observables: names of further quantities to observe.
       variations: groups of parameters that vary, separated by commas, or distributions as a JSON object.

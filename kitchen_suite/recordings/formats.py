@@ -164,7 +164,7 @@ LEROBOT = Format(
     example="me/kitchen",
     plan="kitchen_suite.recordings.lerobot_dataset:LeRobotPlan",
     source="kitchen_suite.recordings.lerobot_dataset:find",
-    obs_types=("environment_state_agent_pos", "pixels_agent_pos"),
+    obs_types=("environment_state_agent_pos", "pixels_agent_pos", "pixels_environment_state_agent_pos"),
 )
 
 # By the value of `--format`; the first is the default.

@@ -35,6 +35,8 @@ _CHUNK = 20
 
 # Name of Minari's file of all episodes.
 _DATA_FILE = "main_data.hdf5"
+# Bytes that a dataset without episodes takes at most, and each array beside its elements.
+_EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
 
 # End of the name of a dataset.
 _VERSION = re.compile(r"-v\d+$")
@@ -69,13 +71,17 @@ class MinariPlan(DatasetPlan):
         with minari_root(self._root), self._write_elsewhere():
             # Minari's JPEG would change pictures.
             dataset = self._create(environment, **({"jpeg_encoding": False} if has_pictures else {}))
+            data_file = dataset.storage.data_path / _DATA_FILE
             for start in range(0, len(indices), _CHUNK):
                 episodes = [folder.load(index) for index in indices[start : start + _CHUNK]]
+                # Half of a chunk may be empty. HDF5 cuts off at the end what it has not used.
+                arrays = [array for episode in episodes for array in episode.arrays.values()]
+                files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
                 metadata = [{INSTRUCTION_KEY: episode.instruction} for episode in episodes]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
-                _compress(dataset.storage.data_path / _DATA_FILE)
+                _compress(data_file)
                 dataset.storage.update_metadata({"dataset_size": dataset.storage.get_size()})
             dataset.storage.update_metadata({SPEC_KEY: self.spec.as_json(), _COUNT_KEY: self.count})
 
@@ -84,6 +90,9 @@ class MinariPlan(DatasetPlan):
         """Lets Minari write to a hidden folder, which becomes the dataset if nothing fails."""
         root = absolute_root()
         with files.temporary_folder(root / "kitchen-record") as elsewhere:
+            elsewhere.mkdir()
+            files.reserve(elsewhere / _DATA_FILE, _EMPTY_BYTES)
+            (elsewhere / _DATA_FILE).unlink()
             with minari_root(elsewhere):
                 yield
             namespace, api = self.dataset_id.rpartition("/")[0], self._minari.namespace
@@ -214,6 +223,7 @@ def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
 def _compress(path: Path) -> None:
     """Compresses the pictures in an HDF5 file, each by itself and without loss; readers need not know."""
     h5py, compressed = importlib.import_module("h5py"), path.with_suffix(".compressed")
+    files.reserve(compressed, path.stat().st_size)
     with h5py.File(path, "r") as source, h5py.File(compressed, "w") as target:
 
         def copy(name: str, item: Any) -> None:

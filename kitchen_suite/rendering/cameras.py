@@ -1,6 +1,9 @@
-"""Cameras of a model, and the image sizes that it can render."""
+"""Cameras of a model with their intrinsics and extrinsics, and the image sizes that it can render."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite import checks
 
@@ -27,6 +30,33 @@ def find_camera(physics: "mjcf.Physics", camera: str) -> int:
         numbers = ", ".join(f"{number} ({name})" for number, name in enumerate(names))
         raise ValueError(f"camera {camera} does not exist; choose from {numbers}")
     return int(camera)
+
+
+class CameraParameters(NamedTuple):
+    """Intrinsics and extrinsics of a camera, with OpenCV's axes: x to the right, y down, z forward.
+
+    Attributes:
+      intrinsics: `(..., 3, 3)` [pixels]; a point of a pixel's column and row is at the pixel's centre.
+      world_from_camera: `(..., 4, 4)`, pose of the camera in the world [m], which maps points in the camera's frame to
+        points in the world.
+    """
+
+    intrinsics: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64]
+
+
+def camera_parameters(physics: "mjcf.Physics", camera: str, width: int, height: int) -> CameraParameters:
+    """Returns the present parameters of a camera, see `find_camera`, for images of `width` x `height` pixels."""
+    number = find_camera(physics, camera)
+    size = np.array([checks.integer(width, "width", minimum=1), checks.integer(height, "height", minimum=1)])
+    # The angle of view of a camera is that of the height, and pixels are square.
+    focal_length = size[1] / 2 / np.tan(np.deg2rad(physics.model.cam_fovy[number]) / 2)
+    intrinsics, pose = np.diag([focal_length, focal_length, 1.0]), np.eye(4)
+    intrinsics[:2, 2] = (size - 1) / 2
+    # MuJoCo's cameras have y up and z backward.
+    pose[:3, :3] = physics.data.cam_xmat[number].reshape(3, 3) * (1, -1, -1)
+    pose[:3, 3] = physics.data.cam_xpos[number]
+    return CameraParameters(intrinsics, pose)
 
 
 def check_size(physics: "mjcf.Physics", width: int, height: int) -> None:

@@ -8,6 +8,7 @@ import importlib
 import os
 import subprocess
 import sys
+import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from typing import Protocol
@@ -86,8 +87,9 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr.
 
     Raises:
-      RuntimeError: the GL context cannot be made; the message says what to install.
+      RuntimeError: the GL context cannot be made; the message says why, and what to do.
     """
+    _check_process()
     library = _choose()
     if library is None and not has_display():
         raise RuntimeError(_advice(" or ".join(_HEADLESS_LIBRARIES)))
@@ -95,6 +97,7 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
         raise RuntimeError(problem)
     if not _IS_INSTALLED.get(library or "", lambda: True)():
         raise RuntimeError(_advice(library))
+    _processes.add(os.getpid())
     try:
         yield
     except (TypeError, ValueError):  # A bad argument.
@@ -120,12 +123,59 @@ def making_dm_control_context(owner: ContextOwner) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def rendering(owner: ContextOwner) -> Iterator[None]:
+    """Context in which an owner renders; raises a RuntimeError after a fork, or if another thread has its context."""
+    _check_process()
+    thread = threading.current_thread()
+    try:
+        yield
+    except (TypeError, ValueError):  # A bad argument.
+        raise
+    except Exception as error:
+        holder = _threads.get(owner, thread)
+        if holder is thread:
+            raise
+        raise RuntimeError(
+            f"nothing can be rendered in thread {thread.name!r}: the environment has rendered in thread "
+            f"{holder.name!r}, which holds its GL context; render in that thread, or close() it there first"
+        ) from error
+    _threads[owner] = thread
+
+
+def _check_process() -> None:
+    """Raises a RuntimeError if a process from which this one was forked has rendered: a GL call would never return."""
+    if _processes - {os.getpid()}:
+        raise RuntimeError(
+            "nothing can be rendered here: threads of the GL library do not survive a fork, and the process that this "
+            "one was forked from has rendered; start processes with the method 'spawn' or 'forkserver', or before the "
+            "first picture"
+        )
+
+
 _owners: weakref.WeakSet[ContextOwner] = weakref.WeakSet()
+
+# By owner, the thread that rendered last.
+_threads: weakref.WeakKeyDictionary[ContextOwner, threading.Thread] = weakref.WeakKeyDictionary()
+
+# Numbers of the processes that have made GL contexts: of this one, and of those that it was forked from.
+_processes: set[int] = set()
 
 
 def _free_contexts() -> None:
     for owner in tuple(_owners):
         owner.free_context()
+
+
+def _leave_contexts() -> None:
+    """Lets a forked process exit without ending the display of its parent, a GL call which would never return."""
+    atexit.unregister(_free_contexts)
+    if egl := sys.modules.get("OpenGL.EGL"):
+        atexit.unregister(egl.eglTerminate)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_contexts)
 
 
 def check_window() -> None:

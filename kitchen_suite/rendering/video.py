@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.util
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite.files import atomic_write
+from kitchen_suite import files
 
-# Bytes that a disk cannot take where it was too full for ffmpeg.
+# Bytes that a disk cannot take where it was too full for ffmpeg, which does not report it.
 _PROBE = 2**20
 
 
@@ -52,7 +51,7 @@ def open_video(
       OSError: ffmpeg failed, or the disk is full.
     """
     early_end = None
-    with atomic_write(path) as partial:
+    with files.atomic_write(path) as partial:
         with contextlib.closing(_VideoWriter(partial, (width, height), frames_per_second)) as writer:
             try:
                 yield writer.append
@@ -104,12 +103,5 @@ def _check_frame_count(path: Path, expected: int) -> None:
     except RuntimeError:
         found = 0
     if found != expected:
-        _check_disk(path)
+        files.reserve(path, _PROBE)
         raise OSError(f"ffmpeg wrote {found} of {expected} frames")
-
-
-def _check_disk(path: Path) -> None:
-    """Raises the OSError of a disk that takes no more bytes, which ffmpeg does not report."""
-    with path.open("ab") as file:
-        file.write(bytes(_PROBE))
-        os.fsync(file.fileno())

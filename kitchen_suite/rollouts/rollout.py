@@ -118,7 +118,7 @@ class PolicyController:
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
         # Policies act on the time steps of dm_env, in rollouts as in recordings.
-        observations = self._environments.suite_observations()
+        observations = self._environments.present_observation
         for i in np.flatnonzero(step.is_playing).tolist():
             actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
         return actions

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import RESET_MASK, STATE, VARIATION, VARIATION_VALUES, SuiteEnv
+from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 
@@ -161,9 +162,20 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """Returns the observations of all environments, in fresh arrays."""
         return self._observations(*self._parts())
 
-    def suite_observations(self) -> dict[str, NDArray]:
-        """Returns the present observations in the format of the suite's own environment, with a leading axis."""
+    @property
+    def present_observation(self) -> dict[str, NDArray]:
+        """The present observations as the suite's own, whatever the observation type, with a leading axis."""
         return self._observations.suite_observation(*self._parts())
+
+    def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
+        """Returns those of the single environment's `camera_parameters` with a leading axis."""
+        self._check_process()
+        self._check_episodes(self._no_one)
+        each = []
+        for i in range(self.num_envs):
+            self._episodes.show(i)
+            each.append(self._template_env.camera_parameters(camera, width, height))
+        return CameraParameters(*map(np.stack, zip(*each, strict=True)))
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
         """Returns the flat observations, the MDP's state, and the pictures, in fresh arrays."""

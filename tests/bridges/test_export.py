@@ -10,6 +10,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from helpers.episodes import limited_files
 from helpers.sweeps import brief_named
 
 from kitchen_suite import suite
@@ -179,4 +180,21 @@ def test_a_failure_leaves_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("kitchen_suite.bridges.export.write_values", fail)
     assert export.main(["--output=scene", "--domain_name=microwave_table"]) == 1
     assert capsys.readouterr().err == "kitchen-export: disk full\n"
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_name_with_a_backslash_is_a_name_as_any_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert export.main(["--output=back\\slash/scene", "--domain_name=microwave_table"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["back\\slash"]
+    monkeypatch.chdir(tmp_path / "back\\slash" / "scene")
+    assert mujoco.MjModel.from_xml_path("scene.xml").nq == mujoco.MjModel.from_binary_path("scene.mjb").nq
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch, capfd, caplog):
+    monkeypatch.chdir(tmp_path)
+    with limited_files(2**10):
+        assert export.main(["--output=scene", "--domain_name=microwave_table"]) == 1
+    # Outside pytest, records are further lines.
+    assert (capfd.readouterr().err.count("\n"), caplog.records) == (1, [])
     assert not [*tmp_path.iterdir()]

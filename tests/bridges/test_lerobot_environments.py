@@ -106,6 +106,13 @@ def test_features_are_those_of_the_spaces():
     assert not {*state} & {*environment_state}
 
 
+def test_pictures_and_states_are_features_beside_each_other():
+    kwargs = {**PICTURES, "obs_type": "pixels_environment_state_agent_pos", "extra_observables": ["microwave/pose"]}
+    features, _ = features_of(spec_of(kwargs, domain_name="microwave_table"))
+    shapes = {each.kind: each.shape for each in features}
+    assert shapes == {"STATE": (18,), "ENV": (5 + 7,), "VISUAL": (24, 32, 3), "ACTION": (8,)}
+
+
 def test_the_tasks_asked_follow_the_environment_state():
     env = make_vector_env(spec_of(task_name="random_2"), 2, num_threads=1)
     observations, infos = env.reset(seed=[1, 2])

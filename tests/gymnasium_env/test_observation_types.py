@@ -4,6 +4,7 @@ import copy
 import pickle
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
@@ -138,7 +139,7 @@ BAD = {
     "width of image_size must be an integer, got 8.5": {"obs_type": "pixels", "image_size": (8, 8.5)},
     "image_size must be (height, width), got 64": {"obs_type": "pixels", "image_size": 64},
     "depth must be True or False": {"obs_type": "pixels", "depth": "yes"},
-    "cameras=['left'] needs an obs_type with pictures, ['pixels', 'pixels_agent_pos'], not": {"cameras": ["left"]},
+    "cameras=['left'] needs an obs_type with pictures, ['pixels', 'pixels_agent_pos', 'pixels_": {"cameras": ["left"]},
     "image_size=(8, 8) needs an obs_type with pictures": {"obs_type": "state", "image_size": (8, 8)},
     "depth=True needs an obs_type with pictures": {"depth": True},
     "visuals=False leaves out what pictures show": {"obs_type": "pixels", "visuals": False},
@@ -155,6 +156,15 @@ def test_bad_settings_are_refused(env_class, message):
         env_class(**BAD[message])
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("obs_type", "lost"),
+    [("pixels_agent_pos", ["kettle/pose"]), ("pixels", ["franka/gripper_width", "kettle/pose"])],
+)
+def test_extra_observables_do_not_vanish_without_a_word(obs_type, lost):
+    with refused(ValueError, "extra_observables", f"{lost}", f"{obs_type!r}", "'pixels_environment_state_agent_pos'"):
+        FrankaKitchenEnv(obs_type=obs_type, extra_observables=["kettle/pose", "franka/gripper_width"])
 
 
 @pytest.mark.parametrize("domain", ["open_cabinet", "microwave_table"])
@@ -192,6 +202,21 @@ def test_one_camera_is_an_array_and_several_are_a_dict(domain):
 
 
 @pytest.mark.rendering
+def test_pictures_come_beside_the_state_of_robot_and_objects():
+    extras = {"extra_observables": ["kettle/pose", "franka/gripper_width"]}
+    env = FrankaKitchenEnv(obs_type="pixels_environment_state_agent_pos", **extras, **PIXELS)
+    numbers = FrankaKitchenEnv(obs_type="environment_state_agent_pos", **extras)
+    pictures = FrankaKitchenEnv(obs_type="pixels", **PIXELS)
+    for whole, parts, picture in zip(*(steps(each, 2) for each in (env, numbers, pictures)), strict=True):
+        assert whole in env.observation_space
+        assert_same(whole, {"pixels": picture, **parts})
+        assert_same(env.observations.recover_flat(whole), numbers.observations.recover_flat(parts))
+    assert [whole[key].shape for key in ("environment_state", "agent_pos")] == [(41 + 7,), (18 + 1,)]
+    for each in (env, pictures):
+        each.close()
+
+
+@pytest.mark.rendering
 def test_depth_and_segmentation_come_beside_the_pixels():
     env = FrankaOpenCabinetEnv(obs_type="pixels", depth=True, segmentation=True, **PIXELS)
     observation = steps(env, 1)[-1]
@@ -205,6 +230,32 @@ def test_depth_and_segmentation_come_beside_the_pixels():
     two = FrankaOpenCabinetEnv(obs_type="pixels_agent_pos", cameras=["overview", "handle"], depth=True, **PIXELS)
     assert set(two.observation_space) == {"pixels", "depth", "agent_pos"}
     assert list(two.observation_space["depth"]) == ["overview", "handle"]
+    env.close()
+
+
+@pytest.mark.rendering
+def test_objects_are_seen_where_the_parameters_of_cameras_project_them():
+    geoms = {"overview": "kettle/grip_visual", "left": "kettle/grip_visual", "franka/hand": "franka/left_finger_visual"}
+    env = FrankaKitchenEnv(
+        obs_type="pixels", cameras=[*geoms], segmentation=True, image_size=(96, 128), render_quality="fast"
+    )
+    segmentation = steps(env, 2)[-1]["segmentation"]
+    model, data = env.environment.physics.model, env.environment.physics.data
+    for camera, name in geoms.items():
+        geom = model.geom(name).id
+        parameters = env.camera_parameters(camera, 128, 96)
+        column, row, depth = (
+            parameters.intrinsics @ np.linalg.solve(parameters.world_from_camera, [*data.geom_xpos[geom], 1.0])[:3]
+        )
+        pixel = segmentation[camera.replace("/", "_")][round(row / depth), round(column / depth)]
+        assert pixel.tolist() == [geom, mujoco.mjtObj.mjOBJ_GEOM]
+    for arguments, shown in {
+        ("overvew", 8, 8): ["'overvew'", "'overview'"],
+        ("left", 8, 0): ["height", "0"],
+        ("left", 8.5, 8): ["width", "8.5"],
+    }.items():
+        with refused((TypeError, ValueError), *shown):
+            env.camera_parameters(*arguments)
     env.close()
 
 

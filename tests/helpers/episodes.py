@@ -1,8 +1,10 @@
 """Episodes: played from one seed, and read from files with numpy alone."""
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping
+import resource
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,3 +52,14 @@ def left_behind(path: Path) -> Path:
     partial = files.partial_path(path)
     # Greater than Linux's maximum of process numbers.
     return partial.with_name(partial.name.replace(f".{os.getpid()}.", ".9999999."))
+
+
+@contextlib.contextmanager
+def limited_files(size: int) -> Iterator[None]:
+    """Limits files of this process and its children to `size` bytes: a full disk, for which no root is needed."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -2,13 +2,14 @@
 
 import functools
 import os
+import subprocess
 import sys
 
 import gymnasium
 import minari
 import numpy as np
 import pytest
-from helpers.episodes import left_behind, load_episode
+from helpers.episodes import left_behind, limited_files, load_episode
 from helpers.sweeps import brief_named
 from minari.dataset.minari_dataset import MinariDataset
 
@@ -151,6 +152,18 @@ def test_an_interrupt_while_a_dataset_is_made_leaves_none_of_it(run, monkeypatch
     assert run(f"--dataset={ID}")[0] == 0
     assert os.listdir("datasets") == ["kitchen-suite"]
     assert minari.load_dataset(ID).total_episodes == 3
+
+
+@pytest.mark.parametrize("size", [2**10, 2**17], ids=["empty", "in the first episodes"])
+def test_a_full_disk_ends_a_dataset_in_one_line_and_leaves_nothing(run, size):
+    """HDF5 would end the process by a signal, so another one makes the dataset."""
+    assert run()[0] == 0
+    code = "from kitchen_suite.cli.commands import record; raise SystemExit(record())"
+    with limited_files(size):
+        command = [sys.executable, "-B", "-c", code, *KITCHEN, f"--dataset={ID}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert os.listdir("datasets") == []
 
 
 def test_episodes_that_diverged_are_not_in_the_dataset(run, monkeypatch):

@@ -55,8 +55,12 @@ def test_minari_reads_back_the_pictures_of_all_cameras():
     environment.close()
 
 
-def test_pictures_are_replayed_to_the_bit(capsys):
-    assert record_pictures(f"--dataset={ID}") == 0
+WITH_STATE = {"obs_type": "pixels_environment_state_agent_pos", "extra_observables": ["kettle/pose"]}
+
+
+@pytest.mark.parametrize("options", [{}, WITH_STATE], ids=["pictures", "pictures and state"])
+def test_pictures_are_replayed_to_the_bit(capsys, options):
+    assert record_pictures(f"--dataset={ID}", **options) == 0
     capsys.readouterr()
     for source in ("runs", ID):
         assert replay.main([source]) == 0

@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 from helpers.errors import refused
 
@@ -48,6 +50,79 @@ for render in (environment.physics.render, env.render):
 def run(code, environment):
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=100)
     return done.returncode, done.stdout, done.stderr
+
+
+# Renders, then forks processes that use what it made, or make their own; prints what each raised, and how it ended.
+FORKING = """
+import os, signal, sys
+from kitchen_suite.gymnasium_env import FrankaOpenCabinetEnv
+
+def make(**arguments):
+    env = FrankaOpenCabinetEnv(render_quality="fast", **arguments)
+    env.reset(seed=0)
+    return env
+
+PIXELS, FILM = {"obs_type": "pixels", "image_size": (16, 16)}, {"render_mode": "rgb_array", "width": 16, "height": 16}
+seen, film = make(**PIXELS), make(**FILM)
+film.render()
+for use in (lambda: seen.step([0.0] * 8), film.render, lambda: make(**PIXELS), lambda: make(**FILM).render()):
+    if os.fork() == 0:
+        signal.alarm(20)
+        try:
+            use()
+        except RuntimeError as error:
+            print("fork" in str(error) and "'spawn'" in str(error), flush=True)
+        seen.close()
+        sys.exit(7)
+    print(os.waitstatus_to_exitcode(os.wait()[1]), flush=True)
+"""
+
+# Gymnasium builds an environment in this process, for its spaces, and then forks.
+ASYNC = """
+import signal
+import gymnasium
+from gymnasium.vector import AsyncVectorEnv
+
+def make():
+    signal.alarm(60)
+    arguments = {"obs_type": "pixels", "image_size": (16, 16), "render_quality": "fast"}
+    return gymnasium.make("kitchen_suite:KitchenSuite/FrankaOpenCabinet-v1", **arguments)
+
+envs = AsyncVectorEnv([make], context="fork")
+print(envs.reset(seed=0)[0].std() > 5)
+envs.close()
+make().reset(seed=0)
+try:
+    AsyncVectorEnv([make], context="fork").reset(seed=0)
+except RuntimeError as error:
+    print("fork" in str(error))
+"""
+
+
+@pytest.mark.rendering
+def test_rendering_in_a_forked_process_is_an_error_and_does_not_hang():
+    status, out, _ = run(FORKING, UNSET)
+    assert (status, out.split()) == (0, ["True", "7"] * 4)
+
+
+@pytest.mark.rendering
+@pytest.mark.thorough
+def test_gymnasiums_processes_see_pictures_unless_the_first_process_has_rendered():
+    status, out, _ = run(ASYNC, UNSET)
+    assert (status, out.split()) == (0, ["True", "True"])
+
+
+@pytest.mark.rendering
+def test_an_environment_that_rendered_in_another_thread_names_both_threads():
+    env = gymnasium_env.FrankaOpenCabinetEnv(render_mode="rgb_array", width=16, height=16, render_quality="fast")
+    env.reset(seed=0)
+    for render in (env.render, lambda: env.environment.physics.render(16, 16, "overview")):
+        before = render()
+        with ThreadPoolExecutor(1, "elsewhere") as pool, refused(RuntimeError, "'elsewhere_0'", "'MainThread'"):
+            pool.submit(render).result()
+        np.testing.assert_array_equal(render(), before)
+    env.close()
+    env.environment.close()
 
 
 @pytest.mark.rendering

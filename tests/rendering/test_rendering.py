@@ -12,6 +12,7 @@ from helpers.sweeps import brief
 
 from kitchen_suite import entities, suite
 from kitchen_suite.entities.joints import addresses
+from kitchen_suite.rendering import cameras
 from kitchen_suite.tasks import GOALS
 
 pytestmark = pytest.mark.rendering
@@ -92,6 +93,29 @@ def test_depth_is_in_metres(physics, camera):
     assert (depth.shape, depth.dtype) == ((HEIGHT, WIDTH), np.float32)
     assert 0.01 < depth.min() < 2.0
     assert np.median(depth) < 5.0
+
+
+SPHERES = """
+<mujoco>
+  <worldbody>
+    <geom size=".06" pos=".5 -.3 .1"/>
+    <geom size=".06" pos="-.6 .5 .3"/>
+    <geom size=".06" pos=".1 .1 .8"/>
+    <camera name="tilted" pos="1 -2 1.5" fovy="50" xyaxes="0.9 0.4 0.1 -0.25 0.35 0.9"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_spheres_are_seen_where_the_parameters_of_a_camera_project_them():
+    physics, (height, width) = mjcf.Physics.from_xml_string(SPHERES), (240, 320)
+    intrinsics, world_from_camera = cameras.camera_parameters(physics, "tilted", width, height)
+    seen = physics.render(height, width, camera_id="tilted", segmentation=True)[..., 0]
+    for sphere, position in enumerate(physics.data.geom_xpos):
+        pixel = intrinsics @ np.linalg.solve(world_from_camera, [*position, 1.0])[:3]
+        rows, columns = np.nonzero(seen == sphere)
+        # Edges are seen to within half a pixel, and their mean better; intrinsics of another origin are off by half.
+        np.testing.assert_allclose([columns.mean(), rows.mean()], pixel[:2] / pixel[2], atol=0.25)
 
 
 def seen_bodies(physics, camera):

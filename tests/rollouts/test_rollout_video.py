@@ -139,10 +139,10 @@ def test_a_relative_name_with_a_colon_is_a_file(folder):
 
 
 def test_a_full_disk_is_named_in_one_short_line(folder, monkeypatch):
-    def full(descriptor):
+    def full(descriptor, start, size):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "posix_fallocate", full)
     monkeypatch.setattr(imageio_ffmpeg, "count_frames_and_secs", lambda path: (1, 0.0))
     with pytest.raises(OSError, match=r"^.Errno 28. No space left on device: '.*film.mp4'$"):
         write_two_frames(folder / "film.mp4")

@@ -21,6 +21,7 @@ TYPES = {
     "pixels": {"obs_type": "pixels", **PIXELS, "depth": True, "segmentation": True},
     "pixels of one camera": {"obs_type": "pixels", "image_size": [20, 28], "render_quality": "fast"},
     "pixels_agent_pos": {"obs_type": "pixels_agent_pos", "extra_observables": EXTRAS, **PIXELS},
+    "pixels and state": {"obs_type": "pixels_environment_state_agent_pos", "extra_observables": EXTRAS, **PIXELS},
 }
 DOMAINS = {"kitchen": {}, "open_cabinet": {"randomization": MODERATE}, "microwave_table": {}}
 COUNT, EPISODE = 3, 3
@@ -28,7 +29,7 @@ COUNT, EPISODE = 3, 3
 IN_EVERY_RUN = {
     *(("kitchen", name) for name in ("goal", "pixels of one camera")),
     *(("open_cabinet", name) for name in ("parts", "pixels")),
-    *(("microwave_table", name) for name in ("state", "pixels_agent_pos")),
+    *(("microwave_table", name) for name in ("state", "pixels and state")),
 }
 
 
@@ -123,13 +124,45 @@ def test_only_episodes_that_moved_are_rendered_again(monkeypatch):
     show = many._episodes.show
     monkeypatch.setattr(many._episodes, "show", lambda i: (shown.append(i), show(i)))
     many.reset(seed=0)
-    many.suite_observations()
+    _ = many.present_observation
     assert shown == [0, 1, 2]
     for _ in range(EPISODE):
         many.step(np.zeros(many.action_space.shape))
     assert shown == [0, 1, 2] * (EPISODE + 2)
     for env in (many, *singles):
         env.close()
+
+
+def test_the_present_observation_is_the_one_that_the_step_returned():
+    many, singles = make("open_cabinet", AutoresetMode.SAME_STEP, extra_observables=EXTRAS)
+    returned, _ = many.reset(seed=0)
+    for i, env in enumerate(singles):
+        env.reset(seed=i)
+    for step in range(EPISODE - 1):
+        assert_same(np.concatenate([*many.present_observation.values()], axis=-1), returned)
+        assert_rows(many.present_observation, [env.present_observation for env in singles])
+        actions = np.random.default_rng(step).uniform(-0.5, 0.5, many.action_space.shape)
+        returned, *_ = many.step(actions)
+        for env, action in zip(singles, actions, strict=True):
+            env.step(action)
+
+
+@pytest.mark.parametrize("camera", ["overview", "franka/hand"])
+def test_the_parameters_of_cameras_are_those_of_the_single_environments(camera):
+    many, singles = make("kitchen", AutoresetMode.SAME_STEP, variations=["camera"])
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        many.camera_parameters(camera, 64, 48)
+    many.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, many.action_space.shape)
+    many.step(actions)
+    expected = []
+    for i, env in enumerate(singles):
+        env.reset(seed=i)
+        env.step(actions[i])
+        expected.append(env.camera_parameters(camera, 64, 48))
+    found = many.camera_parameters(camera, 64, 48)
+    assert_rows(found._asdict(), [each._asdict() for each in expected])
+    assert len(np.unique(found.world_from_camera, axis=0)) == COUNT
 
 
 def test_extra_observables_leave_the_trajectories_of_the_batch_as_they_are():
