@@ -148,6 +148,7 @@ def test_a_command_loads_a_domain_of_the_users_own(name, capsys):
     assert "own_table" in suite.DOMAINS
 
 
+@pytest.mark.thorough
 def test_a_recording_of_a_users_own_domain_is_replayed_and_completed_by_other_processes(own_domain):
     for arguments in (
         ["record", "--output=runs", *TINY_OWN],

@@ -158,6 +158,7 @@ def test_fixed_skills_keep_the_orientation_of_the_reset():
     np.testing.assert_allclose(same.as_matrix(), rotation.as_matrix(), atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_many_episodes_are_recorded_at_once_in_another_mode(tmp_path, capsys):
     arguments = ["--policy=expert", "--task_name=kettle", "--num_episodes=3", "--num_envs=2", f"--output={tmp_path}"]
     assert record.main([*arguments, '--task_kwargs={"control_mode": "ee_delta_pose"}']) == 0

@@ -34,6 +34,7 @@ def test_a_preset_gives_task_arguments_and_policy(tmp_path, preset):
     assert settings.task_kwargs == chosen.get("task_kwargs", {})
 
 
+@pytest.mark.thorough
 def test_a_seed_and_a_command_are_the_set(record_set, tmp_path):
     """Whatever is played at once, and however often it is interrupted."""
     digest = record_set("one", "--preset=random_order", "--num_envs=1")

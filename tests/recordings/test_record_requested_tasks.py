@@ -48,6 +48,7 @@ def test_recordings_hold_the_tasks_asked_and_replay_to_the_bit(capsys):
     assert again.instruction == episodes[2].instruction
 
 
+@pytest.mark.thorough
 def test_goals_that_are_not_asked_are_not_reached():
     assert record.main([*RECORD, "--num_episodes=1", "--max_episode_steps=2", '--task_kwargs={"threshold": 9}']) == 0
     spec, (episode,) = recorded()

@@ -130,6 +130,7 @@ def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
     assert run(RENDERING, UNSET) == (0, "", "")
 
 
+@pytest.mark.thorough
 def test_a_gl_library_that_cannot_be_loaded_fails_at_rendering_and_not_at_import():
     environment = {**UNSET, "MUJOCO_GL": "egl", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nothing"}
     status, out, err = run(STEPPING, environment)
@@ -138,6 +139,7 @@ def test_a_gl_library_that_cannot_be_loaded_fails_at_rendering_and_not_at_import
     assert [line.startswith(advice) for line in out.splitlines()] == [True, True]
 
 
+@pytest.mark.thorough
 def test_a_library_that_dm_control_chose_before_the_suite_is_named_in_the_error():
     code = "import warnings; warnings.simplefilter('ignore'); import dm_control.mujoco\n" + STEPPING
     status, out, _ = run(code, UNSET)

@@ -64,6 +64,7 @@ def greatest_fall(potential):
     return (np.maximum.accumulate(means) - means).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("tasks", "seeds"),
     [

@@ -22,6 +22,7 @@ def random_state(physics, random):
         physics.data.qvel[:] = random.choice([0.1, 1.0]) * random.normal(size=13)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("drawer", ["top", pytest.param("bottom", marks=pytest.mark.slow)])
 def test_observation_and_reward_recomputed_at_a_thousand_random_states(drawer):
     env = suite.load("open_cabinet", f"{drawer}_drawer", {"random": 0, "visuals": False})
