@@ -271,6 +271,23 @@ def parse_json(text: str | bytes) -> Any:
     return value
 
 
+def digest_line(entries: Mapping[str, Any], context: str) -> str:
+    """Returns entries as JSON in one line that ends with a SHA-256 of them, and of the context in which they hold."""
+    digest = hashlib.sha256(f"{context}\n{json.dumps(entries)}".encode()).hexdigest()
+    return json.dumps({**entries, "sha256": digest})
+
+
+def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:
+    """Returns the entries of a line; raises a ValueError unless it is, byte for byte, what `digest_line` returned."""
+    entries = parse_json(line)
+    if not isinstance(entries, dict) or "sha256" not in entries:
+        raise ValueError("it has no sha256: it is damaged, or of an earlier version")
+    del entries["sha256"]
+    if digest_line(entries, context).encode() != line:
+        raise ValueError("its sha256 is another: it was changed, or is of another context")
+    return entries
+
+
 def _is_deeper(value: Any, levels: int) -> bool:
     """Returns whether decoded JSON is nested deeper than a number of levels."""
     if not isinstance(value, dict | list):
@@ -330,7 +347,7 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
 
 
 def _as_metadata(array: NDArray) -> dict[str, Any]:
-    metadata = json.loads(str(array))
+    metadata = parse_json(str(array))
     if not isinstance(metadata, dict):
         raise ValueError(f"metadata must be a JSON object, got {type(metadata).__name__}")
     return metadata
