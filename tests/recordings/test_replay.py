@@ -186,24 +186,27 @@ def test_every_change_is_found(run, runs):
     assert out.endswith("\n0 of 4 episodes are equal\n")
 
 
-def release_later(array):
-    """Changes a number of the last action that moves nothing: beyond the greatest opening of the gripper."""
-    array[-1, -1] = -0.0
+def open_further(array):
+    """Changes the last action where it is clipped: a finger of the last episode is open as far as it goes."""
+    assert 0.0 < array[-1, -1] < 1.0
+    array[-1, -1] = 1.0
 
 
 def test_an_action_changed_without_effect_is_named(run, runs):
-    change(1, action=release_later)
-    status, out, err = run("runs", "--episodes=0,1")
-    assert (status, len(rows(out + "\n\n"))) == (1, 1)
-    assert re.fullmatch(r"kitchen-replay: runs/episode_000001.npz [^\n]* actions [^\n]*\n", err)
-    without_digest(1)
-    assert run("runs", "--episodes=0,1")[0] == 0
+    change(3, action=open_further)
+    status, _, err = run("runs")
+    assert status == 1
+    assert re.fullmatch(r"kitchen-replay: runs/episode_000003.npz [^\n]* actions [^\n]*\n", err)
+    without_digest(3)
+    assert run("runs")[0] == 0
 
 
 def test_an_action_of_a_dataset_changed_without_effect_is_named(run, runs):
     with h5py.File(f"datasets/{ID}/data/main_data.hdf5", "r+") as file:
-        release_later(file["episode_1/actions"])
-    status, _, err = run(ID, "--episodes=0,1")
+        actions = file["episode_3/actions"][()]
+        open_further(actions)
+        file["episode_3/actions"][...] = actions
+    status, _, err = run(ID)
     assert (status, err.count("\n")) == (1, 1)
     assert "actions" in err
 
