@@ -30,7 +30,7 @@ from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
 from kitchen_suite.recordings.formats import FolderSource, find_source
-from kitchen_suite.recordings.human_data import ACTION_SIZE, STATE_SIZE, D4RLData
+from kitchen_suite.recordings.human_data import ACTION_SIZE, STATE_SIZE, D4RLData, convert
 from kitchen_suite.recordings.lerobot_dataset import RECORDING_FILE, load_record
 from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.recordings.replay import compare, replay
@@ -327,8 +327,9 @@ class HumanFiles(Kind):
     def __init__(self, folder):
         self.path = folder / "kitchen.hdf5"
         write_d4rl(self.path)
-        spec = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs={})
-        self.scene = suite_env(spec.make_environment()).composer_task.scene
+        arguments = {"tasks_per_episode": [1, 7], "terminate_on_tasks_completed": False}
+        spec = EnvironmentSpec.make(domain_name="kitchen", task_name="all", task_kwargs=arguments)
+        self.environment = suite_env(spec.make_environment())
 
     @property
     def paths(self):
@@ -343,11 +344,13 @@ class HumanFiles(Kind):
                     file[name.replace("/", "")] = array if array.size else h5py.Empty("f4")
 
     def read(self, is_edit):
-        for demonstration in D4RLData(self.path, self.scene).read():
+        data = D4RLData(self.path, self.environment.composer_task.scene)
+        for index, demonstration in enumerate(data.read()):
             steps = len(demonstration.actions)
             assert demonstration.observations.shape == (steps + 1, STATE_SIZE)
             assert demonstration.actions.shape == (steps, ACTION_SIZE)
             assert np.abs(demonstration.actions).max() < 1.01
+            convert(self.environment, index, demonstration)[0].check()
 
 
 class LeRobotRecords(Kind):

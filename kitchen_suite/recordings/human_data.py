@@ -106,7 +106,7 @@ class D4RLData(HumanData):
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
                 raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
-        count = len(arrays["observations"])
+        count = np.atleast_1d(arrays["observations"]).shape[0]
         _check_shape(
             arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
         )

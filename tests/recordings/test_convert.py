@@ -115,6 +115,7 @@ BAD = {
     "positions as actions": ({"actions": np.full((44, 9), 1.9)}, ["1.9", "[-1, 1]"]),
     "NaN": ({"observations": rows() * np.nan}, ["observations", "finite"]),
     "no terminals": ({"terminals": None}, ["'terminals'"]),
+    "a number": ({"observations": np.float32(1)}, ["observations", "()", "(1, 60)"]),
     "a null dataspace": ({"observations": h5py.Empty("f4")}, ["'observations'"]),
     "one row each": ({"terminals": np.ones(44)}, ["no episodes"]),
 }
