@@ -271,8 +271,16 @@ def parse_json(text: str | bytes) -> Any:
     return value
 
 
+def _is_deeper(value: Any, levels: int) -> bool:
+    """Returns whether decoded JSON is nested deeper than a number of levels."""
+    if not isinstance(value, dict | list):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(_is_deeper(each, levels - 1) for each in inner)
+
+
 def digest_line(entries: Mapping[str, Any], context: str) -> str:
-    """Returns entries as JSON in one line that ends with a SHA-256 of them, and of the context in which they hold."""
+    """Returns entries as JSON in one line that ends with a SHA-256 of them, and of the context that they belong to."""
     digest = hashlib.sha256(f"{context}\n{json.dumps(entries)}".encode()).hexdigest()
     return json.dumps({**entries, "sha256": digest})
 
@@ -281,19 +289,11 @@ def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:
     """Returns the entries of a line; raises a ValueError unless it is, byte for byte, what `digest_line` returned."""
     entries = parse_json(line)
     if not isinstance(entries, dict) or "sha256" not in entries:
-        raise ValueError("it has no sha256: it is damaged, or of an earlier version")
+        raise ValueError("it has no sha256: it is damaged, or of an earlier version, which is not resumed")
     del entries["sha256"]
     if digest_line(entries, context).encode() != line:
-        raise ValueError("its sha256 is another: it was changed, or is of another context")
+        raise ValueError("its sha256 is another: it, or the description that it belongs to, was changed")
     return entries
-
-
-def _is_deeper(value: Any, levels: int) -> bool:
-    """Returns whether decoded JSON is nested deeper than a number of levels."""
-    if not isinstance(value, dict | list):
-        return False
-    inner = value.values() if isinstance(value, dict) else value
-    return levels == 0 or any(_is_deeper(each, levels - 1) for each in inner)
 
 
 def parse(value: Any, kind: type[T], what: str) -> T:
