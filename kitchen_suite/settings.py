@@ -8,14 +8,13 @@ the settings.
 
 import dataclasses
 import functools
-import json
 import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, files, suite
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -174,8 +173,8 @@ def parsed_variations(text: str) -> Any:
     if not text.lstrip().startswith("{"):
         return text.split(",")
     try:
-        return json.loads(text)
-    except (RecursionError, ValueError) as error:
+        return files.parse_json(text)
+    except ValueError as error:
         raise ValueError(f"variations is not JSON: {error}") from error
 
 

@@ -33,6 +33,7 @@ class EvaluationFolder:
     def __init__(self, folder: Path | None = None) -> None:
         """Begins without results, which are lost at the end where there is no folder; see `create` and `resume`."""
         self._path = folder and folder / EPISODES_FILE
+        self._evaluation = files.file_digest(folder / DESCRIPTION_FILE) if folder else ""
         self.results = {}
 
     @classmethod
@@ -62,7 +63,7 @@ class EvaluationFolder:
         """Adds the result of an episode, a line at the end of the file."""
         if self._path:
             with self._path.open("ab") as file:
-                file.write(f"{result.line}\n".encode())
+                file.write(result.as_line(self._evaluation) + b"\n")
         self.results[result.condition, result.episode] = result
 
     def _read(self, path: Path, seeds: Mapping[Key, int]) -> None:
@@ -72,10 +73,14 @@ class EvaluationFolder:
         with files.reading(path, "the episodes of an evaluation"):
             files.check_size(path.stat().st_size, _MAX_BYTES)
             *lines, torn = path.read_bytes().split(b"\n")
-            results = [EpisodeResult.from_line(line) for line in lines]
-            for result in results:
-                if seeds.get((result.condition, result.episode)) != result.seed:
-                    raise ValueError(f"episode {result.episode} of {result.condition!r} is not of this evaluation")
-        self.results = {(result.condition, result.episode): result for result in results}
+            for number, line in enumerate(lines, start=1):
+                try:
+                    result = EpisodeResult.from_line(line, self._evaluation)
+                except ValueError as error:
+                    raise ValueError(f"line {number}: {error}") from error
+                key = result.condition, result.episode
+                if seeds.get(key) != result.seed:
+                    raise ValueError(f"line {number} is not of this evaluation: {key}, seed {result.seed}")
+                self.results[key] = result
         if torn:
             os.truncate(path, path.stat().st_size - len(torn))

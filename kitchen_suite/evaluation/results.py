@@ -1,12 +1,12 @@
 """The results of single episodes, as they are kept, and the scores of many."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
@@ -21,6 +21,8 @@ _TAIL = (1.0 + CONFIDENCE) / 2.0
 
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
+
+Count = Annotated[int, Meta(ge=0)]
 
 # Decimals of the scores; those beyond would differ between versions of SciPy.
 _DECIMALS = 6
@@ -103,12 +105,12 @@ class EpisodeResult:
     """
 
     condition: str
-    episode: int
-    seed: int
+    episode: Count
+    seed: Count
     success: bool
     progress: float
-    control_steps: int
-    asked: dict[str, int | None] | None = None
+    control_steps: Count
+    asked: dict[str, Count | None] | None = None
     diverged: bool = False
 
     @classmethod
@@ -124,14 +126,13 @@ class EpisodeResult:
         )
 
     @classmethod
-    def from_line(cls, line: str | bytes) -> "EpisodeResult":
-        """Returns the result that `line` was made of; raises a ValueError for another line."""
-        return files.parse(json.loads(line), cls, "not the result of an episode")
+    def from_line(cls, line: bytes, evaluation: str) -> "EpisodeResult":
+        """Returns the result that `as_line` was called on; raises a ValueError for another line or evaluation."""
+        return files.parse(files.parse_digest_line(line, evaluation), cls, "not the result of an episode")
 
-    @property
-    def line(self) -> str:
-        """The result as JSON in one line."""
-        return json.dumps(dataclasses.asdict(self))
+    def as_line(self, evaluation: str) -> bytes:
+        """Returns the result as JSON in one line with a digest of it, and of the evaluation that it is of."""
+        return files.digest_line(dataclasses.asdict(self), evaluation).encode()
 
 
 def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None) -> dict[str, Any]:

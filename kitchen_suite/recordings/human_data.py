@@ -106,7 +106,7 @@ class D4RLData(HumanData):
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
                 raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
-        count = len(arrays["observations"])
+        count = np.atleast_1d(arrays["observations"]).shape[0]
         _check_shape(
             arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
         )
@@ -187,15 +187,15 @@ def open_data(name: str, root: Path | None, scene: Scene) -> HumanData:
 
 
 def _read_hdf5(path: Path) -> dict[str, NDArray]:
-    """Returns the arrays at the top of an HDF5 file by name."""
+    """Returns the arrays of numbers at the top of an HDF5 file by name."""
     try:
         h5py: Any = importlib.import_module("h5py")
     except ImportError as error:
         raise ImportError("files of D4RL need h5py: pip install 'kitchen-suite[record]'") from error
     with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
-        found = {
-            name: item for name, item in file.items() if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf"
-        }
+        datasets = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
+        # Those of a null dataspace have no shape.
+        found = {name: item for name, item in datasets.items() if item.shape is not None and item.dtype.kind in "biuf"}
         files.check_size(sum(item.nbytes for item in found.values()), files.MAX_ARRAY_BYTES)
         return {name: item[()] for name, item in found.items()}
 

@@ -25,8 +25,9 @@ from kitchen_suite.tasks.task import PICTURE_AXES
 SPEC_KEY = "kitchen_suite_recording"
 _COUNT_KEY = "kitchen_suite_num_episodes"
 
-# Key of the task's sentence in the metadata of an episode.
+# Keys of the task's sentence, and of the digest of the actions, in the metadata of an episode.
 INSTRUCTION_KEY = "instruction"
+_ACTIONS_KEY = "actions_sha256"
 
 # HDF5 keeps seeds in attributes of 64 bits.
 _MAX_SEED = 2**63 - 1
@@ -78,7 +79,9 @@ class MinariPlan(DatasetPlan):
                 arrays = [array for episode in episodes for array in episode.arrays.values()]
                 files.reserve(data_file, sum(_ARRAY_BYTES + 2 * array.nbytes for array in arrays))
                 dataset.update_dataset_from_buffer([self._buffer(episode) for episode in episodes])
-                metadata = [{INSTRUCTION_KEY: episode.instruction} for episode in episodes]
+                metadata = [
+                    {INSTRUCTION_KEY: episode.instruction, _ACTIONS_KEY: episode.actions_sha256} for episode in episodes
+                ]
                 dataset.storage.update_episode_metadata(metadata, range(start, start + len(episodes)))
             if has_pictures:
                 _compress(data_file)
@@ -186,7 +189,7 @@ class MinariSource(Source):
                 arrays=arrays,
                 instruction=str(metadata.get(INSTRUCTION_KEY, "")),
             )
-            episode.check()
+            episode.check(metadata.get(_ACTIONS_KEY))
         return episode
 
     def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:

@@ -10,6 +10,7 @@ import hashlib
 import html
 import importlib.resources
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -104,5 +105,14 @@ def _player() -> str:
 
 
 def _script_json(value: Any) -> str:
-    """Returns JSON that can stand in a script element."""
-    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
+    """Returns JSON that can stand in a script element; numbers that JSON does not have are null."""
+    return json.dumps(_with_nulls(value), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _with_nulls(value: Any) -> Any:
+    """Returns what JSON represents with None in place of NaN and infinite numbers."""
+    if isinstance(value, Mapping):
+        return {key: _with_nulls(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_nulls(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

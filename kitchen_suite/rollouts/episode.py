@@ -8,6 +8,7 @@ The names, for an episode of `T` control steps:
 """
 
 import dataclasses
+import hashlib
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -66,14 +67,25 @@ class EpisodeArrays:
         """Number of control steps."""
         return len(self.arrays["reward"])
 
-    def check(self) -> None:
-        """Raises a ValueError unless the arrays have the names, types and lengths of an episode."""
+    @property
+    def actions_sha256(self) -> str:
+        """SHA-256 of type, shape and contents of the actions; a replay does not notice a change without effect."""
+        actions = self.arrays["action"]
+        return hashlib.sha256(f"{actions.dtype.str} {actions.shape} ".encode() + actions.tobytes()).hexdigest()
+
+    def check(self, actions_sha256: str | None = None) -> None:
+        """Raises a ValueError unless the arrays have the names, types and lengths of an episode.
+
+        The actions have to be those of `actions_sha256`, if it is given.
+        """
         if missing := [name for name in Step._fields if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
             raise ValueError("there are no observations")
         for name, array in self.arrays.items():
             _check_array(name, array, self.arrays["reward"])
+        if actions_sha256 not in (None, self.actions_sha256):
+            raise ValueError("its actions are not those that were recorded: their SHA-256 is another")
 
     @property
     def last_info(self) -> dict[str, NDArray]:

@@ -18,7 +18,7 @@ _RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Metadata:
-    """Metadata of an episode's file; `results` are the task's metrics."""
+    """Metadata of an episode's file; `results` are the task's metrics. Older files lack those with a default."""
 
     episode: int
     seed: int | None
@@ -26,7 +26,8 @@ class _Metadata:
     total_reward: float
     seconds: float
     results: Metrics
-    instruction: str = ""  # Of which older files have none.
+    instruction: str = ""
+    actions_sha256: str | None = None
     recording: Mapping[str, Any]
 
 
@@ -87,7 +88,7 @@ class RecordingFolder:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle.
 
         It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics, the task's
-        sentence and the specification.
+        sentence, the digest of the actions and the specification.
         """
         metadata = _Metadata(
             episode=episode.index,
@@ -97,6 +98,7 @@ class RecordingFolder:
             seconds=episode.seconds,
             results=stats.metrics,
             instruction=episode.instruction,
+            actions_sha256=episode.actions_sha256,
             recording=self.spec.as_json(),
         )
         files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
@@ -113,7 +115,7 @@ class RecordingFolder:
                 seconds=metadata.seconds,
                 instruction=metadata.instruction,
             )
-            episode.check()
+            episode.check(metadata.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode

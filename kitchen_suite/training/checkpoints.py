@@ -1,6 +1,7 @@
 """Checkpoints of a training run: written atomically, and checked before they are read; the last few are kept."""
 
 import dataclasses
+import hashlib
 import io
 import zipfile
 from collections.abc import Callable, Mapping
@@ -15,6 +16,9 @@ from kitchen_suite import files
 
 _PATTERN = "checkpoint_*.pt"
 _NUM_KEPT = 3
+
+# A checkpoint ends with the SHA-256 of all before it, of this many bytes.
+_DIGEST_SIZE = 32
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,8 +57,9 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
     path = folder / _PATTERN.replace("*", f"{checkpoint.steps:012d}")
     contents = io.BytesIO()
     torch.save(vars(checkpoint), contents)
-    with files.atomic_write(path) as partial:
-        partial.write_bytes(contents.getbuffer())
+    with files.atomic_write(path) as partial, partial.open("wb") as file:
+        file.write(contents.getbuffer())
+        file.write(hashlib.sha256(contents.getbuffer()).digest())
     for old in _paths(folder)[:-_NUM_KEPT]:
         old.unlink()
     return path
@@ -73,30 +78,31 @@ def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpo
         try:
             return _load(path, check)
         except OSError as error:
+            if path == paths[0]:
+                problem = f"none of the {len(paths)} checkpoints in {folder} can be read"
+                raise CheckpointError(f"{problem}: {error}") from error
             tqdm.write(f"{error}; trying the checkpoint before it")
-    if paths:
-        raise CheckpointError(f"none of the {len(paths)} checkpoints in {folder} can be read")
     return None
 
 
 def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
     """Reads a checkpoint."""
     with files.reading(path, "a checkpoint"):
-        contents = io.BytesIO(path.read_bytes())
-        _check_zip(contents)
+        contents = _checked(path.read_bytes())
         checkpoint = files.parse(torch.load(contents, weights_only=True), Checkpoint, "a checkpoint")
         check(checkpoint)
         return checkpoint
 
 
-def _check_zip(contents: io.BytesIO) -> None:
-    """Checks the members of a zip file by their CRC-32, which PyTorch does not."""
-    with zipfile.ZipFile(contents) as archive:
-        if sum(member.file_size for member in archive.infolist()) > len(contents.getbuffer()):
-            raise zipfile.BadZipFile("PyTorch writes members without compression, but one is larger than the file")
-        if damaged := archive.testzip():
-            raise zipfile.BadZipFile(f"{damaged} is damaged")
-    contents.seek(0)
+def _checked(contents: bytes) -> io.BytesIO:
+    """Returns the zip file in a checkpoint; raises a ValueError unless the digest is its own, before it is read."""
+    state, digest = contents[:-_DIGEST_SIZE], contents[-_DIGEST_SIZE:]
+    if hashlib.sha256(state).digest() != digest:
+        raise ValueError("it does not end with its SHA-256: it is damaged, or of an earlier version")
+    with zipfile.ZipFile(io.BytesIO(state)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > len(state):
+            raise ValueError("PyTorch writes members without compression, but one is larger than the file")
+    return io.BytesIO(state)
 
 
 def _paths(folder: Path) -> list[Path]:

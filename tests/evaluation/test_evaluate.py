@@ -2,6 +2,7 @@
 
 import functools
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -219,6 +220,38 @@ def test_damaged_lines_are_refused(run, tmp_path, line):
     assert (status, out) == (2, "")
     assert err.startswith(f"kitchen-evaluate: runs/{EPISODES_FILE} does not hold the episodes of an evaluation (")
     assert err.count("\n") == 1
+
+
+def without_digest(line):
+    entries = json.loads(line)
+    del entries["sha256"]
+    return f"{json.dumps(entries)}\n"
+
+
+EDITS = {
+    "another success": lambda line: line.replace('"success": false', '"success": true'),
+    "another progress": lambda line: re.sub(r'"progress": [\d.]+', '"progress": NaN', line),
+    "of an earlier version": without_digest,
+}
+
+
+def test_edited_lines_are_not_resumed_from(run, tmp_path):
+    tiny = ("--task_name=kettle", "--output=runs", "--num_episodes=1", "--max_episode_steps=1")
+    assert run(*tiny)[0] == 0
+    path = tmp_path / "runs" / EPISODES_FILE
+    whole = path.read_text("utf-8")
+    for edit in EDITS.values():
+        path.write_text(edit(whole))
+        assert path.read_text() != whole
+        status, out, err = run(*tiny, "--resume")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert f"runs/{EPISODES_FILE}" in err
+        assert "line 1" in err
+    # The digest is of the description too.
+    path.write_text(whole)
+    description = tmp_path / "runs" / DESCRIPTION_FILE
+    description.write_text(description.read_text().replace("400000000", "400000000.0"))
+    assert run(*tiny, "--resume")[0] == 2
 
 
 BAD = {

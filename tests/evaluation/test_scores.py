@@ -1,5 +1,6 @@
 """Scores of episodes, by hand-made cases and by properties."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from kitchen_suite import files
 from kitchen_suite.evaluation import results as scores
 from kitchen_suite.evaluation.protocols import Score
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
@@ -146,11 +148,20 @@ def test_tasks_that_cannot_be_counted_have_progress():
 
 @pytest.mark.parametrize("each", RESULTS)
 def test_a_result_is_read_from_its_line(each):
-    assert "\n" not in each.line
-    assert EpisodeResult.from_line(each.line) == each
+    line = each.as_line("an evaluation")
+    assert b"\n" not in line
+    assert EpisodeResult.from_line(line, "an evaluation") == each
+    with pytest.raises(ValueError, match=r"."):
+        EpisodeResult.from_line(line, "another evaluation")
 
 
-@pytest.mark.parametrize("line", ["", "{}", "[1]", RESULTS[0].line[:-1], RESULTS[0].line.replace("true", "1")])
+LINE = RESULTS[0].as_line("")
+# Lines whose digests are their own.
+BEYOND = [{"control_steps": -1}, {"control_steps": 1e30}, {"seed": -1}, {"episode": -1}, {"asked": {"kettle": -1}}]
+FORGED = [files.digest_line({**dataclasses.asdict(RESULTS[0]), **changes}, "").encode() for changes in BEYOND]
+
+
+@pytest.mark.parametrize("line", [b"", b"{}", b"[1]", LINE[:-1], LINE.replace(b"true", b"1"), LINE + b" ", *FORGED])
 def test_another_line_is_refused(line):
     with pytest.raises(ValueError, match=r"."):
-        EpisodeResult.from_line(line)
+        EpisodeResult.from_line(line, "")

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from helpers.human_files import ELEMENTS, EPISODES, LENGTH, actions, positions, write_d4rl, write_minari
@@ -114,6 +115,8 @@ BAD = {
     "positions as actions": ({"actions": np.full((44, 9), 1.9)}, ["1.9", "[-1, 1]"]),
     "NaN": ({"observations": rows() * np.nan}, ["observations", "finite"]),
     "no terminals": ({"terminals": None}, ["'terminals'"]),
+    "a number": ({"observations": np.float32(1)}, ["observations", "()", "(1, 60)"]),
+    "a null dataspace": ({"observations": h5py.Empty("f4")}, ["'observations'"]),
     "one row each": ({"terminals": np.ones(44)}, ["no episodes"]),
 }
 

@@ -182,6 +182,7 @@ BAD = {
     "--variations=start,": ["''"],
     "--variations=start,start": ["'start'"],
     "--variations={": ["variations", "JSON"],
+    f'--variations={{"kettle/mass": {"[" * 64}{"]" * 64}}}': ["variations", "64 levels"],
     '--variations={"kettle/mas": 1}': ["'kettle/mas'", "'kettle/mass'"],
     '--variations={"kettle/mass": 9}': ["kettle/mass", "0.4", "1.5", "9.0"],
     '--variations={"kettle/mass": {"uniform": [1]}}': ["kettle/mass", "low and high"],

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import h5py
 import imageio.v2 as imageio
 import minari
 import numpy as np
@@ -70,6 +71,14 @@ def change(index, **changes):
     for name, function in changes.items():
         function(arrays[name.replace("__", "/")])
     np.savez_compressed(path, **arrays)
+
+
+def without_digest(index):
+    """Makes a recorded episode one of an earlier version, which has no digest of the actions."""
+    path = f"runs/episode_{index:06d}.npz"
+    metadata, arrays = load_episode(path)
+    del metadata["actions_sha256"]
+    np.savez_compressed(path, **arrays, metadata=json.dumps(metadata))
 
 
 def respecify(folder, **changes):
@@ -150,6 +159,10 @@ def test_a_folder_of_rollouts_replays_exactly(run, capsys, monkeypatch, argument
     assert all(float(row["difference"]) > 0 for row in rows(out))
 
 
+def let_go(array):
+    array[2] = -array[2]
+
+
 def test_every_change_is_found(run, runs):
     def add(step):
         def function(array):
@@ -157,11 +170,9 @@ def test_every_change_is_found(run, runs):
 
         return function
 
-    def let_go(array):
-        array[2] = -array[2]
-
     change(0, reward=add(3))
     change(1, action=let_go)
+    without_digest(1)
     change(2, observation__observation=add((4, 50)))
     change(3, termination=add(1))
     status, out, _ = run("runs")
@@ -173,6 +184,31 @@ def test_every_change_is_found(run, runs):
     assert observation == {**observation, **EQUAL, "difference": "1"}
     assert termination == {**termination, **EQUAL, "end": "differ at 2"}
     assert out.endswith("\n0 of 4 episodes are equal\n")
+
+
+def open_further(array):
+    """Changes the last action where it is clipped: a finger of the last episode is open as far as it goes."""
+    assert 0.0 < array[-1, -1] < 1.0
+    array[-1, -1] = 1.0
+
+
+def test_an_action_changed_without_effect_is_named(run, runs):
+    change(3, action=open_further)
+    status, _, err = run("runs")
+    assert status == 1
+    assert re.fullmatch(r"kitchen-replay: runs/episode_000003.npz [^\n]* actions [^\n]*\n", err)
+    without_digest(3)
+    assert run("runs")[0] == 0
+
+
+def test_an_action_of_a_dataset_changed_without_effect_is_named(run, runs):
+    with h5py.File(f"datasets/{ID}/data/main_data.hdf5", "r+") as file:
+        actions = file["episode_3/actions"][()]
+        open_further(actions)
+        file["episode_3/actions"][...] = actions
+    status, _, err = run(ID)
+    assert (status, err.count("\n")) == (1, 1)
+    assert "actions" in err
 
 
 def test_a_completion_that_differs_is_named(run, runs):

@@ -1,5 +1,6 @@
 """Web pages hold the recordings of viser's, with what they share only once."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -65,6 +66,14 @@ def test_a_page_asks_nothing_of_the_network(page):
 
 def test_text_of_an_episode_cannot_end_the_script(page):
     assert pages.read_page(page)["episodes"][0]["instruction"] == "</script>"
+
+
+def test_numbers_that_are_not_finite_do_not_empty_a_page(recordings):
+    made = WebPage()
+    made.add(recordings[0], {**ABOUT, "rewards": [0.5, math.nan], "metrics": {"speed": [-math.inf, 1.0]}})
+    page = pages.script_json(made.html("page"), "page-json")
+    (episode,) = page["episodes"]
+    assert (episode["rewards"], episode["metrics"]) == ([0.5, None], {"speed": [None, 1.0]})
 
 
 def test_a_silent_server_listens_to_no_port(capfd):

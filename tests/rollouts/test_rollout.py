@@ -177,6 +177,7 @@ def test_an_episode_file_holds_what_suite_load_returns_when_the_actions_are_repl
         }
         assert set(spec["versions"]) > {"kitchen-suite", "dm-control", "mujoco", "numpy", "gymnasium-robotics"}
         assert metadata.pop("seconds") > 0
+        assert len(metadata.pop("actions_sha256")) == 64
         assert metadata == {
             "episode": index,
             "seed": 3 + index,

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -210,6 +211,20 @@ def test_episodes_that_failed_are_left_out(recording):
     shown = load_recording(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
+
+
+def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):
+    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.training.imitation.demonstrations import load_recording
+
+    shutil.copytree(recording[0], tmp_path / "runs")
+    opened = RecordingFolder.open(tmp_path / "runs")
+    index = next(index for index in opened.indices if opened.load_stats(index).metrics["success"])
+    episode, stats = opened.load(index), opened.load_stats(index)
+    episode.arrays["action"][0] = np.nan
+    opened.save(episode, stats)
+    with pytest.raises(ValueError, match=r"runs .* finite"):
+        load_recording(tmp_path / "runs", opened.spec, ["kettle"])
 
 
 def test_several_recordings_are_learned_from_together(recording):

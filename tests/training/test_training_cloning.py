@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -66,6 +67,19 @@ def test_demonstrations_are_observations_and_the_actions_taken_on_them(samples):
     assert (observations.shape, actions.shape) == ((6 * 150, 25), (6 * 150, 8))
     assert observations.dtype == actions.dtype == np.float32
     np.testing.assert_allclose(actions, 0.02 * np.tanh(observations[:, :8] - observations[:, 8:16]), atol=1e-7)
+
+
+@pytest.mark.parametrize("part", ["observation", "action"])
+def test_demonstrations_that_are_not_finite_are_refused(demonstrations, tmp_path, part):
+    from kitchen_suite.training.imitation.demonstrations import load_to_clone
+
+    shutil.copytree(demonstrations, tmp_path / "episodes")
+    folder = RecordingFolder.open(tmp_path / "episodes")
+    episode, stats = folder.load(3), folder.load_stats(3)
+    next(array for name, array in episode.arrays.items() if name.startswith(part))[2] = np.nan
+    folder.save(episode, stats)
+    with pytest.raises(ValueError, match=r"episodes .* finite"):
+        load_to_clone(tmp_path / "episodes", spec_of("open_cabinet", "top_drawer"))
 
 
 def test_cloning_lowers_the_loss_and_the_policy_imitates(samples, make_learner):

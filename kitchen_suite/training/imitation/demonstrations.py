@@ -84,7 +84,7 @@ def load_recording(
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
       ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
-        such episodes.
+        such episodes, or numbers that are not finite.
     """
     recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
     successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
@@ -97,19 +97,27 @@ def load_recording(
     lengths = [len(arrays["action"]) for arrays in episodes]
     observations = (unflatten(arrays, "observation") for arrays in episodes)
     inputs = np.concatenate([task.policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
-    inputs = inputs.astype(np.float32)
     elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
     if elements is not None:
         inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
     return Demonstrations(
-        inputs=inputs,
-        actions=np.concatenate([arrays["action"] for arrays in episodes]).astype(np.float32),
+        inputs=_finite(inputs, folder),
+        actions=_finite(np.concatenate([arrays["action"] for arrays in episodes]), folder),
         last=np.repeat(np.cumsum(lengths) - 1, lengths),
         state_elements=elements,
     )
 
 
-def _recorded_elements(inputs: NDArray[np.float32], size: int) -> tuple[int, ...] | None:
+def _finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
+    """Returns numbers of a recording as float32; raises a ValueError unless all are finite."""
+    with np.errstate(over="ignore"):
+        numbers = numbers.astype(np.float32)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{folder} holds observations or actions that are not finite")
+    return numbers
+
+
+def _recorded_elements(inputs: NDArray, size: int) -> tuple[int, ...] | None:
     """Returns which of the `size` elements of the state another program has recorded; None for all."""
     recorded = np.isfinite(inputs[:, :size]).all(axis=0)
     return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
@@ -140,7 +148,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
         flatten = suite_env(environment).composer_task.policy_inputs.flatten
     observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])
     actions = np.concatenate([arrays["action"] for arrays in episodes])
-    return observations.astype(np.float32), actions.astype(np.float32)
+    return _finite(observations, folder), _finite(actions, folder)
 
 
 def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
