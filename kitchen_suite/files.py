@@ -29,6 +29,9 @@ T = TypeVar("T")
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
 
+# Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
+_MAX_JSON_DEPTH = 64
+
 # Names of unfinished files and folders: machine, process, random number, and the name when finished.
 _PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")
 
@@ -248,7 +251,32 @@ def load_json(path: Path, what: str) -> Any:
     """Returns the contents of a JSON file; raises an OSError unless it holds `what`, in at most 16 MiB."""
     with reading(path, what):
         check_size(path.stat().st_size, _MAX_JSON_BYTES)
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(path.read_bytes())
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Decodes JSON, which in bytes is UTF-8.
+
+    Raises a ValueError if it is not JSON, larger than 16 MiB, or nested deeper than 64 levels.
+    """
+    if len(text) > _MAX_JSON_BYTES:
+        raise ValueError(f"larger than {_MAX_JSON_BYTES / 2**20:.0f} MiB")
+    deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"
+    try:
+        value = json.loads(text if isinstance(text, str) else text.decode("utf-8"))
+    except RecursionError as error:
+        raise ValueError(deep) from error
+    if _is_deeper(value, _MAX_JSON_DEPTH):
+        raise ValueError(deep)
+    return value
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    """Returns whether decoded JSON is nested deeper than a number of levels."""
+    if not isinstance(value, dict | list):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(_is_deeper(each, levels - 1) for each in inner)
 
 
 def parse(value: Any, kind: type[T], what: str) -> T:

@@ -119,6 +119,24 @@ def test_broken_json_is_refused(tmp_path, text):
         files.load_json(tmp_path / "x.json", "a specification")
 
 
+DEEP = {
+    "65 arrays": "[" * 65 + "]" * 65,
+    "65 objects": '{"a":' * 65 + "0" + "}" * 65,
+    "more than Python can recurse into": "[" * 100_000 + "]" * 100_000,
+}
+
+
+@pytest.mark.parametrize("text", [*DEEP.values(), " " * (2**24 + 1), b"\xff"], ids=[*DEEP, "large", "no UTF-8"])
+def test_json_of_any_depth_and_size_is_refused_with_a_value_error(text):
+    with pytest.raises(ValueError, match=r"^[^\n]{1,200}$"):
+        files.parse_json(text)
+
+
+def test_json_of_64_levels_is_read():
+    text = "[" * 64 + "]" * 64
+    assert json.dumps(files.parse_json(text)) == json.dumps(files.parse_json(text.encode())) == text
+
+
 def test_a_missing_file_is_named(tmp_path):
     for load in (files.load_json, files.load_arrays):
         with pytest.raises(FileNotFoundError, match=r"^no such file: '.*/x' \(expected an episode\)$"):
