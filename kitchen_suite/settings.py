@@ -8,14 +8,13 @@ the settings.
 
 import dataclasses
 import functools
-import json
 import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, files, suite
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -160,7 +159,7 @@ class TaskSettings:
         given = {name: value for name, value in chosen.items() if value is not None}
         for name, value in given.items():
             if (other := self.task_kwargs.get(name, value)) != value:
-                raise ValueError(f"{name} is {value!r}, but {other!r} in the task_kwargs")
+                raise ValueError(f"{name} is {checks.shown(value)}, but {checks.shown(other)} in the task_kwargs")
         return {**self.task_kwargs, **given}
 
     @property
@@ -174,9 +173,9 @@ def parsed_variations(text: str) -> Any:
     if not text.lstrip().startswith("{"):
         return text.split(",")
     try:
-        return json.loads(text)
-    except (RecursionError, ValueError) as error:
-        raise ValueError(f"variations is not JSON: {error}") from error
+        return files.parse_json(text)
+    except ValueError as error:
+        raise ValueError(f"variations cannot be read as JSON: {error}") from error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

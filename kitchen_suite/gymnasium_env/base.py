@@ -70,7 +70,10 @@ class SuiteEnv(gymnasium.Env):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)
-        self._arguments = copy.deepcopy((args, kwargs))
+        try:
+            self._arguments = copy.deepcopy((args, kwargs))
+        except RecursionError as error:
+            raise ValueError(f"an argument is nested too deeply: {checks.shown(kwargs)}") from error
         return self
 
     def __init__(
@@ -372,7 +375,7 @@ class SuiteEnv(gymnasium.Env):
           ValueError: a part of the state is missing, has the wrong shape or is not finite; nothing has changed then.
         """
         if not isinstance(state, Mapping):
-            raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
+            raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key != "episode_step"}
