@@ -79,5 +79,18 @@ def test_importing_the_suite_neither_registers_nor_prints():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_the_suite_adds_no_filters_of_warnings():
+    code = (
+        "import warnings, gymnasium, scipy.special\n"
+        "from dm_control import composer\n"
+        "before = [*warnings.filters]\n"
+        "import kitchen_suite\n"
+        "env = gymnasium.make('KitchenSuite/FrankaMicrowaveTable-v1')\n"
+        "env.reset(seed=0), env.step(env.action_space.sample())\n"
+        "assert warnings.filters == before"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, cwd=ROOT)
+
+
 def test_the_default_video_is_not_committed():
     assert f"/{_DEFAULT_VIDEO}" in ROOT.joinpath(".gitignore").read_text().splitlines()
