@@ -127,7 +127,7 @@ def number(value: object, name: str, *, positive: bool = False, maximum: float =
     if not _is_finite(value) or value < 0 or (positive and value == 0):
         kind = "positive" if positive else "non-negative"
         raise ValueError(f"{name} must be finite and {kind}, got {shown(value)}")
-    if value > maximum:
+    if float(value) > maximum:
         raise ValueError(f"{name} must be at most {maximum:g}, got {shown(value)}")
     return float(value)
 

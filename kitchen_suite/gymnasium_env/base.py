@@ -101,8 +101,8 @@ class SuiteEnv(gymnasium.Env):
           domain: name of the domain; that of the class when omitted.
           render_mode: `rgb_array`, `depth_array` (the z-buffer) or `human` (a window); `gymnasium.make` adds
             `rgb_array_list`.
-          width: width of images [pixels].
-          height: height of images [pixels].
+          width: width of images [pixels], at most 4096.
+          height: height of images [pixels], at most 4096.
           camera_id: index of the camera; the free camera of `default_camera_config` when omitted.
           camera_name: name of the camera, instead of its index.
           default_camera_config: attributes of the free camera.
