@@ -139,16 +139,16 @@ def _check_field(name: str, value: Any, default: float | tuple[float, ...]) -> N
     numbers = (value,)
     if isinstance(default, tuple):
         if not isinstance(value, tuple):
-            raise TypeError(f"{what} must be a tuple of {len(default)} numbers, got {value!r}")
+            raise TypeError(f"{what} must be a tuple of {len(default)} numbers, got {checks.shown(value)}")
         if len(value) != len(default):
-            raise ValueError(f"{what} must hold {len(default)} numbers, got {value!r}")
+            raise ValueError(f"{what} must hold {len(default)} numbers, got {checks.shown(value)}")
         numbers = value
     for number in numbers:
         if name in _SIGNED:
             checks.vector((number,), 1, what)
         else:
             if not _LEAST <= checks.number(number, what, positive=True) <= _GREATEST:
-                raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {value!r}")
+                raise ValueError(f"{what} must be between {_LEAST:g} and {_GREATEST:g}, got {checks.shown(value)}")
 
 
 class Cabinet(Prop):

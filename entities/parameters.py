@@ -48,15 +48,15 @@ class ParameterType:
             return self._checked_number(value, name)
         array = checks.vector(value, self.shape[0], name)
         if self.non_negative and (array < 0).any():
-            raise ValueError(f"{name} must be finite and non-negative, got {value!r}")
+            raise ValueError(f"{name} must be finite and non-negative, got {checks.shown(value)}")
         return array
 
     def _checked_number(self, value: Any, name: str) -> NDArray[np.float64]:
         array = checks.array_of(value, name)
         if array.shape:
-            raise ValueError(f"{name} must be one number, got {value!r}")
+            raise ValueError(f"{name} must be one number, got {checks.shown(value)}")
         if self.choices is not None and array.item() not in range(self.choices):
-            raise ValueError(f"{name} must be an integer from 0 to {self.choices - 1}, got {value!r}")
+            raise ValueError(f"{name} must be an integer from 0 to {self.choices - 1}, got {checks.shown(value)}")
         if self.non_negative:
             return np.array(checks.number(array.item(), name))
         return checks.vector(array[np.newaxis], 1, name)[0]

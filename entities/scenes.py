@@ -249,6 +249,6 @@ def build_open_cabinet_scene(cabinet_config: CabinetConfig | None = None, *, vis
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
     """
     if not isinstance(cabinet_config, CabinetConfig | None):
-        raise TypeError(f"cabinet_config must be a CabinetConfig, got {cabinet_config!r}")
+        raise TypeError(f"cabinet_config must be a CabinetConfig, got {checks.shown(cabinet_config)}")
     arena, robot = OpenCabinetArena(visuals=visuals), Franka(PANDA, visuals=visuals)
     return OpenCabinetScene.furnish(arena, robot, [Cabinet(cabinet_config, visuals=visuals)])

@@ -4,12 +4,14 @@ Each raises a TypeError for a value of the wrong type, and a ValueError for anot
 otherwise. The message names the argument, its value and the values allowed.
 """
 
+import collections
 import difflib
 import importlib.util
 import inspect
 import math
 import numbers
 import pkgutil
+import reprlib
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Set
 from pathlib import Path
@@ -22,13 +24,44 @@ from numpy.typing import ArrayLike, NDArray
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
 
+# Names in other libraries of what the suite calls otherwise.
+_SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
+
+_MAX_SHOWN = 200  # Characters of a value in a message.
+
+# Elements of a collection, and levels of nesting, that a message repeats.
+_MAX_ELEMENTS, _MAX_LEVELS = 12, 4
+
+_representation = reprlib.Repr()
+_representation.maxlevel = _MAX_LEVELS
+for _kind in ("string", "long", "other"):
+    setattr(_representation, f"max{_kind}", _MAX_SHOWN)
+for _kind in ("array", "deque", "dict", "frozenset", "list", "set", "tuple"):
+    setattr(_representation, f"max{_kind}", _MAX_ELEMENTS)
+
+
+def shown(value: object) -> str:
+    """Returns a value as a message repeats it: in one line of limited length, whatever its size, depth and `repr`."""
+    try:
+        text = _representation.repr(value)
+    except Exception:  # Of the value's own class; or an int of more digits than Python converts.
+        text = f"<{type(value).__name__}>"
+    return shortened(text, _MAX_SHOWN)
+
+
+def shortened(text: str, length: int) -> str:
+    """Returns a text in one line of printable characters, without its middle if it is longer than `length`."""
+    line = " ".join(text.split())
+    line = line if len(line) <= length else f"{line[: length // 2]} (shortened) {line[-length // 2 :]}"
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
+
 
 def choice(value: object, choices: Collection[str], name: str) -> str:
     """Returns `value` if it is one of `choices`; the error lists them and suggests the nearest."""
     if not isinstance(value, str):
-        raise TypeError(f"{name} must be a string, got {value!r}")
+        raise TypeError(f"{name} must be a string, got {shown(value)}")
     if value not in choices:
-        raise ValueError(f"{name} {value!r} does not exist{_hint(value, choices)}")
+        raise ValueError(f"{name} {shown(value)} does not exist{_hint(value, choices)}")
     return value
 
 
@@ -49,20 +82,24 @@ def imported(name: str, what: str) -> Any:
     try:
         return pkgutil.resolve_name(name)
     except (Exception, SystemExit) as error:  # Importing runs the code of the module.
-        raise ValueError(f"{what} {name!r} cannot be imported: {type(error).__name__}: {error}") from error
+        problem = shortened(f"{type(error).__name__}: {error}", 500)
+        raise ValueError(f"{what} {shown(name)} cannot be imported: {problem}") from error
 
 
-def _hint(value: str, choices: Collection[str]) -> str:
+def _hint(value: object, choices: Collection[str]) -> str:
     """Returns the end of an error that suggests the nearest choice and lists all."""
-    near = nearest(value, choices)
+    near = nearest(value, choices) if isinstance(value, str) else None
     meant = f" (did you mean {near!r}?)" if near else ""
     return f"{meant}; choose from {sorted(choices)}"
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
-    """Returns the choice that is most like a value, or None if none is like it."""
-    spellings = (value.replace("_", " "), value)
-    near = [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
+    """Returns the choice that a value means: its synonym, one that ends with it, or one spelt like it; None if none."""
+    value = value[:_MAX_SHOWN]
+    near = [_SYNONYMS[value]] if _SYNONYMS.get(value) in choices else []
+    near += [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
+    for spelling in (value.replace("_", " "), value):
+        near += difflib.get_close_matches(spelling, choices, n=1)
     return near[0] if near else None
 
 
@@ -80,16 +117,18 @@ def keywords(names: Iterable[object], *functions: Callable[..., Any], what: str,
     choices = {parameter.name for parameter in parameters if parameter.kind in by_name}.difference(exclude)
     for name in names:
         if name not in choices:
-            raise TypeError(f"unexpected {what} {name!r}{_hint(str(name), choices)}")
+            raise TypeError(f"unexpected {what} {shown(name)}{_hint(name, choices)}")
 
 
-def number(value: object, name: str, *, positive: bool = False) -> float:
-    """Returns `value` as a float if it is a finite number that is not negative, nor zero if `positive`."""
+def number(value: object, name: str, *, positive: bool = False, maximum: float = math.inf) -> float:
+    """Returns `value` as a float if it is a finite number from 0, or above 0 if `positive`, to `maximum`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-        raise TypeError(f"{name} must be a number, got {value!r}")
+        raise TypeError(f"{name} must be a number, got {shown(value)}")
     if not _is_finite(value) or value < 0 or (positive and value == 0):
         kind = "positive" if positive else "non-negative"
-        raise ValueError(f"{name} must be finite and {kind}, got {value!r}")
+        raise ValueError(f"{name} must be finite and {kind}, got {shown(value)}")
+    if float(value) > maximum:
+        raise ValueError(f"{name} must be at most {maximum:g}, got {shown(value)}")
     return float(value)
 
 
@@ -103,18 +142,18 @@ def _is_finite(value: numbers.Real) -> bool:
 def integer(value: object, name: str, *, minimum: int, maximum: int | None = None) -> int:
     """Returns `value` as an int if it is an integer, and no bool, from `minimum` to `maximum`."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
+        raise TypeError(f"{name} must be an integer, got {shown(value)}")
     if value < minimum:
-        raise ValueError(f"{name} must be at least {minimum}, got {value!r}")
+        raise ValueError(f"{name} must be at least {minimum}, got {shown(value)}")
     if maximum is not None and int(value) > maximum:
-        raise ValueError(f"{name} must be at most {maximum}, got {value!r}")
+        raise ValueError(f"{name} must be at most {maximum}, got {shown(value)}")
     return int(value)
 
 
 def boolean(value: object, name: str) -> bool:
     """Returns `value` if it is a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name} must be True or False, got {value!r}")
+        raise TypeError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
@@ -130,7 +169,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
       elsewhere: names of options that other environments of the suite have, which are refused.
     """
     if value is not None and not isinstance(value, Mapping):
-        raise TypeError(f"options must be a dict, got {value!r}")
+        raise TypeError(f"options must be a dict, got {shown(value)}")
     for name in (value or {}).keys() - {*names}:
         if not isinstance(name, str) or nearest(name, {*names, *elsewhere}):
             choice(name, names, "option")
@@ -138,14 +177,15 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
 
 
 def unique_names(values: object, name: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection of at least one element without repetitions."""
-    if isinstance(values, str | Set | Mapping) or not isinstance(values, Collection):
-        raise TypeError(f"{name} must be a sequence of names, got {values!r}")
+    """Returns `values` as a tuple if it is an ordered collection of at least one element that repeats no string."""
+    if isinstance(values, str | bytes | Set | Mapping) or not isinstance(values, Collection):
+        raise TypeError(f"{name} must be a sequence of names, got {shown(values)}")
     result = tuple(values)
     if not result:
         raise ValueError(f"{name} is empty; name at least one")
-    if repeated := sorted({repr(value) for value in result if result.count(value) > 1}):
-        raise ValueError(f"{name} names {', '.join(repeated)} more than once")
+    counts = collections.Counter(value for value in result if isinstance(value, str))
+    if repeated := sorted(repr(value) for value, count in counts.items() if count > 1):
+        raise ValueError(f"{name} names {shortened(', '.join(repeated), _MAX_SHOWN)} more than once")
     return result
 
 
@@ -153,16 +193,16 @@ def vector(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """Returns `value` as a float64 vector, unrounded, if it has `size` finite real elements."""
     array = array_of(value, name)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold {size} numbers, got {value!r}")
+        raise TypeError(f"{name} must hold {size} numbers, got {shown(value)}")
     if array.shape != (size,):
-        number = "" if array.ndim else f", the number {value!r}"
+        number = "" if array.ndim else f", the number {shown(value)}"
         raise ValueError(f"{name} must have shape ({size},), got shape {array.shape}{number}")
     if array.dtype != np.float64:
         # Wider types overflow to inf.
         with np.errstate(over="ignore"):
             array = array.astype(np.float64)
     if not np.logical_and.reduce(np.isfinite(array)):
-        raise ValueError(f"{name} must be finite, got {array}")
+        raise ValueError(f"{name} must be finite, got {shown(value)}")
     return array
 
 
@@ -171,7 +211,7 @@ def array_of(value: object, name: str) -> NDArray:
     try:
         return np.asarray(value)
     except ValueError as error:
-        raise ValueError(f"{name} must be an array, got {value!r}") from error
+        raise ValueError(f"{name} must be an array, got {shown(value)}") from error
 
 
 def matching(value: object, template: Any, name: str) -> Any:
@@ -184,21 +224,21 @@ def matching(value: object, template: Any, name: str) -> Any:
     """
     if isinstance(template, Mapping):
         if not isinstance(value, Mapping):
-            raise TypeError(f"{name} must be a dict with the keys {sorted(template)}, got {value!r}")
+            raise TypeError(f"{name} must be a dict with the keys {sorted(template)}, got {shown(value)}")
         if odd := value.keys() ^ template.keys():
             raise ValueError(
-                f"{name} must have the keys {sorted(template)}; missing or unknown: {sorted(map(str, odd))}"
+                f"{name} must have the keys {sorted(template)}; missing or unknown: {shown(sorted(map(shown, odd)))}"
             )
         return {key: matching(value[key], part, f"{name}[{key!r}]") for key, part in template.items()}
     if isinstance(template, str):
         if value != template:
-            raise ValueError(f"{name} must be {template!r}, got {value!r}")
+            raise ValueError(f"{name} must be {template!r}, got {shown(value)}")
         return template
     expected, array = np.asarray(template), array_of(value, name)
     if array.dtype.kind not in "biuf" or (expected.dtype.kind in "biu" and array.dtype.kind == "f"):
-        raise TypeError(f"{name} must hold {expected.dtype} numbers, got {value!r}")
+        raise TypeError(f"{name} must hold {expected.dtype} numbers, got {shown(value)}")
     if array.shape != expected.shape:
         raise ValueError(f"{name} must have shape {expected.shape}, got {array.shape}")
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {value!r}")
+        raise ValueError(f"{name} must be finite, got {shown(value)}")
     return array.astype(expected.dtype)

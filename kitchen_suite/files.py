@@ -13,7 +13,6 @@ import re
 import secrets
 import shutil
 import socket
-import textwrap
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -22,6 +21,8 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from kitchen_suite import checks
 
 T = TypeVar("T")
 
@@ -152,7 +153,8 @@ def first_difference(present: Any, wanted: Mapping[str, Any]) -> str:
     found = present if isinstance(present, Mapping) else {}
     for name in {**found, **wanted}:
         if found.get(name) != wanted.get(name):
-            return f"{name} {json.dumps(found.get(name))}, not {json.dumps(wanted.get(name))}"
+            one, other = (checks.shortened(json.dumps(each.get(name)), 200) for each in (found, wanted))
+            return f"{name} {one}, not {other}"
     return ""
 
 
@@ -329,13 +331,8 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise OSError(f"{path} does not hold {what}: {error}") from error
         raise
     except Exception as error:  # Decoders of zip, npy, HDF5 and JSON raise dozens of types for damaged bytes.
-        raise OSError(f"{path} does not hold {what} ({_shortened(error)})") from error
-
-
-def _shortened(error: Exception) -> str:
-    """Returns type and text of an exception in one line of limited length."""
-    text = ": ".join(filter(None, (type(error).__name__, str(error)[:1000])))
-    return textwrap.shorten(text, 200, placeholder=" (shortened)")
+        problem = ": ".join(filter(None, (type(error).__name__, str(error))))
+        raise OSError(f"{path} does not hold {what} ({checks.shortened(problem, 200)})") from error
 
 
 def check_size(size: int, limit: int) -> None:

@@ -159,7 +159,7 @@ class TaskSettings:
         given = {name: value for name, value in chosen.items() if value is not None}
         for name, value in given.items():
             if (other := self.task_kwargs.get(name, value)) != value:
-                raise ValueError(f"{name} is {value!r}, but {other!r} in the task_kwargs")
+                raise ValueError(f"{name} is {checks.shown(value)}, but {checks.shown(other)} in the task_kwargs")
         return {**self.task_kwargs, **given}
 
     @property
@@ -175,7 +175,7 @@ def parsed_variations(text: str) -> Any:
     try:
         return files.parse_json(text)
     except ValueError as error:
-        raise ValueError(f"variations is not JSON: {error}") from error
+        raise ValueError(f"variations cannot be read as JSON: {error}") from error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -78,7 +78,7 @@ def register(domain: Domain) -> None:
         or in the first observation; nothing has changed then.
     """
     if not isinstance(domain, Domain):
-        raise TypeError(f"domain must be a Domain, got {domain!r}")
+        raise TypeError(f"domain must be a Domain, got {checks.shown(domain)}")
     if domain.name in DOMAINS:
         raise ValueError(f"a domain {domain.name!r} exists already; choose another name")
     ids = {domain.env_id, *domain.task_ids.values()}
@@ -173,7 +173,7 @@ def find_domain(name: str) -> Domain:
         return DOMAINS[checks.choice(name, DOMAINS.keys(), "domain")]
     domain = checks.imported(name, "domain")
     if not isinstance(domain, Domain):
-        raise ValueError(f"domain {name!r} is no kitchen_suite.suite.Domain: it is {domain!r}")
+        raise ValueError(f"domain {checks.shown(name)} is no kitchen_suite.suite.Domain: it is {checks.shown(domain)}")
     if DOMAINS.get(domain.name) != _with_classes(domain):
         register(domain)
     return DOMAINS[domain.name]
@@ -218,7 +218,7 @@ def load(
     task = task_arguments(domain_name, task_name)
     for name, kwargs in (("task_kwargs", task_kwargs), ("environment_kwargs", environment_kwargs)):
         if kwargs is not None and not isinstance(kwargs, Mapping):
-            raise TypeError(f"{name} must be a dict or None, got {kwargs!r}")
+            raise TypeError(f"{name} must be a dict or None, got {checks.shown(kwargs)}")
     check_not_fixed(domain_name, task_name, task_kwargs or {})
     arguments = {**task, **(task_kwargs or {})}
     environment = find_domain(domain_name).load(**arguments, environment_kwargs=environment_kwargs)

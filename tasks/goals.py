@@ -45,9 +45,9 @@ OPEN_MICROWAVE = (
 def checked_instructions(instructions: object, owner: str) -> tuple[str, ...]:
     """Returns instructions if they are a tuple of strings that are not empty; `owner` is for messages."""
     if not isinstance(instructions, tuple) or not all(isinstance(each, str) for each in instructions):
-        raise TypeError(f"instructions of {owner} must be a tuple of strings, got {instructions!r}")
+        raise TypeError(f"instructions of {owner} must be a tuple of strings, got {checks.shown(instructions)}")
     if not all(each.strip() for each in instructions):
-        raise ValueError(f"instructions of {owner} must not be empty strings, got {instructions!r}")
+        raise ValueError(f"instructions of {owner} must not be empty strings, got {checks.shown(instructions)}")
     return instructions
 
 
@@ -205,7 +205,7 @@ class GoalSet:
         unique = checks.unique_names(tasks, "tasks_to_complete")
         names = tuple(checks.choice(name, known.keys(), "task") for name in unique)
         if values is not None and not isinstance(values, Mapping):
-            raise TypeError(f"goals must map tasks to their goals, got {values!r}")
+            raise TypeError(f"goals must map tasks to their goals, got {checks.shown(values)}")
         overrides = {checks.choice(name, names, "goal of task"): value for name, value in (values or {}).items()}
         goals = tuple(known[name] for name in names)
         sizes = [len(goal.value) for goal in goals]
@@ -216,7 +216,7 @@ class GoalSet:
         for name, value in zip(names, desired, strict=True):
             if np.abs(value).max() > mujoco.mjMAXVAL:
                 limit = f"{mujoco.mjMAXVAL:g}, the greatest position that MuJoCo simulates"
-                raise ValueError(f"goal of {name!r} must not exceed {limit}, got {value}")
+                raise ValueError(f"goal of {name!r} must not exceed {limit}, got {checks.shown(value)}")
         return cls(tasks=names, goals=goals, starts=np.cumsum([0, *sizes[:-1]]), desired=np.concatenate(desired))
 
     def instructions(self, indices: Iterable[int]) -> tuple[str, ...]:
@@ -376,7 +376,8 @@ def make_success(
       positive: whether a threshold of 0 is refused.
     """
     if success is not None and threshold is not None:
-        raise ValueError(f"threshold={threshold!r} and success={success!r} exclude each other: give one of them")
+        given = f"threshold={checks.shown(threshold)} and success={checks.shown(success)}"
+        raise ValueError(f"{given} exclude each other: give one of them")
     if success is not None and checks.choice(success, CRITERIA, "success") == "strict":
         return StrictSuccess(goals, scene)
     if not isinstance(threshold, Mapping):

@@ -267,7 +267,7 @@ def _names(value: object, what: str) -> Sequence[object]:
 def _checked_size(size: object, root: mjcf.RootElement) -> tuple[int, int]:
     """Returns height and width."""
     if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
-        raise TypeError(f"image_size must be (height, width), got {size!r}")
+        raise TypeError(f"image_size must be (height, width), got {checks.shown(size)}")
     # MuJoCo's default is 640 x 480.
     buffer = getattr(root.visual, "global")
     limits = (buffer.offheight or 480, buffer.offwidth or 640)

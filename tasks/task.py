@@ -275,7 +275,7 @@ class SuiteTask(composer.Task):
           generator: that is drawn from; the environment's random stream is not.
         """
         if not isinstance(generator, np.random.Generator):
-            raise TypeError(f"generator must be a numpy.random.Generator, got {generator!r}")
+            raise TypeError(f"generator must be a numpy.random.Generator, got {checks.shown(generator)}")
         if not (instructions := checked_instructions(self.instructions, type(self).__name__)):
             raise ValueError("there are no instructions to draw from: the task has no sentence")
         return instructions[generator.integers(len(instructions))]

@@ -32,8 +32,8 @@ ORDER = (
 )
 GROUND = ("", "checks", "files", "lazy", "names", "versions")
 BESIDE = {"workers": ("rendering",), "rendering": ()}
-# For users: `kitchen_suite.experts`, `kitchen_suite.load` and `python -m kitchen_suite`.
-ALIASES = {"experts": ("policies",), "": ("suite",), "__main__": ("cli",)}
+# For users: `kitchen_suite.experts`, `kitchen_suite.load`, `python -m kitchen_suite` and the console scripts.
+ALIASES = {"experts": ("policies",), "": ("suite",), "__main__": ("cli",), "console": ("cli",)}
 
 # Where a library may be imported.
 HOMES = {

@@ -13,6 +13,8 @@ from kitchen_suite.rollouts.play_job import _DEFAULT_VIDEO
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"kitchen_suite": "kitchen_suite", "kitchen_suite.entities": "entities", "kitchen_suite.tasks": "tasks"}
+# Installed beside the package, so that its import is that of no other module.
+CONSOLE = "kitchen_suite_console", "kitchen_suite/console"
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,8 @@ def test_packages_are_the_folders_with_an_init(setup):
         for package, folder in FOLDERS.items()
         for path in (ROOT / folder).rglob("__init__.py")
     }
-    assert set(setup["options"]["packages"].split()) == found
+    name, folder = CONSOLE
+    assert set(setup["options"]["packages"].split()) == {*found, name} - {folder.replace("/", ".")}
 
 
 def test_every_data_file_is_shipped(setup):
@@ -77,6 +80,19 @@ def test_importing_the_suite_neither_registers_nor_prints():
     code = "import sys, kitchen_suite.suite; assert 'gymnasium_robotics' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_suite_adds_no_filters_of_warnings():
+    code = (
+        "import warnings, gymnasium, scipy.special\n"
+        "from dm_control import composer\n"
+        "before = [*warnings.filters]\n"
+        "import kitchen_suite\n"
+        "env = gymnasium.make('KitchenSuite/FrankaMicrowaveTable-v1')\n"
+        "env.reset(seed=0), env.step(env.action_space.sample())\n"
+        "assert warnings.filters == before"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, cwd=ROOT)
 
 
 def test_the_default_video_is_not_committed():

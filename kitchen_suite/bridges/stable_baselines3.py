@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
+from kitchen_suite import checks
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SHARED_ATTRIBUTES, SuiteVectorEnv
 
@@ -114,7 +115,8 @@ class SuiteVecEnv(VecEnv):
     def set_options(self, options: list[dict] | dict | None = None) -> None:
         """Accepts that there are no options of the next reset, which the environments do not take one by one."""
         if options:
-            raise ValueError(f"options of a reset are not supported, got {options!r}: pass them to make_vec_env")
+            got = checks.shown(options)
+            raise ValueError(f"options of a reset are not supported, got {got}: pass them to make_vec_env")
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Indices = None) -> list[bool]:
         """Returns False for each index: there are no wrappers."""

@@ -7,7 +7,6 @@ import contextlib
 import dataclasses
 import functools
 import inspect
-import json
 import math
 import os
 import pkgutil
@@ -25,7 +24,7 @@ from typing import Any, NamedTuple, Protocol, cast
 from absl import flags
 
 import kitchen_suite
-from kitchen_suite import checks
+from kitchen_suite import checks, files
 from kitchen_suite.rendering import gl
 from kitchen_suite.settings import WIDTH, Flag
 
@@ -130,7 +129,7 @@ class Command:
         if self.positional and others:
             chosen[self.positional], *others = others
         if others:
-            raise flags.Error(f"unexpected argument {others[0]!r}: all others are flags, see --help")
+            raise flags.Error(f"unexpected argument {checks.shown(others[0])}: all others are flags, see --help")
         for setting in settings:
             if setting.is_required and chosen.get(setting.name) is None:
                 flag = setting.name if setting.name == self.positional else f"--{setting.name}"
@@ -271,7 +270,7 @@ def _number(kind: type, name: str, text: str) -> float:
     try:
         value = kind(text)
     except ValueError:
-        raise ValueError(f"{text!r} is not {name}") from None
+        raise ValueError(f"{checks.shown(text)} is not {name}") from None
     if kind is float and not math.isfinite(value):
         raise ValueError("must be finite")
     return value
@@ -285,10 +284,10 @@ def _path(text: str) -> Path:
 
 def _json_object(text: str) -> dict[str, Any]:
     try:
-        value = json.loads(text)
-    except (RecursionError, ValueError) as error:
+        value = files.parse_json(text)
+    except ValueError as error:
         hint = f'; for the JSON in that file write "$(cat {text})"' if text.endswith(".json") else ""
-        raise ValueError(f"not JSON: {error}{hint}") from error
+        raise ValueError(f"cannot be read as JSON: {error}{hint}") from error
     if not isinstance(value, dict):
         raise ValueError("must be a JSON object")
     return value
@@ -307,11 +306,8 @@ _READERS: Mapping[Any, Callable[[str], Any]] = MappingProxyType(
 
 def fail(name: str, problem: object, status: int) -> int:
     """Reports a problem in one line on stderr, if that can be written to; returns the exit status."""
-    line = " ".join(str(problem).split())
-    if len(line) > _MAX_MESSAGE:
-        line = f"{line[: _MAX_MESSAGE // 2]} (shortened) {line[-_MAX_MESSAGE // 2 :]}"
     with contextlib.suppress(OSError):
-        print(f"{name}:", line, file=sys.stderr)
+        print(f"{name}:", checks.shortened(str(problem), _MAX_MESSAGE), file=sys.stderr)
     return status
 
 
@@ -320,12 +316,12 @@ def run_process(name: str, main: Callable[[], int]) -> int:
 
     Both return the exit status.
     """
-    _raise_interrupts()
     _open_closed_streams()
     # Python's warnings take one line, without the line of code that they are about.
     warnings.formatwarning = lambda message, category, *_, **__: f"{category.__name__}: {message}\n"
     status = SUCCESS
     try:
+        _raise_interrupts()
         status = main()
         sys.stdout.flush()
     except KeyboardInterrupt:

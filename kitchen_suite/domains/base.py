@@ -84,7 +84,7 @@ class Domain:
     def __post_init__(self) -> None:
         """Checks the record; raises a TypeError or ValueError that names the attribute."""
         if not isinstance(self.tasks, Mapping) or not all(isinstance(each, Mapping) for each in self.tasks.values()):
-            raise TypeError(f"tasks must be a dict of dicts, got {self.tasks!r}")
+            raise TypeError(f"tasks must be a dict of dicts, got {checks.shown(self.tasks)}")
         if not self.tasks:
             raise ValueError(f"domain {self.name!r} has no tasks; name at least one")
         _check_form(self.name, _NAME, "name of a domain")
@@ -211,6 +211,6 @@ def _passes_on(constructor: Callable[..., Any]) -> bool:
 def _check_form(text: object, form: re.Pattern[str], what: str) -> None:
     """Raises a TypeError or ValueError unless `text` is a string that matches `form` as a whole."""
     if not isinstance(text, str):
-        raise TypeError(f"{what} must be a string, got {text!r}")
+        raise TypeError(f"{what} must be a string, got {checks.shown(text)}")
     if not form.fullmatch(text):
-        raise ValueError(f"{what} {text!r} is not well-formed; it must match {form.pattern}")
+        raise ValueError(f"{what} {checks.shown(text)} is not well-formed; it must match {form.pattern}")

@@ -206,7 +206,7 @@ class Environment(composer.Environment):
           **kwargs: further arguments of `composer.Environment`.
         """
         if not time_limit > 0:
-            raise ValueError(f"time_limit must be positive, got {time_limit!r}")
+            raise ValueError(f"time_limit must be positive, got {checks.shown(time_limit)}")
         with warnings.catch_warnings():
             # composer stores the legacy state of the random stream; numpy warns unless that is a Mersenne Twister.
             warnings.filterwarnings("ignore", "get_state and legacy", RuntimeWarning)
@@ -307,7 +307,7 @@ class Environment(composer.Environment):
           ValueError: a part of the state is missing, has the wrong shape or is out of range; nothing has changed then.
         """
         if not isinstance(state, Mapping):
-            raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
+            raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
         random = _checked_random(state.get("random"), self._random_state)
         state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
@@ -400,7 +400,7 @@ def make_random_state(random: int | np.random.RandomState | None) -> np.random.R
     if random is None or isinstance(random, np.random.RandomState):
         return random or np.random.RandomState()
     if isinstance(random, bool) or not isinstance(random, int | np.integer):
-        raise TypeError(f"random must be an int, a numpy RandomState or None, got {random!r}")
+        raise TypeError(f"random must be an int, a numpy RandomState or None, got {checks.shown(random)}")
     if random < 0:
         raise ValueError(f"random must not be negative, got {random}")
     seed, folded = int(random), 0
@@ -420,12 +420,13 @@ def legacy_generator(seed: int | None) -> np.random.Generator:
 def _checked_random(stored: object, random_state: np.random.RandomState) -> dict[str, Any]:
     """Returns a stored result of `random_state.get_state(legacy=False)`, if `random_state` can be set to it."""
     if not isinstance(stored, Mapping):
-        raise TypeError(f"state['random'] must be a dict, got {stored!r}")
+        raise TypeError(f"state['random'] must be a dict, got {checks.shown(stored)}")
     generator = random_state.get_state(legacy=False)["bit_generator"]
     if stored.get("bit_generator") != generator:
-        raise ValueError(f"state['random'] must be of a {generator}, got one of {stored.get('bit_generator')!r}")
+        other = checks.shown(stored.get("bit_generator"))
+        raise ValueError(f"state['random'] must be of a {generator}, got one of {other}")
     try:
         np.random.RandomState(getattr(np.random, generator)()).set_state(dict(stored))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ValueError(f"state['random'] is no state of a {generator}: {error!r}") from error
+        raise ValueError(f"state['random'] is no state of a {generator}: {checks.shown(error)}") from error
     return dict(stored)

@@ -71,7 +71,10 @@ class SuiteEnv(gymnasium.Env):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """Stores the arguments, from which copies are built."""
         self = super().__new__(cls)
-        self._arguments = copy.deepcopy((args, kwargs))
+        try:
+            self._arguments = copy.deepcopy((args, kwargs))
+        except RecursionError as error:
+            raise ValueError(f"an argument is nested too deeply: {checks.shown(kwargs)}") from error
         return self
 
     def __init__(
@@ -99,8 +102,8 @@ class SuiteEnv(gymnasium.Env):
           domain: name of the domain; that of the class when omitted.
           render_mode: `rgb_array`, `depth_array` (the z-buffer) or `human` (a window); `gymnasium.make` adds
             `rgb_array_list`.
-          width: width of images [pixels].
-          height: height of images [pixels].
+          width: width of images [pixels], at most 4096.
+          height: height of images [pixels], at most 4096.
           camera_id: index of the camera; the free camera of `default_camera_config` when omitted.
           camera_name: name of the camera, instead of its index.
           default_camera_config: attributes of the free camera.
@@ -378,7 +381,7 @@ class SuiteEnv(gymnasium.Env):
           ValueError: a part of the state is missing, has the wrong shape or is not finite; nothing has changed then.
         """
         if not isinstance(state, Mapping):
-            raise TypeError(f"state must be a dict returned by get_state, got {state!r}")
+            raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
         step = checks.integer(state.get("episode_step"), "state['episode_step']", minimum=0)
         self._bind_random_state()
         inner = {key: value for key, value in state.items() if key != "episode_step"}

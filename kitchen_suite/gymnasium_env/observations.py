@@ -63,7 +63,7 @@ def picture_options(
     if given:
         name, value = next(iter(given.items()))
         types = [each for each in obs_types if has_pictures(each)]
-        raise ValueError(f"{name}={value!r} needs an obs_type with pictures, {types}, not {obs_type!r}")
+        raise ValueError(f"{name}={checks.shown(value)} needs an obs_type with pictures, {types}, not {obs_type!r}")
     return others
 
 

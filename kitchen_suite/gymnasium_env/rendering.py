@@ -13,6 +13,11 @@ from kitchen_suite.rendering import gl
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 
+# Greatest width and height [pixels]: with four samples a pixel, an image of 4096 x 4096 takes a GL library about 1 GiB.
+MAX_SIZE = 4096
+
+_MAX_GEOMS = 100_000
+
 _VISUAL_FLAGS = range(int(mujoco.mjtVisFlag.mjNVISFLAG))
 
 
@@ -32,15 +37,15 @@ class Renderer:
     ) -> None:
         """Checks the arguments, which are those of `SuiteEnv`."""
         if camera_name is not None and camera_id is not None:
-            raise ValueError(f"pass camera_id or camera_name, not both: {camera_id!r}, {camera_name!r}")
+            raise ValueError(f"pass camera_id or camera_name, not both: {checks.shown((camera_id, camera_name))}")
         self._camera_id, self._camera_name = camera_id, camera_name
         self._settings: dict[str, Any] = {
             "default_cam_config": _checked_camera_config(default_camera_config),
-            "width": checks.integer(width, "width", minimum=1),
-            "height": checks.integer(height, "height", minimum=1),
+            "width": checks.integer(width, "width", minimum=1, maximum=MAX_SIZE),
+            "height": checks.integer(height, "height", minimum=1, maximum=MAX_SIZE),
             "camera_id": camera_id,
             "camera_name": camera_name,
-            "max_geom": checks.integer(max_geom, "max_geom", minimum=1),
+            "max_geom": checks.integer(max_geom, "max_geom", minimum=1, maximum=_MAX_GEOMS),
             "visual_options": _checked_visual_options(visual_options),
         }
         self._renderer: _MujocoRenderer | None = None
@@ -53,7 +58,9 @@ class Renderer:
             checks.choice(self._camera_name, names, "camera_name")
         number = self._camera_id
         if number is not None and checks.integer(number, "camera_id", minimum=-1) >= len(names):
-            raise ValueError(f"camera_id must be below {len(names)}, got {number}; the cameras are {names}")
+            raise ValueError(
+                f"camera_id must be below {len(names)}, got {checks.shown(number)}; the cameras are {names}"
+            )
 
     def render(self, environment: Environment, render_mode: str) -> np.ndarray | None:
         """Returns an image, or shows it in a window; raises a RuntimeError if no GL library works here."""
@@ -115,14 +122,16 @@ def checked_render_mode(render_mode: str) -> str:
 
 def _checked_camera_config(config: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(config, Mapping):
-        raise TypeError(f"default_camera_config must be a dict, got {config!r}")
+        raise TypeError(f"default_camera_config must be a dict, got {checks.shown(config)}")
     names = [name for name in dir(mujoco.MjvCamera) if not name.startswith("_")]
     return {checks.choice(name, names, "camera attribute"): value for name, value in config.items()}
 
 
 def _checked_visual_options(options: Mapping[int, bool] | None) -> dict[int, bool]:
     if options is not None and not isinstance(options, Mapping):
-        raise TypeError(f"visual_options must be a dict, got {options!r}")
+        raise TypeError(f"visual_options must be a dict, got {checks.shown(options)}")
     if odd := [flag for flag in options or {} if flag not in _VISUAL_FLAGS]:
-        raise ValueError(f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {odd}")
+        raise ValueError(
+            f"visual_options must be numbers of mujoco.mjtVisFlag, 0 to {_VISUAL_FLAGS[-1]}, got {checks.shown(odd)}"
+        )
     return {int(flag): checks.boolean(value, "visual option") for flag, value in (options or {}).items()}

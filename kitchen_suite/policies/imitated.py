@@ -137,7 +137,7 @@ class ImitatedPolicy(StoredPolicy):
             raise ValueError(f"missing arrays {missing}")
         tasks = metadata.get("tasks")
         if not isinstance(tasks, list) or not all(isinstance(task, str) for task in tasks):
-            raise ValueError(f"tasks must be a list of names, got {tasks!r}")
+            raise ValueError(f"tasks must be a list of names, got {checks.shown(tasks)}")
         scales = Scales.take(arrays)
         networks = {name: ResidualNetwork.take(arrays, name) for name in cls.network_names}
         tables = {name: checked(arrays.pop(name), name) for name in cls.table_names}
@@ -230,7 +230,7 @@ def _check_elements(elements: Any, size: int) -> None:
     """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
     is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
     if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
-        raise ValueError(f"state_elements must be {size} increasing indices, got {elements!r}")
+        raise ValueError(f"state_elements must be {size} increasing indices, got {checks.shown(elements)}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:

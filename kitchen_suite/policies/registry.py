@@ -113,7 +113,7 @@ class ExpertSource(PolicySource):
         return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
 
     def check_installed(self, name: str) -> None:
-        checks.installed(EXPERT_PACKAGES, f"policy {name!r}", "experts")
+        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
     def missing_observables(self, task: "SuiteTask") -> list[str]:
         from kitchen_suite.policies import experts
@@ -199,7 +199,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
       ValueError: the policy does not exist, cannot be imported or cannot be called, or `name` is not well-formed.
     """
     if name.endswith(".npz"):
-        raise ValueError(f"policy {name!r} is a file, not a name: write trained(file={name!r})")
+        file = checks.shown(name)
+        raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
     if ":" in name and "(" not in name:
         imported = _import_policy(name)
         return lambda environment, generator: _with_checks(imported, name, environment)
@@ -211,14 +212,14 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
     source.check_installed(name)
     if options and not source.takes_options:
         others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
-        raise ValueError(f"policy {key!r} takes no options, got {name!r}; {others} do")
+        raise ValueError(f"policy {key!r} takes no options, got {checks.shown(name)}; {others} do")
     build = source.for_episodes(digest)
 
     def build_with_checks(environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         try:
             policy = build(environment, generator, **options)
         except (OSError, TypeError, ValueError) as error:
-            raise PolicyError(f"policy {name!r} cannot be built: {error}") from error
+            raise PolicyError(f"policy {checks.shown(name)} cannot be built: {error}") from error
         return _with_checks(policy, name, environment)
 
     return build_with_checks
@@ -255,14 +256,14 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
     if "(" not in text:
         return text, {}
     if len(text) > _MAX_LENGTH:
-        raise ValueError(f"policy {text[:40]!r} (continued) is not well-formed: it has {len(text)} characters")
+        raise ValueError(f"policy {checks.shown(text)} is not well-formed: it has {len(text)} characters")
     # Python's parser raises the last two for nested text.
     with contextlib.suppress(SyntaxError, ValueError, MemoryError, RecursionError):
         match ast.parse(text, mode="eval").body:
             case ast.Call(func=ast.Name(id=name), args=[], keywords=options) if all(option.arg for option in options):
                 return name, {str(option.arg): ast.literal_eval(option.value) for option in options}
     raise ValueError(
-        f"policy {text!r} is not well-formed: it must be a name, or a name with options such as "
+        f"policy {checks.shown(text)} is not well-formed: it must be a name, or a name with options such as "
         "expert(speed=0.8, jitter=0.02) or trained(file='policy.npz'), with strings in quotes"
     )
 
@@ -271,7 +272,7 @@ def _import_policy(name: str) -> Policy:
     """Returns the callable that `module:callable` names."""
     policy = checks.imported(name, "policy")
     if not callable(policy):
-        raise ValueError(f"policy {name!r} cannot be called: it is {policy!r}")
+        raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(policy)}")
     return policy
 
 
@@ -282,11 +283,12 @@ def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> 
         try:
             action = policy(timestep)
         except (Exception, SystemExit) as error:
-            raise PolicyError(f"policy {name!r} raised {type(error).__name__}: {error} ({_location(error)})") from error
+            problem = f"{type(error).__name__}: {error} ({_location(error)})"
+            raise PolicyError(f"policy {checks.shown(name)} raised {problem}") from error
         try:
             return environment.task.checked_action(action)
         except (TypeError, ValueError) as error:
-            raise PolicyError(f"policy {name!r} returned a bad action: {error}") from error
+            raise PolicyError(f"policy {checks.shown(name)} returned a bad action: {error}") from error
 
     return checked
 

@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features, digest, frames_per_second
@@ -75,7 +75,7 @@ class LeRobotPlan(DatasetPlan):
         super().__init__(dataset_id, spec, count, root)
         self._library = import_lerobot()
         if not _DATASET_ID.fullmatch(dataset_id):
-            raise ValueError(f"{dataset_id!r} is no name of a LeRobot dataset, such as me/kettle")
+            raise ValueError(f"{checks.shown(dataset_id)} is no name of a LeRobot dataset, such as me/kettle")
         if not self.is_missing:
             record = load_record(self.path)
             self._check_same(record.recording, record.num_episodes)

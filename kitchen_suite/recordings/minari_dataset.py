@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import files, gymnasium_env
+from kitchen_suite import checks, files, gymnasium_env
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten, unflatten
@@ -273,7 +273,9 @@ def check_id(dataset_id: str) -> None:
     try:
         parse(dataset_id)
     except (TypeError, ValueError) as error:  # A missing version is a TypeError.
-        raise ValueError(f"{dataset_id!r} is no name of a dataset, such as kitchen-suite/complete-expert-v0") from error
+        raise ValueError(
+            f"{checks.shown(dataset_id)} is no name of a dataset, such as kitchen-suite/kettle-v0"
+        ) from error
 
 
 def _check_episode_size(data_path: Path, index: int) -> None:

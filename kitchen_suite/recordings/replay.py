@@ -14,6 +14,7 @@ from dm_control.rl.control import PhysicsError
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
@@ -311,7 +312,9 @@ def _listed(indices: Sequence[int], wanted: str) -> list[int]:
     chosen: list[int] = []
     for part in wanted.split(","):
         if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
-            raise ValueError(f"episodes must be 'all', or numbers and ranges such as 0,5,7-9, got {wanted!r}")
+            raise ValueError(
+                f"episodes must be 'all', or numbers and ranges such as 0,5,7-9, got {checks.shown(wanted)}"
+            )
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
             raise ValueError(f"the range {part} of episodes is empty")

@@ -213,14 +213,14 @@ def _check(name: str, value: object, kind: Any) -> None:
         for element in value:
             _check_number(name, element, elements[0], positive=True)
     else:
-        raise TypeError(f"{name} must be a list of numbers, got {value!r}")
+        raise TypeError(f"{name} must be a list of numbers, got {checks.shown(value)}")
 
 
 def _check_number(name: str, value: object, kind: type, *, positive: bool) -> None:
     """Checks a number of a hyperparameter; raises as `_check`."""
     number = checks.integer(value, name, minimum=1) if kind is int else checks.number(value, name, positive=positive)
     if number > _MAXIMA.get(name, math.inf):
-        raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {value!r}")
+        raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {checks.shown(value)}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
     """Returns finite actions of all environments as a fresh float64 array, unrounded."""
     array = value if isinstance(value, np.ndarray) else checks.array_of(value, "actions")
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"actions must hold numbers, got {value!r}")
+        raise TypeError(f"actions must hold numbers, got {checks.shown(value)}")
     if array.shape != space.shape:
         raise ValueError(f"actions must have shape {space.shape}, got shape {array.shape}")
     if array.dtype == np.float64:
@@ -65,7 +65,7 @@ def autoreset_mode(mode: AutoresetMode, required: AutoresetMode) -> None:
 def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
     """Returns a mask `(count,)` of environments, which must choose at least one."""
     if not isinstance(value, np.ndarray) or value.dtype != bool:
-        raise TypeError(f"{name} must be an array of bools, got {value!r}")
+        raise TypeError(f"{name} must be an array of bools, got {checks.shown(value)}")
     if value.shape != (count,):
         raise ValueError(f"{name} must have shape ({count},), got shape {value.shape}")
     if not value.any():
@@ -81,7 +81,7 @@ def task_requests(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.
     each = {name: options[name] for name in task.requests.options if options.get(name) is not None}
     for name, rows in each.items():
         if not isinstance(rows, list | tuple | np.ndarray):
-            raise TypeError(f"{name} must be a sequence of one element for each environment, got {rows!r}")
+            raise TypeError(f"{name} must be a sequence of one element for each environment, got {checks.shown(rows)}")
         if len(rows) != mask.size:
             raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(rows)}")
     indices = mask.nonzero()[0].tolist() if each else ()

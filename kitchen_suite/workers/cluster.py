@@ -13,6 +13,7 @@ import threading
 from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
+from kitchen_suite import checks
 from kitchen_suite.workers.worker import ClusterError, RunnerFactory
 
 # Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
@@ -104,7 +105,8 @@ def _check_reachable(address: str) -> None:
     """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
     host, _, port = address.removeprefix(_CLIENT_SCHEME).rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        raise ValueError(f"{address!r} is not a Ray address: it must be HOST:PORT, {_CLIENT_SCHEME}HOST:PORT or auto")
+        forms = f"HOST:PORT, {_CLIENT_SCHEME}HOST:PORT or auto"
+        raise ValueError(f"{checks.shown(address)} is not a Ray address: it must be {forms}")
     try:
         socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT).close()
     except OSError as error:

@@ -13,7 +13,7 @@ from kitchen_suite import checks
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.control_modes import inverse_kinematics
-from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, ArmServos, Gripper
+from kitchen_suite.tasks.control_modes.joints import ARM_SIZE, MAX_SPEED, ArmServos, Gripper
 from kitchen_suite.tasks.mdp import ActionMode, Simulation, as_columns, unit_spec
 
 # Time constant with which the end effector approaches its target: at least this long [s], and this many control steps.
@@ -159,7 +159,7 @@ class _DeltaMode(EndEffectorMode):
     """A mode that changes the commanded pose."""
 
     def __init__(self, *, linear_speed: float, frame: str) -> None:
-        self.linear_speed = checks.number(linear_speed, "linear_speed", positive=True)
+        self.linear_speed = checks.number(linear_speed, "linear_speed", positive=True, maximum=MAX_SPEED)
         self.frame = checks.choice(frame, FRAMES, "frame")
 
     def _moved(self, simulation: Simulation, command: PoseCommand, action: NDArray[np.float64]) -> PoseCommand:
@@ -181,7 +181,7 @@ class EndEffectorDeltaPosition(_DeltaMode):
     name = "ee_delta_position"
 
     def __init__(self, *, linear_speed: float = 0.25, frame: str = "base") -> None:
-        """Sets the speed that a unit of action stands for [m/s], and the frame of its axes, `base` or `hand`."""
+        """Sets the speed that a unit of action stands for, at most 10 [m/s], and its axes' frame, `base` or `hand`."""
         super().__init__(linear_speed=linear_speed, frame=frame)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
@@ -204,12 +204,12 @@ class EndEffectorDeltaPose(_DeltaMode):
         """Sets speeds and frame.
 
         Args:
-          linear_speed: speed that a unit of action stands for [m/s].
-          angular_speed: angular speed that a unit of action stands for [rad/s].
+          linear_speed: speed that a unit of action stands for, at most 10 [m/s].
+          angular_speed: angular speed that a unit of action stands for, at most 10 [rad/s].
           frame: `base` or `hand`: the axes along and about which the action moves and turns the end effector.
         """
         super().__init__(linear_speed=linear_speed, frame=frame)
-        self.angular_speed = checks.number(angular_speed, "angular_speed", positive=True)
+        self.angular_speed = checks.number(angular_speed, "angular_speed", positive=True, maximum=MAX_SPEED)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Velocity x, y, z as a share of `linear_speed`, rotation vector, gripper: +1 closed, -1 open; in [-1, 1]."""

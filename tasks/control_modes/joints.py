@@ -33,6 +33,9 @@ ARM_SIZE = 7
 # Greatest distance of a target from its joint [rad]: nothing winds up against obstacles.
 TARGET_DISTANCE = 0.3
 
+# Greatest speed that a unit of action may stand for [rad/s, m/s], several times that of the robot.
+MAX_SPEED = 10.0
+
 
 class JointOffset(ActionMode):
     """`joint_offset`: offsets of the seven joints from their present positions, and log odds of closing the gripper.
@@ -211,8 +214,8 @@ class JointDelta(ActionMode):
     stage = mujoco.mjtStage.mjSTAGE_VEL
 
     def __init__(self, *, joint_speed: float = 1.0) -> None:
-        """Sets the joint speed that a unit of action stands for [rad/s]."""
-        self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True)
+        """Sets the joint speed that a unit of action stands for, at most 10 [rad/s]."""
+        self.joint_speed = checks.number(joint_speed, "joint_speed", positive=True, maximum=MAX_SPEED)
 
     def spec(self, robot: Franka) -> specs.BoundedArray:
         """Seven joint velocities, as a share of `joint_speed`, and the gripper: +1 closed, -1 open; in [-1, 1]."""

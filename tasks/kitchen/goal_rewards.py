@@ -136,7 +136,7 @@ def _broadcast(info: Infos, shape: tuple[int, ...]) -> NDArray[np.object_]:
         return infos
     given = np.asarray(info, object)
     if any(not isinstance(one, Mapping) for one in given.ravel()):
-        raise TypeError(f"info must be one dict, or a list of dicts for a batch, got {info!r}")
+        raise TypeError(f"info must be one dict, or a list of dicts for a batch, got {checks.shown(info)}")
     if given.shape != shape:
         raise ValueError(f"info must be one dict, or a list of one for each of the goals {shape}, got {given.shape}")
     return given
@@ -166,7 +166,7 @@ def _numbers(value: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """Returns `value` as a float64 array `(..., size)`."""
     array = checks.array_of(value, name)
     if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name} must hold numbers, got {value!r}")
+        raise TypeError(f"{name} must hold numbers, got {checks.shown(value)}")
     if array.ndim == 0 or array.shape[-1] != size:
         raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")
     return array.astype(np.float64, copy=False)

@@ -40,12 +40,14 @@ class TaskDraw:
         name = "tasks_per_episode"
         bounds = value if isinstance(value, list | tuple) else (value, value)
         if len(bounds) != 2:
-            raise ValueError(f"{name} must be a number, or a pair of the least and greatest number, got {value!r}")
+            raise ValueError(
+                f"{name} must be a number, or a pair of the least and greatest number, got {checks.shown(value)}"
+            )
         least, most = (checks.integer(bound, name, minimum=1) for bound in bounds)
         if least > most:
-            raise ValueError(f"{name} must be a pair of the least and greatest number, got {value!r}")
+            raise ValueError(f"{name} must be a pair of the least and greatest number, got {checks.shown(value)}")
         if most > count:
-            raise ValueError(f"{name} is {value!r}, but there are {count} tasks_to_complete")
+            raise ValueError(f"{name} is {checks.shown(value)}, but there are {count} tasks_to_complete")
         return cls(least=least, most=most)
 
     def draw(self, random_state: np.random.RandomState, weights: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -90,7 +92,9 @@ def checked_order(order: NDArray[np.int64], count: int, name: str) -> NDArray[np
     """Returns an order of `count` tasks, or raises a ValueError if it is none; `name` is for messages."""
     places = np.sort(order[order >= 0]) if order.shape == (count,) else np.zeros(0)
     if not places.size or not np.array_equal(places, np.arange(places.size)) or order.min() < -1:
-        raise ValueError(f"{name} must hold the place of each of {count} tasks, from 0, or -1, got {order}")
+        raise ValueError(
+            f"{name} must hold the place of each of {count} tasks, from 0, or -1, got {checks.shown(order)}"
+        )
     return order
 
 
@@ -103,9 +107,11 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
     """
     if isinstance(value, np.ndarray):
         if value.dtype != bool:
-            raise TypeError(f"{REQUESTED} must be a list of tasks, or a mask of bools, got {value!r}")
+            raise TypeError(f"{REQUESTED} must be a list of tasks, or a mask of bools, got {checks.shown(value)}")
         if value.shape != (len(tasks),) or not value.any():
-            raise ValueError(f"{REQUESTED} must be a mask ({len(tasks)},) of at least one task, got {value!r}")
+            raise ValueError(
+                f"{REQUESTED} must be a mask ({len(tasks)},) of at least one task, got {checks.shown(value)}"
+            )
         return order_of(np.flatnonzero(value), len(tasks))
     names = [checks.choice(name, tasks, REQUESTED) for name in checks.unique_names(value, REQUESTED)]
     return order_of([tasks.index(name) for name in names], len(tasks))
@@ -119,7 +125,7 @@ def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
         return np.array([checks.number(by_task.get(task, 1.0), f"{name} of {task!r}") for task in tasks])
     weights = checks.vector(value, len(tasks), name).copy()  # type: ignore[arg-type]
     if (weights < 0.0).any():
-        raise ValueError(f"{name} must be non-negative, got {weights}")
+        raise ValueError(f"{name} must be non-negative, got {checks.shown(value)}")
     return weights
 
 
@@ -156,7 +162,9 @@ class TaskRequests(ResetRequests):
             raise ValueError("every task is asked in every episode: build the environment with tasks_per_episode")
         weights = checked_weights(value, self._goals.tasks)
         if np.count_nonzero(weights) < self._draw.most:
-            raise ValueError(f"task_weights must be positive for at least {self._draw.most} tasks, got {weights}")
+            raise ValueError(
+                f"task_weights must be positive for at least {self._draw.most} tasks, got {checks.shown(value)}"
+            )
         self._weights = weights
 
     def checked(self, options: Mapping[str, Any]) -> NDArray[np.int64] | None:

@@ -155,7 +155,7 @@ class OpenCabinetObservables:
 def _noise_scale(widths: Mapping[str, float] | None) -> NDArray[np.float64]:
     """Returns the half width of the noise on each of the 25 elements."""
     if not isinstance(widths, Mapping | None):
-        raise TypeError(f"observation_noise must map parts of the observation to widths, got {widths!r}")
+        raise TypeError(f"observation_noise must map parts of the observation to widths, got {checks.shown(widths)}")
     scale = np.zeros(SIZE)
     for name, width in (widths or {}).items():
         part = checks.choice(name, PARTS.keys(), "part of the observation")

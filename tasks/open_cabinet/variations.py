@@ -118,7 +118,9 @@ class Randomization:
         if isinstance(value, str):
             return PRESETS[checks.choice(value, PRESETS.keys(), "randomization")]
         if not isinstance(value, Mapping | None):
-            raise TypeError(f"randomization must be a Randomization, a dict or the name of a preset, got {value!r}")
+            raise TypeError(
+                f"randomization must be a Randomization, a dict or the name of a preset, got {checks.shown(value)}"
+            )
         wanted = value or {}
         for name in wanted:
             checks.choice(name, _PARAMETERS.keys(), "randomization's parameter")

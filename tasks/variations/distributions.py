@@ -178,14 +178,14 @@ def _distribution(
 ) -> variation.Variation:
     """Returns the distribution with values of a given shape that JSON describes."""
     if len(value) != 1:
-        raise ValueError(f"{name} must be one distribution, such as {{'uniform': [0, 1]}}, got {value!r}")
+        raise ValueError(f"{name} must be one distribution, such as {{'uniform': [0, 1]}}, got {checks.shown(value)}")
     ((kind, arguments),) = value.items()
     checks.choice(kind, (*DISTRIBUTIONS, "choice"), f"{name}: distribution")
     what = f"{kind} of {name}"
     if not isinstance(arguments, list | tuple) or not arguments:
-        raise ValueError(f"{what} must have a list of numbers, got {arguments!r}")
+        raise ValueError(f"{what} must have a list of numbers, got {checks.shown(arguments)}")
     arrays = [_argument(argument, shape, what) for argument in arguments]
-    shown = [array.tolist() for array in arrays]
+    shown = checks.shown([array.tolist() for array in arrays])
     is_bounded = kind == "choice" or DISTRIBUTIONS[kind].ordered
     if is_bounded and parameter_type.non_negative and any((array < 0).any() for array in arrays):
         raise ValueError(f"{what} must be non-negative, got {shown}")
@@ -193,7 +193,7 @@ def _distribution(
 
 
 def _of_arguments(
-    distribution: _Distribution, arrays: list[NDArray[np.float64]], shown: list[Any], what: str
+    distribution: _Distribution, arrays: list[NDArray[np.float64]], shown: str, what: str
 ) -> variation.Variation:
     """Returns a distribution with given arguments, and draws from it once, so that numpy checks them."""
     if len(arrays) != len(distribution.arguments):
@@ -217,7 +217,7 @@ def _argument(value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float
     array = checks.array_of(value, what)
     if array.shape not in ((), shape):
         wanted = f"numbers or lists of {shape[0]}" if shape else "numbers"
-        raise ValueError(f"{what} must have {wanted}, got {value!r}")
+        raise ValueError(f"{what} must have {wanted}, got {checks.shown(value)}")
     return np.broadcast_to(checks.vector(array.ravel(), array.size, what).reshape(array.shape), shape)
 
 

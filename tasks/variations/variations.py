@@ -23,6 +23,8 @@ START_DISTANCE = 1.2
 # Number of refusals in a reset after which the layout is the default one.
 MAX_REFUSALS = 20
 
+_MAX_PARTS = 8  # Parts of a parameter's name, of which `kettle/mass` has two.
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VariationRequest:
@@ -91,7 +93,9 @@ class Variations:
         """
         self.split = checks.choice(split, SPLITS, "variation_split")
         if not isinstance(variations, str | Sequence | Mapping | None):
-            raise TypeError(f"variations must be names of groups, or distributions by parameter, got {variations!r}")
+            raise TypeError(
+                f"variations must be names of groups, or distributions by parameter, got {checks.shown(variations)}"
+            )
         self._scene, self._home, self._correct = scene, home, correct
         self._request, self._refusals, self._checked_model = VariationRequest(), 0, None
         self._first = tuple(first)
@@ -285,7 +289,9 @@ def _group_names(value: str | Sequence[str], what: str) -> tuple[object, ...]:
 def flat_values(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the leaves of nested dicts by their path, the parts of which are joined by `/`."""
     if not isinstance(values, Mapping):
-        raise TypeError(f"variation_values must be a dict, got {values!r}")
+        raise TypeError(f"variation_values must be a dict, got {checks.shown(values)}")
+    if prefix.count("/") > _MAX_PARTS:
+        raise ValueError(f"variation_values are nested too deeply at {checks.shown(prefix)}")
     flat: dict[str, Any] = {}
     for name, value in values.items():
         flat |= flat_values(value, f"{prefix}{name}/") if isinstance(value, Mapping) else {f"{prefix}{name}": value}

@@ -1,17 +1,21 @@
 """Odd arguments, actions, options and states: a clear error or valid behaviour, and the environment works on."""
 
 import copy
+import inspect
 
 import gymnasium
 import numpy as np
 import pytest
-from helpers.errors import refused
+from helpers.errors import ODD_VALUES, assert_is_short, refused
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from kitchen_suite import suite
 from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.base import STATE, VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.kitchen.requests import REQUESTED
 
 junk = st.one_of(
     st.none(),
@@ -24,6 +28,7 @@ junk = st.one_of(
     st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
     st.complex_numbers(),
     st.just(object()),
+    st.sampled_from([*ODD_VALUES]).map(lambda name: ODD_VALUES[name]),
 )
 numbers = hnp.arrays(
     st.sampled_from([np.float64, np.float32, np.int64, np.uint8, np.bool_, np.complex128]),
@@ -52,7 +57,9 @@ def attempt(function, *args, **kwargs):
         function(*args, **kwargs)
     except (ValueError, TypeError) as error:
         complaint = str(error)
-    assert complaint is None or len(complaint) > 10
+    if complaint is not None:
+        assert len(complaint) > 10
+        assert_is_short(complaint)
     return complaint is None
 
 
@@ -122,6 +129,14 @@ def test_misspelt_reset_options_are_refused_and_change_nothing(env, options, err
     with refused(error, *shown):
         env.reset(seed=5, options=options)
     np.testing.assert_equal(env.get_state(), before)
+
+
+@pytest.mark.parametrize("name", [STATE, VARIATION, VARIATION_VALUES, REQUESTED])
+def test_options_of_any_size_and_depth_are_refused_in_one_short_line(name):
+    env = FrankaKitchenEnv(["kettle", "microwave"], variations=["start", "dynamics"], tasks_per_episode=1)
+    for value in ODD_VALUES.values():
+        assert not attempt(env.reset, options={name: value})
+    assert env.reset(seed=0, options={name: None})
 
 
 def mutations(state):
@@ -211,6 +226,35 @@ def check_arguments(arguments):
 some_arguments = given(arguments=arguments)
 test_arguments = cases(25)(some_arguments(check_arguments))
 test_many_arguments = pytest.mark.slow(cases(200)(some_arguments(check_arguments)))
+
+
+def check_load(argument, value):
+    domain_name, name = argument
+    attempt(suite.load, domain_name, suite.default_task(domain_name), {"visuals": False, name: value})
+
+
+arguments_of_tasks = [
+    (domain.name, name)
+    for domain in suite.DOMAINS.values()
+    for function in domain.argument_functions
+    for name in inspect.signature(function).parameters
+]
+some_load = given(argument=st.sampled_from(arguments_of_tasks), value=st.one_of(junk, st.sampled_from([1e155, 1e308])))
+test_load = cases(15)(some_load(check_load))
+test_many_loads = pytest.mark.thorough(cases(200)(some_load(check_load)))
+
+
+def test_arguments_of_any_depth_are_refused_in_one_short_line():
+    for name in ("variations", "tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "max_task_steps", "width"):
+        with refused(ValueError, name) as raised:
+            gymnasium.make(KITCHEN_ID, **{name: ODD_VALUES["nested"]})
+        assert_is_short(str(raised.value))
+
+
+@pytest.mark.parametrize("name", ["width", "height", "max_geom"])
+def test_pictures_too_large_for_any_gl_library_are_refused_with_the_greatest_size(name):
+    with refused(ValueError, name, "at most", "1000000000"):
+        gymnasium.make(KITCHEN_ID, render_mode="rgb_array", **{name: 10**9})
 
 
 def test_unknown_arguments_reach_make_as_a_clear_error():

@@ -69,7 +69,7 @@ def test_requests_are_answered_or_refused_by_their_host(port, capfd):
 
 def status(port, host, upgrade="", **headers):
     """The status of an answer."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     if upgrade:
         headers |= {"Connection": "Upgrade", "Upgrade": upgrade, "Sec-WebSocket-Version": "13"}
         headers |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="}

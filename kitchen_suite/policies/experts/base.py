@@ -37,7 +37,7 @@ class MotionStyle:
 
     def __post_init__(self) -> None:
         if checks.number(self.speed, "speed", positive=True) > 1.0:
-            raise ValueError(f"speed must be at most 1, got {self.speed!r}")
+            raise ValueError(f"speed must be at most 1, got {checks.shown(self.speed)}")
         checks.number(self.action_noise, "action_noise")
         checks.number(self.jitter, "jitter")
 
@@ -62,7 +62,7 @@ class Expert(abc.ABC):
     def __init__(self, style: MotionStyle | None, encoder: ActionEncoder) -> None:
         """Prepares for episodes; the encoder has the arm's kinematics and speed limits."""
         if not isinstance(style, MotionStyle | None):
-            raise TypeError(f"style must be a MotionStyle, got {style!r}")
+            raise TypeError(f"style must be a MotionStyle, got {checks.shown(style)}")
         self._style, self._encoder = style or MotionStyle(), encoder
         self._kinematics, self._limits = encoder.arm.kinematics, encoder.limits
         self.reset(np.random.default_rng(0))

@@ -337,12 +337,29 @@ def test_spaces_are_the_specs(domain, mode):
         ("kitchen", {"control_mode": "ee_delta_pose", "linear_speed": 0.0}, ValueError, ["linear_speed"]),
         ("kitchen", {"control_mode": "ee_delta_pose", "angular_speed": "fast"}, TypeError, ["angular_speed"]),
         ("kitchen", {"control_mode": "joint_delta", "joint_speed": np.nan}, ValueError, ["joint_speed"]),
+        (
+            "kitchen",
+            {"control_mode": "ee_delta_pose", "linear_speed": 1e155},
+            ValueError,
+            ["linear_speed", "10", "1e+155"],
+        ),
+        ("kitchen", {"control_mode": "ee_delta_pose", "angular_speed": 1e308}, ValueError, ["angular_speed", "10"]),
+        ("kitchen", {"control_mode": "joint_delta", "joint_speed": 11}, ValueError, ["joint_speed", "10", "11"]),
         ("microwave_table", {"control_mode": "ee_pose", "speed": 1.0}, TypeError, ["'speed'"]),
     ],
 )
 def test_bad_arguments(domain, arguments, error, shown):
     with refused(error, *shown):
         suite.load(domain, suite.DOMAINS[domain].default_task, {"visuals": False, **arguments})
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_greatest_speeds_neither_warn_nor_diverge():
+    mode = {"control_mode": "ee_delta_pose", "linear_speed": 10, "angular_speed": 10}
+    environment = suite.load("microwave_table", "open", {"visuals": False, **mode})
+    environment.reset()
+    for action in (np.ones(7), -np.ones(7)):
+        assert np.isfinite(environment.step(action).observation["joint_positions"]).all()
 
 
 @pytest.mark.parametrize("mode", ["joint_delta", "ee_delta_position", "ee_pose"])
