@@ -46,7 +46,9 @@ def run_command(tree: Path, name: str, *arguments: str) -> str:
     setup = configparser.RawConfigParser()
     setup.read(tree / "setup.cfg", encoding="utf-8")
     scripts = dict(line.split(" = ") for line in setup["options.entry_points"]["console_scripts"].strip().splitlines())
-    main, argv = pkgutil.resolve_name(scripts[name]), sys.argv
+    # Installed beside the package, but in its folder.
+    entry_point = scripts[name].replace("kitchen_suite_console", "kitchen_suite.console")
+    main, argv = pkgutil.resolve_name(entry_point), sys.argv
     try:
         sys.argv = [name, *arguments]
         with contextlib.redirect_stdout(io.TextIOWrapper(io.BytesIO(), encoding="utf-8")) as output:
