@@ -96,8 +96,9 @@ def _hint(value: object, choices: Collection[str]) -> str:
 def nearest(value: str, choices: Collection[str]) -> str | None:
     """Returns the choice that a value means: its synonym, one that ends with it, or one spelt like it; None if none."""
     value = value[:_MAX_SHOWN]
-    near = [_SYNONYMS[value]] if _SYNONYMS.get(value) in choices else []
-    near += [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
+    if synonym := _SYNONYMS.get(value):
+        return synonym if synonym in choices else None
+    near = [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
     for spelling in (value.replace("_", " "), value):
         near += difflib.get_close_matches(spelling, choices, n=1)
     return near[0] if near else None
