@@ -96,11 +96,16 @@ def _hint(value: object, choices: Collection[str]) -> str:
 def nearest(value: str, choices: Collection[str]) -> str | None:
     """Returns the choice that a value means: its synonym, one that ends with it, or one spelt like it; None if none."""
     value = value[:_MAX_SHOWN]
-    near = [_SYNONYMS[value]] if _SYNONYMS.get(value) in choices else []
-    near += [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
-    for spelling in (value.replace("_", " "), value):
-        near += difflib.get_close_matches(spelling, choices, n=1)
-    return near[0] if near else None
+    if synonym := _SYNONYMS.get(value):
+        return synonym if synonym in choices else None
+    near = [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
+    return next(iter((*near, *_spelt_like(value, choices))), None)
+
+
+def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
+    """Returns the choices that are spelt most like a value."""
+    spellings = (value.replace("_", " "), value)
+    return [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
 
 
 def keywords(names: Iterable[object], *functions: Callable[..., Any], what: str, exclude: Collection[str] = ()) -> None:
@@ -171,7 +176,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
     if value is not None and not isinstance(value, Mapping):
         raise TypeError(f"options must be a dict, got {shown(value)}")
     for name in (value or {}).keys() - {*names}:
-        if not isinstance(name, str) or nearest(name, {*names, *elsewhere}):
+        if not isinstance(name, str) or _spelt_like(name[:_MAX_SHOWN], {*names, *elsewhere}):
             choice(name, names, "option")
     return {name: option for name, option in (value or {}).items() if name in names}
 

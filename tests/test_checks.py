@@ -36,6 +36,7 @@ def test_a_small_value_is_shown_whole(value):
 
 HINTS = {
     "seed": ("random", ["sleep", "success", "random"]),
+    "horizon": (None, ["horizontal", "task"]),
     "wrist": ("franka/wrist", ["right", "franka/wrist"]),
     "burner": ("bottom burner", ["kettle", "bottom burner"]),
     "threshhold": ("threshold", ["reward", "threshold"]),

@@ -177,7 +177,7 @@ class Domain:
         """
         from kitchen_suite.environment import Environment
 
-        self.check_arguments(arguments, what="argument")
+        self.check_arguments(arguments, Domain.load, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")

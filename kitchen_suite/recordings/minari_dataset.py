@@ -273,9 +273,7 @@ def check_id(dataset_id: str) -> None:
     try:
         parse(dataset_id)
     except (TypeError, ValueError) as error:  # A missing version is a TypeError.
-        raise ValueError(
-            f"{checks.shown(dataset_id)} is no name of a dataset, such as kitchen-suite/kettle-v0"
-        ) from error
+        raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset, such as me/kettle-v0") from error
 
 
 def _check_episode_size(data_path: Path, index: int) -> None:

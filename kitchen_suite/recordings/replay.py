@@ -312,9 +312,7 @@ def _listed(indices: Sequence[int], wanted: str) -> list[int]:
     chosen: list[int] = []
     for part in wanted.split(","):
         if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
-            raise ValueError(
-                f"episodes must be 'all', or numbers and ranges such as 0,5,7-9, got {checks.shown(wanted)}"
-            )
+            raise ValueError(f"episodes must be 'all', or such as 0,5,7-9, got {checks.shown(wanted)}")
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
             raise ValueError(f"the range {part} of episodes is empty")

@@ -37,17 +37,15 @@ class TaskDraw:
     @classmethod
     def make(cls, value: object, count: int) -> Self:
         """Makes the draw of some of `count` tasks; `value` is a number, or a pair of the least and greatest number."""
-        name = "tasks_per_episode"
+        name, given = "tasks_per_episode", checks.shown(value)
         bounds = value if isinstance(value, list | tuple) else (value, value)
         if len(bounds) != 2:
-            raise ValueError(
-                f"{name} must be a number, or a pair of the least and greatest number, got {checks.shown(value)}"
-            )
+            raise ValueError(f"{name} must be a number, or a pair of the least and greatest number, got {given}")
         least, most = (checks.integer(bound, name, minimum=1) for bound in bounds)
         if least > most:
-            raise ValueError(f"{name} must be a pair of the least and greatest number, got {checks.shown(value)}")
+            raise ValueError(f"{name} must be a pair of the least and greatest number, got {given}")
         if most > count:
-            raise ValueError(f"{name} is {checks.shown(value)}, but there are {count} tasks_to_complete")
+            raise ValueError(f"{name} is {given}, but there are {count} tasks_to_complete")
         return cls(least=least, most=most)
 
     def draw(self, random_state: np.random.RandomState, weights: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -110,7 +108,7 @@ def requested_order(value: object, tasks: Sequence[str]) -> NDArray[np.int64]:
             raise TypeError(f"{REQUESTED} must be a list of tasks, or a mask of bools, got {checks.shown(value)}")
         if value.shape != (len(tasks),) or not value.any():
             raise ValueError(
-                f"{REQUESTED} must be a mask ({len(tasks)},) of at least one task, got {checks.shown(value)}"
+                f"{REQUESTED} needs a mask ({len(tasks)},) of at least one task, got {checks.shown(value)}"
             )
         return order_of(np.flatnonzero(value), len(tasks))
     names = [checks.choice(name, tasks, REQUESTED) for name in checks.unique_names(value, REQUESTED)]

@@ -330,7 +330,7 @@ ODD = {
 }
 
 
-@settings(max_examples=40, **ODD)
+@settings(max_examples=25, **ODD)
 @given(line=command_lines())
 def test_odd_arguments_end_in_one_line(folder, line):
     check(folder, line, runs=False)
