@@ -10,7 +10,8 @@ CEILINGS = {
     "members of KitchenTask": 60,
     "classes of KitchenTask": 4,
     "files of source": 170,
-    "lines of source": 27_500,
+    # The expert of microwave_table took it beyond 27,500.
+    "lines of source": 27_700,
 }
 
 

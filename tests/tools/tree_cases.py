@@ -328,7 +328,7 @@ def dm_env_cases() -> Named:
             yield f"load {domain} {task}, {name}", case(domain, task, steps=30, **settings)
         for name, control in modes(domain):
             yield f"load {domain} {task}, {name}", case(domain, task, steps=15, **control)
-            if has_experts() and domain != "microwave_table":
+            if has_experts() and suite.DOMAINS[domain].expert:
                 expert = case(domain, task, "expert", steps=60, episodes=1, **control)
                 yield f"load {domain} {task}, {name}, expert", expert
         for group, split in itertools.product(GROUPS, SPLITS):
