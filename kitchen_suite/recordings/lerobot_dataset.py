@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.recordings.lerobot_columns import LeRobotObservations, dataset_features, digest, frames_per_second
@@ -216,7 +216,7 @@ def import_lerobot() -> Any:
         return importlib.import_module("lerobot.datasets.lerobot_dataset")
     except ImportError as error:
         raise ImportError(
-            f"the dataset needs LeRobot, which needs Python 3.12 ({error}): pip install 'kitchen-suite[lerobot]'"
+            f"the dataset needs LeRobot, which needs Python 3.12 ({error}): {checks.install_command('lerobot')}"
         ) from error
 
 

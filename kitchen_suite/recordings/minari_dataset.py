@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import files, gymnasium_env
+from kitchen_suite import checks, files, gymnasium_env
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.formats import DatasetPlan, Source
 from kitchen_suite.rollouts.episode import EpisodeArrays, flatten, unflatten
@@ -251,7 +251,7 @@ def import_minari() -> Any:
         importlib.import_module("h5py")
         return importlib.import_module("minari")
     except ImportError as error:
-        raise ImportError(f"a dataset needs Minari ({error}): pip install 'kitchen-suite[record]'") from error
+        raise ImportError(f"a dataset needs Minari ({error}): {checks.install_command('record')}") from error
 
 
 def check_id(dataset_id: str) -> None:

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
+from kitchen_suite import checks
 from kitchen_suite.workers.worker import ClusterError, RunnerFactory
 
 # Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
@@ -47,7 +48,7 @@ class RaySettings:
           ValueError: the address is malformed.
         """
         if importlib.util.find_spec("ray") is None:
-            raise ImportError("workers need Ray: pip install 'kitchen-suite[ray]'")
+            raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
         if address not in (None, "auto"):
             _check_reachable(address)
         return cls(workers=workers, address=address)
