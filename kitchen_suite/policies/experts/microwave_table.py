@@ -8,6 +8,7 @@ import numpy as np
 from dm_control import mjcf
 
 from kitchen_suite.entities import MicrowaveTableArena, build_microwave_table_scene
+from kitchen_suite.entities.assets import Vector
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
 from kitchen_suite.policies.experts.kitchen_skills import UP, grasp
@@ -27,7 +28,7 @@ _DISTANCES = (0.11, 0.07, 0.0)
 # the right, so high that the palm passes above it. Places of the site before and while it presses, relative to the
 # handle: to the right, ahead, and up [m].
 _BESIDE, _PRESSED = 0.05, 0.01
-_AHEAD, _ABOVE = 0.015, 0.09
+_AHEAD, _ABOVE = 0.015, 0.11
 # Displacement of the hand after it has lost the handle [m].
 _RETREAT = (-0.10, -0.05, 0.0)
 
@@ -92,7 +93,7 @@ class MicrowaveExpert(Expert):
 
     def _plan_grasp(self, handle: Array) -> JointTrajectory:
         """Plans the way of the hand to the handle at a position `(3,)` [m], and the closing of its fingers."""
-        place = self._place(handle, -_BESIDE)
+        place = _vector(self._place(handle, -_BESIDE))
         moves = grasp(place, self._orientation, _DISTANCES, settle_steps=_CLOSING_STEPS, speed=_APPROACH_SPEED)
         self._skill = Skill(
             moves=moves,
@@ -108,10 +109,10 @@ class MicrowaveExpert(Expert):
         hinges = self._observed_hinges(door, handle) if is_known else handle - _turn(door) @ _closed_handle()
         place = self._place(handle, -_PRESSED)
         # The hand keeps its place at the handle without turning, so it moves about an axis of its own.
-        axis = Revolute(elements=(0,), anchor=tuple((place + hinges - handle).tolist()), axis=UP)
+        axis = Revolute(elements=(0,), anchor=_vector(place + hinges - handle), axis=UP)
         orientation = HandOrientation.from_rotation(self._kinematics.forward(joints).rotation())
         arc = ArcMove(angle=OPEN_ANGLE - door if is_known else -_FIRST_ANGLE, speed=_DOOR_SPEED)
-        moves = Move(position=place, orientation=orientation), arc
+        moves = Move(position=_vector(place), orientation=orientation), arc
         swing = Skill(moves=moves, ik_seed=tuple(joints.tolist()), object_joint=axis)
         planned = plan(self._kinematics, self._limits, swing, object_position=np.zeros(1))
         return JointTrajectory.stationary(joints, CLOSED).then(planned, self._limits)
@@ -128,6 +129,11 @@ class MicrowaveExpert(Expert):
         angle, start = self._start
         turn = _turn(door - angle)[:2, :2]
         return np.append(np.linalg.solve(np.eye(2) - turn, handle[:2] - turn @ start[:2]), handle[2])
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z
 
 
 def _turn(angle: float) -> Array:
