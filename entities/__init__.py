@@ -4,6 +4,7 @@ import kitchen_suite.rendering.choice  # noqa: F401
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, PANDA
+from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.props import (
     Counter,
     HingeCabinet,
@@ -12,6 +13,7 @@ from kitchen_suite.entities.props import (
     KitchenProp,
     Microwave,
     Oven,
+    Prop,
     SlideCabinet,
     Walls,
 )
@@ -44,6 +46,9 @@ __all__ = [
     "OpenCabinetArena",
     "OpenCabinetScene",
     "Oven",
+    "Parameter",
+    "ParameterType",
+    "Prop",
     "Scene",
     "SiteArena",
     "SlideCabinet",

@@ -24,6 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
 
+# The suite as pip finds it: the checkout that pip runs in, until a release is on a package index.
+_REQUIREMENT = "."
+
 # Names in other libraries of what the suite calls otherwise.
 _SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
 
@@ -68,7 +71,12 @@ def choice(value: object, choices: Collection[str], name: str) -> str:
 def installed(packages: Iterable[str], what: str, extra: str) -> None:
     """Raises an ImportError with the pip command of an extra if `what` needs packages that are not installed."""
     if missing := [name for name in packages if not importlib.util.find_spec(name)]:
-        raise ImportError(f"{what} needs {' and '.join(missing)}: pip install 'kitchen-suite[{extra}]'")
+        raise ImportError(f"{what} needs {' and '.join(missing)}: {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """Returns the pip command that installs an extra."""
+    return f"pip install '{_REQUIREMENT}[{extra}]'"
 
 
 def imported(name: str, what: str) -> Any:

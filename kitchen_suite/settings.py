@@ -43,7 +43,7 @@ class Flag:
       minimum: least value of a number.
       maximum: greatest value of a number.
       choices: values of a string; any when empty.
-      unset: what applies without the flag, where it has no default.
+      unset: what applies without the flag, where it has no default; or a function that returns it for the help.
       check: raises a ValueError for a value that is refused.
     """
 
@@ -51,7 +51,7 @@ class Flag:
     minimum: float = -math.inf
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
-    unset: str = ""
+    unset: str | Callable[[], str] = ""
     check: Callable[[Any], None] = lambda value: None
 
 
@@ -392,6 +392,15 @@ _IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_succe
 _PPO_SCHEDULE = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
+def _by_domain(name: str) -> str:
+    """Returns the values of a `Schedule`'s field by domain and algorithm, for the help."""
+    recipes = {domain.name: domain.resolve("training") for domain in suite.DOMAINS.values()}
+    own = {domain: recipe.settings[name] for domain, recipe in recipes.items() if recipe and name in recipe.settings}
+    values = {**{f" in {domain}": value for domain, value in own.items()}, " elsewhere": _PPO_SCHEDULE[name]}
+    of_ppo = ", ".join(f"{value:,}{place}" for place, value in values.items())
+    return f"{of_ppo}; {_IMITATION_SCHEDULE[name]:,} by imitation"
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainSettings(TaskSettings):
     """Settings of `kitchen-train`.
@@ -401,7 +410,6 @@ class TrainSettings(TaskSettings):
     """
 
     output: Path = output_flag()
-    domain_name: str = domain_flag("open_cabinet")
     algorithm: str = flag("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations.", PPO)
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
@@ -421,28 +429,28 @@ class TrainSettings(TaskSettings):
         None,
         minimum=0,
         maximum=_MAX_STEPS,
-        unset="the domain's",
+        unset=functools.partial(_by_domain, "num_steps"),
     )
     eval_interval: int | None = flag(
         "Control steps between evaluations, each followed by a checkpoint.",
         None,
         minimum=1,
         maximum=_MAX_STEPS,
-        unset="the domain's",
+        unset=functools.partial(_by_domain, "eval_interval"),
     )
     eval_episodes: int = flag("Episodes of an evaluation, on seeds held out.", 100, minimum=1, maximum=checks.MAX_ENVS)
     target_success: float | None = flag(
         "Success rate of two evaluations in a row that ends training; above 1: never.",
         None,
         minimum=0,
-        unset="the domain's",
+        unset=functools.partial(_by_domain, "target_success"),
     )
     patience: int | None = flag(
         "Control steps without --min_progress after which a seed is given up; 0: never.",
         None,
         minimum=0,
         maximum=_MAX_STEPS,
-        unset="the domain's",
+        unset=functools.partial(_by_domain, "patience"),
     )
     min_progress: float = flag("Mean opening [m], or tasks completed, that counts as progress.", 0.05, minimum=0)
     seed: int = seed_flag(0)

@@ -2,19 +2,29 @@
 
 import kitchen_suite.rendering.choice  # noqa: F401
 from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
+from kitchen_suite.tasks.mdp import MDP, FeatureSensors
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 from kitchen_suite.tasks.open_cabinet.variations import Randomization
 from kitchen_suite.tasks.task import SuiteTask
+from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
 
 __all__ = [
     "DEFAULT_TASKS",
     "GOALS",
+    "MDP",
+    "FeatureSensors",
+    "Goal",
     "KitchenTask",
     "MicrowaveTableTask",
     "OpenCabinetTask",
+    "ParameterVariation",
     "Randomization",
     "SuiteTask",
+    "around",
+    "between",
+    "one_of",
 ]

@@ -1,6 +1,6 @@
 """Trains a policy by behaviour cloning of the scripted expert, and evaluates it on other seeds.
 
-Needs pip install 'kitchen-suite[experts,train]'. From a shell: kitchen-record, kitchen-train, kitchen-evaluate.
+Needs pip install '.[experts,train]'. From a shell: kitchen-record, kitchen-train, kitchen-evaluate.
 
 python imitate.py
 python imitate.py --task=kettle --episodes=100 --num_steps=3000 --width=384 --output=runs

@@ -1,6 +1,6 @@
 """Learns a task of one's own from pictures: scripted episodes, a small network, an evaluation on other seeds.
 
-Needs a GL library, and pip install 'kitchen-suite[experts,pixels,train]'. It writes the recording `pictures` and the
+Needs a GL library, and pip install '.[experts,pixels,train]'. It writes the recording `pictures` and the
 weights `imitate_pictures.pt` to the working directory; a recording that is there is used again.
 
 python imitate_pictures.py

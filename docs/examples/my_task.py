@@ -16,7 +16,6 @@ def speed(before, action, after):
 class GentleTask(MicrowaveTableTask):
     """Open the door gently; it starts at an angle U(-0.2, 0) rad."""
 
-    domain_name = "gentle_microwave"
     instructions = ("open the microwave door gently",)
     extra_rewards = {"speed": speed}
 

@@ -1,6 +1,6 @@
 """Records demonstrations of the scripted expert as a data set, reads it with Minari, and replays it.
 
-Needs pip install 'kitchen-suite[experts,record]'. From a shell: kitchen-record, kitchen-replay.
+Needs pip install '.[experts,record]'. From a shell: kitchen-record, kitchen-replay.
 
 python record_and_replay.py
 python record_and_replay.py --task=complete --episodes=20 --control_mode=ee_delta_pose --output=demonstrations

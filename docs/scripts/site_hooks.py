@@ -119,6 +119,17 @@ def with_paragraphs(docstring: str) -> str:
     return _PARAGRAPH.sub(paragraph, before) + mark + sections
 
 
+class ComposerConstructors(griffe.Extension):
+    """Documents `_build`, which composer's entities have in place of `__init__`, as the constructor."""
+
+    def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
+        """Adds the constructor of a class that has been loaded."""
+        if isinstance(build := cls.members.get("_build"), griffe.Function) and "__init__" not in cls.members:
+            init = griffe.Function("__init__", parameters=build.parameters, docstring=build.docstring)
+            init.lineno, init.endlineno = build.lineno, build.endlineno
+            cls.set_member("__init__", init)
+
+
 class DocstringParagraphs(griffe.Extension):
     """Applies `with_paragraphs` to the docstrings of all objects."""
 

@@ -368,7 +368,7 @@ def cabinet_grasp_reward_table() -> str:
 
 
 # Classes that are not built by calling them without arguments.
-_NOT_ALONE = (Franka, entities.KitchenProp, entities.SiteArena)
+_NOT_ALONE = (Franka, entities.KitchenProp, entities.Prop, entities.SiteArena)
 
 
 def builders() -> dict[str, Callable[[], composer.Entity]]:
@@ -533,6 +533,8 @@ def format_value(value: object) -> str:
     """Returns the text of a number or a tuple of numbers; a tuple of equal numbers as their count and value."""
     if not isinstance(value, tuple):
         return f"{value:g}"
+    if not value:
+        return "by control mode"
     if len(set(value)) == 1 and len(value) > 2:
         return f"{len(value)} times {value[0]:g}"
     return ", ".join(f"{part:g}" for part in value)

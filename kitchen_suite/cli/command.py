@@ -176,7 +176,8 @@ class Setting(NamedTuple):
         if self.is_required:
             return " Required."
         if self.default is None or self.default in ((), {}):
-            return f" Default: {self.flag.unset}." if self.flag.unset else ""
+            unset = self.flag.unset() if callable(self.flag.unset) else self.flag.unset
+            return f" Default: {unset}." if unset else ""
         return "" if self.default is False else f" Default: {self.default}."
 
 

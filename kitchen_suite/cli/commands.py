@@ -140,15 +140,12 @@ train = Command(
     name="kitchen-train",
     description="""Trains a policy by PPO on many environments at once. Needs no display, but the extra `train`.
 
-  kitchen-train --output=runs/drawer                           opens the top drawer
-  kitchen-train --output=runs/drawer --resume                  continues an interrupted run
-  kitchen-train --output=runs/hold --task_kwargs='{"gripper": "deterministic"}'
-  kitchen-train --output=runs/kettle --domain_name=kitchen --task_name=kettle --demonstrations=kettle
-                                                               clones a recording first
-  kitchen-train --output=runs/more --initial_policy=runs/drawer/policy.npz
-                                                               starts from a trained policy
-  kitchen-train --output=runs/small --hyperparameters='{"num_envs": 512, "hidden": [128, 64]}'
-  tensorboard --logdir=runs                                    shows the curves, also during training
+  kitchen-train --output=runs/light --task_name=light_switch                   a task of the kitchen
+  kitchen-train --output=runs/drawer --domain_name=open_cabinet                the top drawer
+  kitchen-train --output=runs/drawer --domain_name=open_cabinet --resume       continues that run
+  kitchen-train --output=runs/kettle --task_name=kettle --demonstrations=kettle clones a recording first
+  kitchen-train --output=runs/more --task_name=kettle --initial_policy=runs/kettle/policy.npz
+  tensorboard --logdir=runs                                                    shows the curves
 
 The folder gets a folder for each seed: curves for TensorBoard, the last checkpoints, and `policy.npz`, the best policy
 of all evaluations on held-out seeds; `kitchen-play --policy_file=...` plays it. A seed without progress is given up for

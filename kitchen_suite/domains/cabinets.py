@@ -29,4 +29,5 @@ MICROWAVE_TABLE = Domain(
     episode_steps=500,
     env="kitchen_suite.gymnasium_env.cabinets:FrankaMicrowaveTableEnv",
     vector_env="kitchen_suite.vector_env.cabinets:FrankaMicrowaveTableVectorEnv",
+    expert="kitchen_suite.policies.experts.microwave_table:MicrowaveExpert",
 )

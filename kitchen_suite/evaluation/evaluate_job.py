@@ -8,7 +8,7 @@ from typing import Any
 
 from dm_control.rl.control import PhysicsError
 
-from kitchen_suite import files
+from kitchen_suite import files, policies
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
@@ -34,12 +34,14 @@ _MEANS = {
 _ENTROPY = "order entropy [bit]"
 
 
-def format_heading(description: Mapping[str, Any]) -> str:
+def format_heading(plan: EvaluationPlan) -> str:
     """Returns the line above the scores: what is evaluated, and on which episodes."""
-    each = " of each condition" if len(description["conditions"]) > 1 else ""
+    first, varied = plan.first, {spec.variations for spec in plan.specs.values()}
+    each = " of each condition" if len(plan.specs) > 1 else ""
     return (
-        f"{description['domain_name']}, policy {description['policy']}, protocol {description['protocol']}: "
-        f"{_episodes(description['num_episodes'])}{each}, seeds from {description['seed']}"
+        f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, "
+        f"{first.variations if len(varied) == 1 else 'variations by condition'}: "
+        f"{_episodes(plan.num_episodes)}{each}, seeds from {first.seed}"
     )
 
 
@@ -163,7 +165,7 @@ class EvaluateJob:
     def run(self) -> bool:
         """Plays the missing episodes, condition by condition; prints the scores, and writes JSON and web page."""
         plan = self._plan
-        print_line(format_heading(plan.description))
+        print_line(format_heading(plan))
         scores: dict[str, dict[str, Any]] = {}
         found = self._folder.results
         with EpisodeBar(len(self._seeds), len(found), sum(result.success for result in found.values())) as bar:

@@ -18,7 +18,7 @@ import tabulate
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.recordings.formats import find_source
@@ -191,7 +191,7 @@ def _read_hdf5(path: Path) -> dict[str, NDArray]:
     try:
         h5py: Any = importlib.import_module("h5py")
     except ImportError as error:
-        raise ImportError("files of D4RL need h5py: pip install 'kitchen-suite[record]'") from error
+        raise ImportError(f"files of D4RL need h5py: {checks.install_command('record')}") from error
     with files.reading(path, "HDF5"), h5py.File(path, "r") as file:
         datasets = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
         # Those of a null dataspace have no shape.

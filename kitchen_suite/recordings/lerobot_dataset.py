@@ -216,7 +216,7 @@ def import_lerobot() -> Any:
         return importlib.import_module("lerobot.datasets.lerobot_dataset")
     except ImportError as error:
         raise ImportError(
-            f"the dataset needs LeRobot, which needs Python 3.12 ({error}): pip install 'kitchen-suite[lerobot]'"
+            f"the dataset needs LeRobot, which needs Python 3.12 ({error}): {checks.install_command('lerobot')}"
         ) from error
 
 

@@ -264,7 +264,7 @@ def import_minari() -> Any:
         importlib.import_module("h5py")
         return importlib.import_module("minari")
     except ImportError as error:
-        raise ImportError(f"a dataset needs Minari ({error}): pip install 'kitchen-suite[record]'") from error
+        raise ImportError(f"a dataset needs Minari ({error}): {checks.install_command('record')}") from error
 
 
 def check_id(dataset_id: str) -> None:

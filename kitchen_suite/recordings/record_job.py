@@ -73,7 +73,7 @@ class RecordJob:
         Raises a PhysicsDivergedError at the end if episodes are missing because their physics diverged.
         """
         spec = self._spec
-        print(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, seeds from {spec.seed}")
+        print(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, {spec.variations}, seeds from {spec.seed}")
         print(f"{len(self._wanted)} episodes in {self._settings.output}, {self._found} of them there already")
         sys.stdout.flush()
         try:

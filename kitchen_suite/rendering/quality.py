@@ -158,7 +158,7 @@ def _lighten(meshes: "list[mjcf.Element]") -> None:
     if missing := missing_packages():
         warnings.warn(
             "render_quality 'fast' is up to three times as fast with light meshes, which need "
-            f"{' and '.join(missing)}: pip install 'kitchen-suite[pixels]'",
+            f"{' and '.join(missing)}: {checks.install_command('pixels')}",
             stacklevel=3,
         )
         return

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 
 # Bytes that a disk cannot take where it was too full for ffmpeg, which does not report it.
 _PROBE = 2**20
@@ -18,7 +18,7 @@ _PROBE = 2**20
 def check_ffmpeg() -> None:
     """Raises an ImportError unless imageio-ffmpeg, and the ffmpeg binary that comes with it, can write videos."""
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise ImportError("a video needs imageio-ffmpeg: pip install 'kitchen-suite[video]'")
+        raise ImportError(f"a video needs imageio-ffmpeg: {checks.install_command('video')}")
     import imageio_ffmpeg
 
     try:

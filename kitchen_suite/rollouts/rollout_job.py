@@ -64,7 +64,7 @@ class RolloutJob:
     def run(self) -> bool:
         """Plays all episodes; prints a table row by row, and a summary, also of those finished before an error."""
         spec = self._spec
-        print_line(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}\n")
+        print_line(f"{spec.domain_name} {spec.task_name}, policy {spec.policy}, {spec.variations}\n")
         try:
             with contextlib.closing(self._rollout.environment):
                 if self._ray:

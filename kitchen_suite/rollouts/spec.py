@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import warnings
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -28,6 +29,9 @@ _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 # RandomState that `suite.load` makes of `random`. Recordings use the former, with float32 actions; rollouts the latter,
 # with float64 actions.
 SEEDINGS = ("gymnasium", "dm_control")
+
+# Attributes of specifications that the metadata of policies have.
+_TRAINED = ("domain_name", "task_name", "task_kwargs")
 
 # Distinguishes the policy's random stream from the environment's, which has the same seed.
 _POLICY_STREAM = 1
@@ -103,6 +107,27 @@ class EnvironmentSpec:
         """Class of the single environment."""
         env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
         return env_class
+
+    def argument(self, name: str) -> Any:
+        """Returns an argument of the environments, or the default that applies, as JSON represents it."""
+        default = {name: self.env_class.default_of(suite.find_domain(self.domain_name), name)}
+        arguments = {**default, **suite.task_arguments(self.domain_name, self.task_name), **self.task_kwargs}
+        return json.loads(json.dumps(arguments[name]))
+
+    @property
+    def names(self) -> set[tuple[str, str]]:
+        """What the task's definition names, such as its drawer or the tasks that it may ask for, by argument."""
+        defined = {name: self.argument(name) for name in suite.task_arguments(self.domain_name, self.task_name)}
+        texts = {name: [value] if isinstance(value, str) else value for name, value in defined.items()}
+        return {(name, str(each)) for name, value in texts.items() if isinstance(value, list) for each in value}
+
+    @property
+    def variations(self) -> str:
+        """What varies from episode to episode, in words for a heading."""
+        variations = self.argument("variations") or "none"
+        names = variations if isinstance(variations, str) else ",".join(variations)
+        split = self.argument("variation_split")
+        return f"variations {names}" + (f" ({split})" if variations != "none" else "")
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""
@@ -200,8 +225,17 @@ class EpisodeSpec(EnvironmentSpec):
         return policies.find(self.policy, digest=self.policy_sha256)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
-        """Builds the policy once, so that a PolicyError on bad options is raised before the first episode."""
+        """Builds the policy once, so that a PolicyError on bad options is raised before the first episode.
+
+        Warns of a policy from a file that was trained for a task that does not include this one.
+        """
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
+        if path := policies.policy_file(self.policy):
+            record = policies.load_policy(path).metadata
+            trained = dataclasses.replace(self, **{name: record[name] for name in _TRAINED})
+            if trained.domain_name in suite.DOMAINS and not self.names <= trained.names:
+                found, wanted = (f"{each.domain_name} {each.task_name}" for each in (trained, self))
+                warnings.warn(f"the policy {path} was trained for {found}, not for {wanted}", stacklevel=2)
 
     def prepared(self) -> "EpisodeSpec":
         """Returns the specification with what the policy needs to act, and the digest of the policy's file.

@@ -5,6 +5,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeVar, get_args, get_type_hints
 
+import numpy as np
+from dm_env import specs
+
 from kitchen_suite import checks, suite
 
 
@@ -75,9 +78,12 @@ KITCHEN_RECIPE = Recipe(
     settings={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
 )
 
+# Scale of joint offsets [rad] and the gripper logit.
+OFFSET_SCALE = (*(0.01,) * 7, 2.0)
+
 OPEN_CABINET_RECIPE = Recipe(
     # Averaged weights: from one update to the next, the success of the policy itself swings by several percent.
-    hyperparameters={"averaging": 0.95},
+    hyperparameters={"averaging": 0.95, "action_scale": OFFSET_SCALE},
     settings={"eval_interval": 250_000, "target_success": 0.98},
 )
 
@@ -132,7 +138,8 @@ class Hyperparameters:
       noise_correlation: correlation of the exploration noise of successive control steps, in [0, 1).
       standardisation_epsilon: added to the standard deviations that observations are divided by, in units of the
         observations; positive.
-      action_scale: action for network outputs of one.
+      action_scale: action for network outputs of one; without any, half the range of the action's elements, or 0.01 rad
+        and a gripper logit of 2 in `joint_offset`.
     """
 
     num_envs: int = 256
@@ -157,12 +164,20 @@ class Hyperparameters:
     exploration: float = 1.0
     noise_correlation: float = 0.9
     standardisation_epsilon: float = 0.01
-    action_scale: tuple[float, ...] = (*(0.01,) * 7, 2.0)
+    action_scale: tuple[float, ...] = ()
 
     @property
     def batch_size(self) -> int:
         """Control steps of an update, over all environments."""
         return self.num_envs * self.rollouts
+
+    def for_actions(self, spec: specs.Array) -> "Hyperparameters":
+        """Returns the hyperparameters with an action scale for a spec; unchanged if they have one."""
+        if self.action_scale:
+            return self
+        bounded = isinstance(spec, specs.BoundedArray)
+        half = np.broadcast_to((spec.maximum - spec.minimum) / 2.0, spec.shape) if bounded else np.array(OFFSET_SCALE)
+        return dataclasses.replace(self, action_scale=tuple(half.tolist()))
 
     @classmethod
     def defaults(cls, domain_name: str, *, cloning: bool = False) -> "Hyperparameters":

@@ -3,7 +3,7 @@
 import abc
 import collections
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -78,12 +78,14 @@ class Training(abc.ABC):
 
     Attributes:
       title: name of the algorithm.
+      steps: the steps that it counts.
       config: hyperparameters, a dataclass.
       training_kwargs: arguments of the environments that are trained in alone.
       max_episode_steps: of evaluations.
     """
 
     title: str
+    steps: ClassVar[str]
     config: Any
     training_kwargs: dict[str, Any]
     max_episode_steps: int

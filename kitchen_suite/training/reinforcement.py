@@ -311,6 +311,7 @@ class PPOTraining(Training):
     """
 
     title = "PPO"
+    steps = "control steps"
 
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Makes the environments; `spec` is that of the environments that are evaluated in."""
@@ -320,15 +321,17 @@ class PPOTraining(Training):
             raise ValueError("--num_demonstrations is for the algorithms bc, flow and vqbet; PPO clones all episodes")
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
-        self.config = Hyperparameters.for_domain(
+        config = Hyperparameters.for_domain(
             settings.domain_name, settings.hyperparameters, cloning=bool(settings.demonstrations)
         )
         training = self._make_training_spec()
         self.max_episode_steps = training.max_episode_steps
         options = spec.env_class.flat_options
         self.environments = training.make_vector_env(
-            self.config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
+            config.num_envs, settings.num_threads, AutoresetMode.SAME_STEP, **options
         )
+        task = self.environments.composer_task
+        self.config = config.for_actions(task.mdp.action_mode.spec(task.robot))
         self._initial_policy, self.demonstrations = self._load_initial_policy(), self._load_demonstrations()
 
     def make_learner(self, seed: int) -> PPOLearner:

@@ -80,6 +80,11 @@ class TrainJob:
         torch.set_num_threads(1)
         settings = self._settings
         print_line(f"{settings.domain_name} {self._spec.task_name}, {self.training.title}, in {settings.output}")
+        schedule = self._schedule
+        print_line(
+            f"at most {schedule.num_steps:,} {self.training.steps} for each seed, evaluated every "
+            f"{schedule.eval_interval:,} in {schedule.eval_episodes} episodes"
+        )
         print_line(f"curves: tensorboard --logdir={settings.output}\n\n{HEADING}")
         with contextlib.closing(self.training), contextlib.closing(self.evaluation_environments):
             for seed in range(settings.seed, settings.seed + settings.restarts + 1):

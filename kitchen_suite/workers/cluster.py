@@ -48,7 +48,7 @@ class RaySettings:
           ValueError: the address is malformed.
         """
         if importlib.util.find_spec("ray") is None:
-            raise ImportError("workers need Ray: pip install 'kitchen-suite[ray]'")
+            raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
         if address not in (None, "auto"):
             _check_reachable(address)
         return cls(workers=workers, address=address)

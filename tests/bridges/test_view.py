@@ -32,7 +32,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monk
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert view.main([]) == 2
     err = capsys.readouterr().err
-    assert err == "kitchen-view: kitchen-view needs viser and mjviser: pip install 'kitchen-suite[web]'\n"
+    assert err == "kitchen-view: kitchen-view needs viser and mjviser: pip install '.[web]'\n"
 
 
 @pytest.mark.web

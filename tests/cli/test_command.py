@@ -135,7 +135,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys):
     needs = (("json", "no_such_package", "nor_this_one"), "train")
     assert command(needs=needs).main(REQUIRED) == 2
     assert capsys.readouterr().err == (
-        "kitchen-test: kitchen-test needs no_such_package and nor_this_one: pip install 'kitchen-suite[train]'\n"
+        "kitchen-test: kitchen-test needs no_such_package and nor_this_one: pip install '.[train]'\n"
     )
 
 

@@ -3,6 +3,7 @@
 import html.parser
 import importlib
 import os
+import re
 import subprocess
 import sys
 import urllib.parse
@@ -81,6 +82,29 @@ def test_every_public_name_has_an_entry(site):
     }
     assert len(expected) > 60
     assert expected <= inventory(site)
+
+
+def test_the_reference_has_what_the_page_on_extending_imports():
+    text = (ROOT / "docs" / "guide" / "extending.md").read_text(encoding="utf-8")
+    imported = {
+        f"{module}.{name}"
+        for module, names in re.findall(r"^from (kitchen_suite[\w.]*) import ([\w, ]+)", text, re.MULTILINE)
+        for name in names.split(", ")
+    }
+    documented = {name for module in reference_pages.modules() for name in reference_pages.public_names(module)}
+    assert len(imported) > 5
+    assert {name.strip() for name in imported} <= {*documented, *reference_pages.modules()}
+
+
+@pytest.mark.clients
+def test_entities_have_constructors_and_long_signatures_are_wrapped(site):
+    entities = (site / "reference" / "kitchen_suite.entities.html").read_text(encoding="utf-8")
+    for name in ("Cabinet", "Franka", "Kettle"):
+        section = entities.partition(f'id="kitchen_suite.entities.{name}"')[2].partition("</h2>")[2]
+        assert "visuals" in section.partition("</pre>")[0], name
+    signature = (site / "reference" / "kitchen_suite.gymnasium_env.html").read_text(encoding="utf-8")
+    signature = signature.partition('id="kitchen_suite.gymnasium_env.SuiteEnv"')[2].partition("</pre>")[0]
+    assert signature.count("\n") > 15
 
 
 @pytest.mark.clients

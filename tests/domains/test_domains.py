@@ -208,6 +208,14 @@ def test_a_bad_record_is_refused(changes, error, shown):
     assert "\n" not in str(raised.value)
 
 
+def test_a_domain_without_hyperparameters_trains_on_the_range_of_its_actions():
+    for domain, scale in (("kitchen", (1.0,) * 9), ("microwave_table", (*(0.01,) * 7, 2.0))):
+        task = suite.load(domain, suite.default_task(domain), {"visuals": False}).task
+        spec = task.mdp.action_mode.spec(task.robot)
+        assert Hyperparameters().for_actions(spec).action_scale == scale
+        assert Hyperparameters(action_scale=(0.5,)).for_actions(spec).action_scale == (0.5,)
+
+
 def test_a_task_outside_the_suite_has_no_expert():
     with refused(ValueError, "open_cabinet"):
         experts.make(object())

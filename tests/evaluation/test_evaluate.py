@@ -34,7 +34,8 @@ def read(path):
 def test_the_scores_are_printed_and_written(run, tmp_path):
     status, out, err = run("--json=a.json")
     assert (status, err) == (0, "")
-    assert out.startswith("kitchen, policy random, protocol default: 5 episodes, seeds from 400000000\n\nrandom_4 ")
+    heading = "kitchen, policy random, protocol default, variations start (seen): 5 episodes, seeds from 400000000"
+    assert out.startswith(f"{heading}\n\nrandom_4 ")
     for label in ("p1", "p4", "mean tasks", "success", "control steps", "order entropy [bit]", "where asked"):
         assert label in out
     assert "p5" not in out
@@ -79,7 +80,9 @@ def test_the_scores_are_those_of_single_episodes(run, tmp_path):
 def test_a_domain_without_tasks_to_count_has_success_and_progress(run, tmp_path):
     status, out, _ = run("--domain_name=open_cabinet", "--json=a.json", "--num_episodes=2", "--max_episode_steps=2")
     assert status == 0
-    assert out.startswith("open_cabinet, policy random, protocol default: 2 episodes, seeds from")
+    assert out.startswith(
+        "open_cabinet, policy random, protocol default, variations start (seen): 2 episodes, seeds from"
+    )
     result = read(tmp_path / "a.json")
     assert result["intervals"].keys() == {"mean_progress", "success", "control_steps"}
     assert "order entropy" not in out
@@ -263,7 +266,6 @@ BAD = {
     "--policy=expret": ["'expert'"],
     "--policy=trained --task_name=close_microwave": ["kitchen", "close_microwave"],
     "--policy=trained(file='none.npz')": ["'none.npz'"],
-    "--policy=expert --domain_name=microwave_table": ["expert", "MicrowaveTableTask"],
     "--resume": ["--resume", "--output"],
     "--json=nowhere/a.json": ["--json", "'nowhere'"],
     "--json=.": ["--json"],

@@ -188,7 +188,9 @@ def test_seeds_may_be_of_any_size(run):
 def test_a_recording_holds_its_specification(run, tmp_path):
     status, out, _ = run("--output=runs", "--num_episodes=2", "--task_name=kettle", "--policy=zero", *SHORT)
     assert status == 0
-    assert out.startswith("kitchen kettle, policy zero, seeds from 0\n2 episodes in runs, 0 of them there already\n")
+    assert out.startswith(
+        "kitchen kettle, policy zero, variations none, seeds from 0\n2 episodes in runs, 0 of them there already\n"
+    )
     assert "\nepisodes              2\n" in out
     assert "\nsuccess rate          0% (0 of 2)\n" in out
     about = json.loads(tmp_path.joinpath("runs/recording.json").read_text(encoding="utf-8"))

@@ -225,7 +225,7 @@ def test_without_minari_the_message_names_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "minari", None)
     status, out, err = run(f"--dataset={ID}")
     assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "pip install 'kitchen-suite[record]'" in err
+    assert "pip install '.[record]'" in err
     # Episodes alone need it not.
     assert run()[0] == 0
 

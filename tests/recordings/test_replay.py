@@ -478,4 +478,4 @@ def test_without_minari_folders_can_be_replayed(run, runs, monkeypatch):
     assert run("runs", "--num_episodes=1")[0] == 0
     status, _, err = run(ID)
     assert status == 2
-    assert "pip install 'kitchen-suite[record]'" in err
+    assert "pip install '.[record]'" in err

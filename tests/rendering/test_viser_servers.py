@@ -51,7 +51,7 @@ def test_pages_of_other_origins_are_refused(origins):
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with refused(ImportError, "'kitchen-suite[web]'"):
+    with refused(ImportError, "'.[web]'"):
         viser_servers.check_extra("a page")
 
 

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 
 import imageio.v2 as imageio
 import numpy as np
@@ -61,7 +62,7 @@ def rows(out):
 def test_the_last_line_counts_successes(run):
     status, out, err = run("--novideo", "--num_episodes=3")
     assert (status, err) == (0, "")
-    assert out.startswith("open_cabinet top_drawer, policy trained(file='policy.npz')\n")
+    assert out.startswith("open_cabinet top_drawer, policy trained(file='policy.npz'), variations none\n")
     assert len(rows(out)) == 3
     assert out.splitlines()[-1] == "success 0/3"
     assert os.listdir() == ["policy.npz"]
@@ -112,7 +113,7 @@ def test_the_task_is_that_of_the_policys_file(run, tmp_path, capsys):
     write_policy(tmp_path / "other.npz", task_name="bottom_drawer", **task_kwargs)
     status, out, _ = run("--novideo", "--num_episodes=1", file="other.npz")
     assert status == 0
-    assert out.startswith("open_cabinet bottom_drawer, policy trained(file='other.npz')\n")
+    assert out.startswith("open_cabinet bottom_drawer, policy trained(file='other.npz'), variations none\n")
     command = ["--domain_name=open_cabinet", "--task_name=bottom_drawer", "--policy=trained(file='other.npz')"]
     command += ["--num_episodes=1", "--max_episode_steps=10"]
     tables = []
@@ -120,6 +121,18 @@ def test_the_task_is_that_of_the_policys_file(run, tmp_path, capsys):
         assert rollout.main([*command, *arguments]) == 0
         tables.append(rows(capsys.readouterr().out))
     assert rows(out) == tables[0] != tables[1]
+
+
+def test_a_policy_of_another_task_is_warned_of(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_policy(tmp_path / "policy.npz")
+    command = ["--domain_name=open_cabinet", "--num_episodes=1", "--max_episode_steps=2"]
+    command += ["--policy=trained(file='policy.npz')"]
+    with pytest.warns(UserWarning, match="open_cabinet top_drawer, not for open_cabinet bottom_drawer"):
+        assert rollout.main([*command, "--task_name=bottom_drawer"]) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert rollout.main([*command, "--task_name=top_drawer"]) == 0
 
 
 def test_without_a_file_it_plays_the_policy_that_grasps(run, tmp_path, monkeypatch):
@@ -189,7 +202,7 @@ def test_diverging_physics_gets_one_line(run, monkeypatch):
     assert run("--novideo")[::2] == (1, "kitchen-play: Physics state has become invalid.\n")
 
 
-NO_FFMPEG = "a video needs imageio-ffmpeg: pip install 'kitchen-suite[video]'"
+NO_FFMPEG = "a video needs imageio-ffmpeg: pip install '.[video]'"
 
 
 def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):

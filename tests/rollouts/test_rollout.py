@@ -94,7 +94,7 @@ def episode_files(folder):
 def test_without_arguments_it_plays_three_random_episodes_of_the_benchmark(run):
     status, out, err = run()
     assert (status, err) == (0, "")
-    assert out.startswith("kitchen complete, policy random\n")
+    assert out.startswith("kitchen complete, policy random, variations none\n")
     nothing = {"return": "0", "steps": "280", "success": "no", "tasks completed (at control step)": "none"}
     assert rows(out) == [{"episode": str(i), "seed": str(i), **nothing} for i in range(3)]
     summary = dict(re.split(r"\s{2,}", line) for line in out.split("\n\n")[2].splitlines())
@@ -306,7 +306,7 @@ def test_episodes_are_never_overwritten(run):
 def test_a_policy_is_found_in_the_working_directory(run):
     status, out, _ = run("--policy=my_policies:act", "--num_episodes=1", *SHORT)
     assert status == 0
-    assert out.startswith("kitchen complete, policy my_policies:act\n")
+    assert out.startswith("kitchen complete, policy my_policies:act, variations none\n")
 
 
 BAD = {
@@ -429,7 +429,7 @@ def test_a_video_without_ffmpeg_names_what_to_install(run, monkeypatch):
     monkeypatch.setattr(gl, "prepare", lambda rendering: None)
     status, out, err = run("--video=film.mp4")
     assert (status, out) == (2, "")
-    assert err == "kitchen-rollout: a video needs imageio-ffmpeg: pip install 'kitchen-suite[video]'\n"
+    assert err == "kitchen-rollout: a video needs imageio-ffmpeg: pip install '.[video]'\n"
 
 
 def in_a_process(*arguments, unset=(), **variables):
@@ -473,7 +473,7 @@ def test_a_reader_that_leaves_sees_no_traceback():
     with subprocess.Popen(
         [*COMMAND, "--num_episodes=1000", *SHORT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout.readline() == "kitchen complete, policy random\n"
+        assert process.stdout.readline() == "kitchen complete, policy random, variations none\n"
         process.stdout.close()
         assert process.wait(timeout=60) == 141
         assert process.stderr.read() == ""

@@ -16,7 +16,7 @@ SHORT = (DOMAIN, "--max_episode_steps=20")
 def test_the_table_reports_the_metrics_of_the_task(capsys):
     assert rollout.main([*SHORT, "--task_name=bottom_drawer", "--policy=zero", "--num_episodes=2"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("open_cabinet bottom_drawer, policy zero\n")
+    assert out.startswith("open_cabinet bottom_drawer, policy zero, variations none\n")
     heading = next(line for line in out.splitlines() if line.startswith("episode"))
     assert heading.split() == [
         "episode",

@@ -29,7 +29,7 @@ def test_a_page_without_the_extra_names_what_to_install(folder, refusal, monkeyp
     monkeypatch.setattr(
         "importlib.util.find_spec", lambda name, *rest: None if name == "viser" else find_spec(name, *rest)
     )
-    assert "pip install 'kitchen-suite[web]'" in refusal(rollout, "--web=page.html")
+    assert "pip install '.[web]'" in refusal(rollout, "--web=page.html")
 
 
 @pytest.mark.web

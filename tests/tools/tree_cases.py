@@ -37,6 +37,8 @@ SCALES = {"kitchen": 1.0, "open_cabinet": 0.05, "microwave_table": 0.05}
 GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
 SPLITS = ("seen", "held_out")
 AUTORESET = (("NextStep", 1), ("SameStep", 2), ("Disabled", 3))
+# In the metadata of episodes, of which earlier trees had none.
+ACTIONS_DIGEST = "actions_sha256"
 
 # Arguments of the tasks, which `suite.load` and the Gymnasium environments take alike, by domain and name of the case.
 SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
@@ -328,7 +330,7 @@ def dm_env_cases() -> Named:
             yield f"load {domain} {task}, {name}", case(domain, task, steps=30, **settings)
         for name, control in modes(domain):
             yield f"load {domain} {task}, {name}", case(domain, task, steps=15, **control)
-            if has_experts() and domain != "microwave_table":
+            if has_experts() and suite.DOMAINS[domain].expert:
                 expert = case(domain, task, "expert", steps=60, episodes=1, **control)
                 yield f"load {domain} {task}, {name}, expert", expert
         for group, split in itertools.product(GROUPS, SPLITS):
@@ -657,7 +659,7 @@ def npz(path: Path) -> Arrays:
     with np.load(path) as file:
         arrays = {name: file[name] for name in file if name != "metadata"}
         names = json.loads(str(file["metadata"])) if "metadata" in file else {}
-    return {**arrays, "metadata": np.array(json.dumps(sorted(names)))}
+    return {**arrays, "metadata": np.array(json.dumps(sorted({*names} - {ACTIONS_DIGEST})))}
 
 
 def record(*arguments: str) -> Arrays:
@@ -679,7 +681,8 @@ def record_minari(*arguments: str) -> Arrays:
     arrays: Arrays = {}
 
     def note(path: str, part: Any) -> None:
-        arrays.update({f"{path}@{name}": np.asarray(value) for name, value in part.attrs.items()})
+        attributes = {name: value for name, value in part.attrs.items() if name != ACTIONS_DIGEST}
+        arrays.update({f"{path}@{name}": np.asarray(value) for name, value in attributes.items()})
         if isinstance(part, h5py.Dataset):
             arrays[path] = np.array(part.asstr()[()] if part.dtype == object else part)
 

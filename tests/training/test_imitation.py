@@ -154,6 +154,17 @@ def imitate(recording, run, tmp_path):
     return imitate
 
 
+def test_demonstrations_of_other_tasks_are_refused_and_of_some_tasks_warned_of(imitate, recording, tmp_path):
+    _, arguments = recording
+    status, _, err = imitate("--algorithm=bc", "--task_name=top_burner", task_kwargs={})
+    assert status == 2
+    assert all(part in err for part in ("kitchen all", "kitchen top_burner"))
+    assert not (tmp_path / "run").exists()
+    more = {**arguments, "tasks_to_complete": [*arguments["tasks_to_complete"], "top burner"]}
+    with pytest.warns(UserWarning, match="'top burner'"):
+        assert imitate("--algorithm=bc", task_kwargs=more)[0] == 0
+
+
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_run_trains_a_policy_that_observes_what_is_asked(imitate, tmp_path, algorithm):
     assert imitate(f"--algorithm={algorithm}")[0] == 0

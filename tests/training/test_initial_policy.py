@@ -61,6 +61,7 @@ def test_policies_of_other_networks_are_refused(envs, policy, changes, shown):
 def test_a_run_evaluates_the_initial_policy_first(policy, tmp_path, capsys):
     policy.save(tmp_path / "initial.npz")
     arguments = [
+        "--domain_name=open_cabinet",
         f"--output={tmp_path / 'run'}",
         f"--initial_policy={tmp_path / 'initial.npz'}",
         f"--hyperparameters={json.dumps(SMALL)}",

@@ -25,6 +25,7 @@ SMALL = {"num_envs": 4, "rollouts": 16, "hidden": [8], "mini_batches": 2, "learn
 BATCH = 64
 # An evaluation after every second batch.
 TINY = [
+    "--domain_name=open_cabinet",
     f"--hyperparameters={json.dumps(SMALL)}",
     f"--num_steps={6 * BATCH}",
     f"--eval_interval={2 * BATCH}",
@@ -76,7 +77,8 @@ def checkpoint(batches):
 def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
     status, out, err = run("--num_steps=640")
     assert (status, err) == (0, "")
-    assert out.startswith("open_cabinet top_drawer, PPO, in run\ncurves: tensorboard --logdir=run\n")
+    length = "at most 640 control steps for each seed, evaluated every 128 in 2 episodes"
+    assert out.startswith(f"open_cabinet top_drawer, PPO, in run\n{length}\ncurves: tensorboard --logdir=run\n")
     assert rows(out) == [(0, batches * BATCH) for batches in (0, 2, 4, 6, 8, 10)]
     assert out.splitlines()[-1] == "best policy: run/policy.npz"
     assert sorted(os.listdir("run")) == ["policy.npz", "seed_0", "training.json"]
@@ -405,7 +407,7 @@ def test_a_missing_extra_names_what_to_install(run, monkeypatch, missing):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else object())
     status, out, err = run()
     assert (status, out) == (2, "")
-    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: pip install 'kitchen-suite[train]'\n"
+    assert err == f"kitchen-train: kitchen-train needs {' and '.join(missing)}: pip install '.[train]'\n"
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])

@@ -122,6 +122,7 @@ def test_after_cloning_values_are_learned_before_the_policy_changes(samples, mak
 
 
 ARGUMENTS = [
+    "--domain_name=open_cabinet",
     f"--hyperparameters={json.dumps({**SMALL, 'clone_epochs': 3})}",
     "--num_steps=64",
     "--eval_episodes=1",
@@ -171,9 +172,9 @@ def record_kitchen(folder, task_kwargs, task_name="kettle"):
 @pytest.mark.parametrize("goal_format", ["dict", "flat"])
 def test_demonstrations_that_do_not_fit_are_refused(tmp_path, capsys, goal_format):
     record_kitchen(tmp_path / "episodes", {"goal_format": goal_format, "tasks_to_complete": ["microwave"]})
-    arguments = ["--domain_name=kitchen", "--task_name=kettle", f"--demonstrations={tmp_path / 'episodes'}"]
+    arguments = ["--task_name=kettle", f"--demonstrations={tmp_path / 'episodes'}"]
     scale = json.dumps({**SMALL, "action_scale": [0.1] * 9})
-    arguments += [*ARGUMENTS, f"--hyperparameters={scale}", f"--output={tmp_path / 'run'}"]
+    arguments += [*ARGUMENTS, "--domain_name=kitchen", f"--hyperparameters={scale}", f"--output={tmp_path / 'run'}"]
     assert train.main(arguments) == 2
     err = capsys.readouterr().err
     assert 'was recorded with tasks_to_complete ["microwave"], but this run has ["kettle"]' in err
@@ -293,7 +294,13 @@ def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_pat
     from kitchen_suite.training.reinforcement import PPOTraining
 
     spec, options = spec_of("open_cabinet", "top_drawer"), {"hyperparameters": {"num_envs": 2}, "num_threads": 1}
-    settings = TrainSettings(output=tmp_path, task_name="top_drawer", demonstrations=(demonstrations,) * 2, **options)
+    settings = TrainSettings(
+        output=tmp_path,
+        domain_name="open_cabinet",
+        task_name="top_drawer",
+        demonstrations=(demonstrations,) * 2,
+        **options,
+    )
     training = PPOTraining(settings, spec)
     training.close()
     for found, one in zip(training.demonstrations, samples, strict=True):

@@ -25,7 +25,7 @@ def job_of(capsys, monkeypatch, tmp_path):
 
     def job_of(*flags, status=0):
         small = f"--hyperparameters={json.dumps(SMALL)}"
-        assert train.main(["--output=runs", "--eval_episodes=2", small, *flags]) == status
+        assert train.main(["--domain_name=open_cabinet", "--output=runs", "--eval_episodes=2", small, *flags]) == status
         error = capsys.readouterr().err
         assert (error == "") == (status == 0)
         return jobs[-1] if status == 0 else error

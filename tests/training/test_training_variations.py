@@ -18,7 +18,7 @@ def test_training_is_in_environments_that_vary(flags, capsys, monkeypatch, tmp_p
     jobs = []
     monkeypatch.setattr("kitchen_suite.training.train_job.TrainJob.run", lambda job: jobs.append(job) or True)
     small = '--hyperparameters={"num_envs": 2, "hidden": [8], "rollouts": 4, "mini_batches": 1}'
-    assert train.main(["--output=runs", "--eval_episodes=2", small, *flags]) == 0
+    assert train.main(["--domain_name=open_cabinet", "--output=runs", "--eval_episodes=2", small, *flags]) == 0
     assert capsys.readouterr().err == ""
     (job,) = jobs
     for environments in (job.training.environments, job.evaluation_environments):

@@ -70,7 +70,7 @@ def test_the_error_without_ray_says_what_to_install(run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     status, err = run("--workers=2")
     assert status == 2
-    assert "workers need Ray: pip install 'kitchen-suite[ray]'" in err
+    assert "workers need Ray: pip install '.[ray]'" in err
 
 
 def test_workers_make_no_video(capsys, ray_found):

@@ -11,6 +11,16 @@ _np.random.set_state(_state)
 import kitchen_suite.rendering.choice  # noqa: E402, F401
 from kitchen_suite.policies.experts.base import Expert, MotionStyle, expert_class, make, make_policy  # noqa: E402
 from kitchen_suite.policies.experts.kitchen import KitchenExpert  # noqa: E402
+from kitchen_suite.policies.experts.microwave_table import MicrowaveExpert  # noqa: E402
 from kitchen_suite.policies.experts.open_cabinet import DrawerExpert  # noqa: E402
 
-__all__ = ["DrawerExpert", "Expert", "KitchenExpert", "MotionStyle", "expert_class", "make", "make_policy"]
+__all__ = [
+    "DrawerExpert",
+    "Expert",
+    "KitchenExpert",
+    "MicrowaveExpert",
+    "MotionStyle",
+    "expert_class",
+    "make",
+    "make_policy",
+]

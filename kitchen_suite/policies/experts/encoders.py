@@ -50,7 +50,7 @@ _MAX_LAG = 0.25
 # The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
 _VELOCITY_SCALE = 2.0
 
-# Gripper logit at which the gripper closes almost surely.
+# Gripper logit at which a sampled gripper closes almost surely.
 _CLOSE_LOGIT = 50.0
 
 
@@ -324,7 +324,8 @@ class OffsetEncoder(JointEncoder):
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         joints = positions[ARM]
         offset = (target - joints) / self.arm.joint_response + self.arm.gravity_offset(joints)
-        return np.append(offset, _CLOSE_LOGIT if fingers == CLOSED else -_CLOSE_LOGIT)
+        logit = _CLOSE_LOGIT if self._mode.draws else 1.0
+        return np.append(offset, logit if fingers == CLOSED else -logit)
 
 
 class DeltaEncoder(JointEncoder):

@@ -4,13 +4,14 @@ import dataclasses
 import enum
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import mink
 import numpy as np
 
 from kitchen_suite import checks
-from kitchen_suite.entities import PANDA, OpenCabinetArena
+from kitchen_suite.entities import PANDA, OpenCabinetArena, SiteArena
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.cabinet import DRAWERS
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
@@ -101,7 +102,8 @@ class DrawerExpert(Expert):
           **control_options: arguments of the control mode: the environment's.
         """
         self._skill = _pull_skill(checks.choice(drawer, DRAWERS, "drawer"))
-        super().__init__(style, make_encoder(make_mode(control_mode, OFFSET_MODES, control_options), _arm_model()))
+        mode = make_mode(control_mode, OFFSET_MODES, control_options)
+        super().__init__(style, make_encoder(mode, panda_model(OpenCabinetArena)))
 
     @classmethod
     def _task_settings(cls, task: OpenCabinetTask) -> dict[str, Any]:
@@ -181,10 +183,10 @@ class DrawerExpert(Expert):
 
 
 @functools.cache
-def _arm_model() -> ArmModel:
-    """The arm at the cabinet, shared by all instances."""
+def panda_model(build_arena: Callable[..., SiteArena]) -> ArmModel:
+    """The Panda in an arena, with control steps of 0.01 s; shared by all instances."""
     return ArmModel(
-        kinematics=ArmKinematics(OpenCabinetArena, PANDA),
+        kinematics=ArmKinematics(build_arena, PANDA),
         gains=_GAINS,
         joint_response=1.0,
         hand_response=1.0,

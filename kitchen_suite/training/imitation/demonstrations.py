@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import json
+import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -83,10 +84,15 @@ def load_recording(
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
-      ValueError: it is of another domain or with other arguments that state or actions depend on, or holds fewer
-        such episodes, or numbers that are not finite.
+      ValueError: it is of another domain, of tasks none of which is wanted, or with other arguments that state or
+        actions depend on, or holds fewer such episodes, or numbers that are not finite.
     """
     recording = open_recording(folder, spec, suite.find_domain(spec.domain_name).control_options)
+    if missing := spec.names - recording.spec.names:
+        problem = f"{folder} holds episodes of {_title(recording.spec)}, not of {_title(spec)}"
+        if missing == spec.names:
+            raise ValueError(problem)
+        warnings.warn(f"{problem}: nothing is learned of {sorted(name for _, name in missing)}", stacklevel=2)
     successful = (index for index in recording.indices if recording.load_stats(index).metrics["success"])
     indices = [*itertools.islice(successful, count)]
     if len(indices) < (count or 1):
@@ -136,7 +142,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     recording = open_recording(
         folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
     )
-    found, expected = (f"{each.domain_name} {each.task_name}" for each in (recording.spec, spec))
+    found, expected = _title(recording.spec), _title(spec)
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
     if not recording.indices:
@@ -164,10 +170,9 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     recording = RecordingFolder.open(folder)
     recorded = recording.spec
     if recorded.domain_name != wanted.domain_name:
-        found, expected = (f"{each.domain_name} {each.task_name}" for each in (recorded, wanted))
-        raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
+        raise ValueError(f"{folder} holds episodes of {_title(recorded)}, not of {_title(wanted)}")
     for name in (*OBSERVATION_OPTIONS, *options):
-        one, other = (_argument(spec, name) for spec in (recorded, wanted))
+        one, other = (spec.argument(name) for spec in (recorded, wanted))
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
         if one != other:
@@ -178,11 +183,8 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     return recording
 
 
-def _argument(spec: EnvironmentSpec, name: str) -> Any:
-    """Returns an argument of the environments of a specification, as JSON represents it."""
-    default = {name: spec.env_class.default_of(suite.find_domain(spec.domain_name), name)}
-    arguments = {**default, **suite.task_arguments(spec.domain_name, spec.task_name), **spec.task_kwargs}
-    return json.loads(json.dumps(arguments[name]))
+def _title(spec: EnvironmentSpec) -> str:
+    return f"{spec.domain_name} {spec.task_name}"
 
 
 def _in_mode(spec: EnvironmentSpec, name: str, value: Any) -> Any:

@@ -138,6 +138,8 @@ def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
 class ImitationTraining(Training):
     """The demonstrations and hyperparameters of a run by imitation."""
 
+    steps = "steps of the optimiser"
+
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         name, folders = settings.algorithm, settings.demonstrations
