@@ -239,9 +239,8 @@ def matching(value: object, template: Any, name: str) -> Any:
         if not isinstance(value, Mapping):
             raise TypeError(f"{name} must be a dict with the keys {sorted(template)}, got {shown(value)}")
         if odd := value.keys() ^ template.keys():
-            raise ValueError(
-                f"{name} must have the keys {sorted(template)}; missing or unknown: {shown(sorted(map(shown, odd)))}"
-            )
+            names = shortened(", ".join(sorted(map(shown, odd))), _MAX_SHOWN)
+            raise ValueError(f"{name} must have the keys {sorted(template)}; missing or unknown: [{names}]")
         return {key: matching(value[key], part, f"{name}[{key!r}]") for key, part in template.items()}
     if isinstance(template, str):
         if value != template:
