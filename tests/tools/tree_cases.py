@@ -740,8 +740,8 @@ def command_cases() -> Named:
         cloned = {**small, "clone_epochs": 3, "value_batches": 1}
         kettle = ("--domain_name=kitchen", "--task_name=kettle")
         shown = (cabinet, "--policy=trained", two)
-        yield "train open_cabinet", case(train, *steps, **small)
-        yield "train open_cabinet, varied", case(train, *steps, "--variations=start,sensing", **small)
+        yield "train open_cabinet", case(train, cabinet, *steps, **small)
+        yield "train open_cabinet, varied", case(train, cabinet, *steps, "--variations=start,sensing", **small)
         yield "train kitchen kettle", case(train, *kettle, *steps, **small)
         yield (
             "train kitchen in turn",
@@ -755,7 +755,7 @@ def command_cases() -> Named:
             ),
         )
         yield "train microwave_table", case(train, table, *steps, **small)
-        yield "train open_cabinet from demonstrations", case(train, *steps, demonstrations=shown, **cloned)
+        yield "train open_cabinet from demonstrations", case(train, cabinet, *steps, demonstrations=shown, **cloned)
         successes = (*kettle, "--policy=trained", two)
         imitated = ("--num_steps=20", "--eval_interval=10", *kettle)
         for algorithm in ("bc", "flow", *(("vqbet",) if has("vector_quantize_pytorch") else ())):
