@@ -215,8 +215,10 @@ def reserve(path: Path, size: int) -> None:
     Raises an OSError unless the disk and the limits on files and users allow it.
     """
     if hasattr(os, "posix_fallocate"):
-        with path.open("ab") as file:
-            os.posix_fallocate(file.fileno(), file.tell(), size)
+        path.touch()
+        # Not for appending: on file systems that cannot reserve, such as NFS 3, glibc writes zeros, but refuses to append.
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), file.seek(0, os.SEEK_END), size)
 
 
 def file_digest(path: Path) -> str:
