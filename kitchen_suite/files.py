@@ -153,7 +153,7 @@ def first_difference(present: Any, wanted: Mapping[str, Any]) -> str:
     found = present if isinstance(present, Mapping) else {}
     for name in {**found, **wanted}:
         if found.get(name) != wanted.get(name):
-            one, other = (checks.shortened(json.dumps(each.get(name)), 200) for each in (found, wanted))
+            one, other = (checks.shortened(json.dumps(each.get(name))) for each in (found, wanted))
             return f"{name} {one}, not {other}"
     return ""
 
@@ -216,7 +216,7 @@ def reserve(path: Path, size: int) -> None:
     """
     if hasattr(os, "posix_fallocate"):
         path.touch()
-        # Not for appending: on file systems that cannot reserve, such as NFS 3, glibc writes zeros, but refuses to append.
+        # Not opened to append: for file systems without such a call, as NFS 3, glibc writes zeros, but does not append.
         with path.open("r+b") as file:
             os.posix_fallocate(file.fileno(), file.seek(0, os.SEEK_END), size)
 
@@ -334,7 +334,7 @@ def reading(path: Path, what: str) -> Iterator[None]:
         raise
     except Exception as error:  # Decoders of zip, npy, HDF5 and JSON raise dozens of types for damaged bytes.
         problem = ": ".join(filter(None, (type(error).__name__, str(error))))
-        raise OSError(f"{path} does not hold {what} ({checks.shortened(problem, 200)})") from error
+        raise OSError(f"{path} does not hold {what} ({checks.shortened(problem)})") from error
 
 
 def check_size(size: int, limit: int) -> None:
