@@ -233,7 +233,9 @@ class EpisodeSpec(EnvironmentSpec):
         if path := policies.policy_file(self.policy):
             record = policies.load_policy(path).metadata
             trained = dataclasses.replace(self, **{name: record[name] for name in _TRAINED})
-            if trained.domain_name in suite.DOMAINS and not self.names <= trained.names:
+            domain = suite.DOMAINS.get(trained.domain_name)
+            # A task of another version of the suite is not known here.
+            if domain and trained.task_name in domain.tasks and not self.names <= trained.names:
                 found, wanted = (f"{each.domain_name} {each.task_name}" for each in (trained, self))
                 warnings.warn(f"the policy {path} was trained for {found}, not for {wanted}", stacklevel=2)
 
