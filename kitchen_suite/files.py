@@ -210,9 +210,9 @@ def check_writable(folder: Path) -> None:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Adds zeros to a file, which take `size` bytes of its disk: room for a library that a full disk would crash.
+    """Extends a file by `size` zeros that are allocated on disk: room for a library that a full disk would crash.
 
-    Raises an OSError unless the disk and the limits on files and users allow it.
+    Raises an OSError unless the disk and the limits on files and users allow it. Does nothing on macOS.
     """
     if hasattr(os, "posix_fallocate"):
         path.touch()
@@ -306,7 +306,7 @@ def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:
         raise ValueError("it has no sha256: it is damaged, or of an earlier version, which is not resumed")
     del entries["sha256"]
     if digest_line(entries, context).encode() != line:
-        raise ValueError("its sha256 is another: it, or the description that it belongs to, was changed")
+        raise ValueError("its sha256 does not match: it, or the description that it belongs to, was changed")
     return entries
 
 

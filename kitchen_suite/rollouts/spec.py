@@ -116,14 +116,14 @@ class EnvironmentSpec:
 
     @property
     def names(self) -> set[tuple[str, str]]:
-        """What the task's definition names, such as its drawer or the tasks that it may ask for, by argument."""
+        """Argument and value of each name that defines the task: its drawer, or the tasks that it may request."""
         defined = {name: self.argument(name) for name in suite.task_arguments(self.domain_name, self.task_name)}
         texts = {name: [value] if isinstance(value, str) else value for name, value in defined.items()}
         return {(name, str(each)) for name, value in texts.items() if isinstance(value, list) for each in value}
 
     @property
     def variations(self) -> str:
-        """What varies from episode to episode, in words for a heading."""
+        """Description of what varies between episodes, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split = self.argument("variation_split")
