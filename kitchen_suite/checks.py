@@ -31,6 +31,7 @@ _REQUIREMENT = "."
 _SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
 
 _MAX_SHOWN = 200  # Characters of a value in a message.
+_SHORTENED = " (shortened) "  # In place of the middle of a longer one.
 
 # Elements of a collection, and levels of nesting, that a message repeats.
 _MAX_ELEMENTS, _MAX_LEVELS = 12, 4
@@ -49,14 +50,21 @@ def shown(value: object) -> str:
         text = _representation.repr(value)
     except Exception:  # Of the value's own class; or an int of more digits than Python converts.
         text = f"<{type(value).__name__}>"
-    return shortened(text, _MAX_SHOWN)
+    return shortened(text)
 
 
-def shortened(text: str, length: int) -> str:
+def shortened(text: str, length: int = _MAX_SHOWN) -> str:
     """Returns a text in one line of printable characters, without its middle if it is longer than `length`."""
-    line = " ".join(text.split())
-    line = line if len(line) <= length else f"{line[: length // 2]} (shortened) {line[-length // 2 :]}"
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
+    line = _without_middle(" ".join(text.split()), length)
+    escaped = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in line)
+    return _without_middle(escaped, length)
+
+
+def _without_middle(line: str, length: int) -> str:
+    if len(line) <= length:
+        return line
+    half = (length - len(_SHORTENED)) // 2
+    return line[:half] + _SHORTENED + line[-half:]
 
 
 def choice(value: object, choices: Collection[str], name: str) -> str:
@@ -102,7 +110,10 @@ def _hint(value: object, choices: Collection[str]) -> str:
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
-    """Returns the choice that a value means: its synonym, one that ends with it, or one spelt like it; None if none."""
+    """Returns the choice that is probably meant: a synonym, one that ends with the value, or one spelt like it.
+
+    Returns None if there is none.
+    """
     value = value[:_MAX_SHOWN]
     if synonym := _SYNONYMS.get(value):
         return synonym if synonym in choices else None
@@ -190,7 +201,7 @@ def reset_options(value: object, names: Collection[str], *, elsewhere: Collectio
 
 
 def unique_names(values: object, name: str) -> tuple[object, ...]:
-    """Returns `values` as a tuple if it is an ordered collection of at least one element that repeats no string."""
+    """Returns `values` as a tuple if it is an ordered collection that is not empty and repeats no string."""
     if isinstance(values, str | bytes | Set | Mapping) or not isinstance(values, Collection):
         raise TypeError(f"{name} must be a sequence of names, got {shown(values)}")
     result = tuple(values)
@@ -198,7 +209,7 @@ def unique_names(values: object, name: str) -> tuple[object, ...]:
         raise ValueError(f"{name} is empty; name at least one")
     counts = collections.Counter(value for value in result if isinstance(value, str))
     if repeated := sorted(repr(value) for value, count in counts.items() if count > 1):
-        raise ValueError(f"{name} names {shortened(', '.join(repeated), _MAX_SHOWN)} more than once")
+        raise ValueError(f"{name} names {shortened(', '.join(repeated))} more than once")
     return result
 
 
@@ -239,7 +250,7 @@ def matching(value: object, template: Any, name: str) -> Any:
         if not isinstance(value, Mapping):
             raise TypeError(f"{name} must be a dict with the keys {sorted(template)}, got {shown(value)}")
         if odd := value.keys() ^ template.keys():
-            names = shortened(", ".join(sorted(map(shown, odd))), _MAX_SHOWN)
+            names = shortened(", ".join(sorted(map(shown, odd))))
             raise ValueError(f"{name} must have the keys {sorted(template)}; missing or unknown: [{names}]")
         return {key: matching(value[key], part, f"{name}[{key!r}]") for key, part in template.items()}
     if isinstance(template, str):

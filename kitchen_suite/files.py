@@ -153,7 +153,7 @@ def first_difference(present: Any, wanted: Mapping[str, Any]) -> str:
     found = present if isinstance(present, Mapping) else {}
     for name in {**found, **wanted}:
         if found.get(name) != wanted.get(name):
-            one, other = (checks.shortened(json.dumps(each.get(name)), 200) for each in (found, wanted))
+            one, other = (checks.shortened(json.dumps(each.get(name))) for each in (found, wanted))
             return f"{name} {one}, not {other}"
     return ""
 
@@ -210,13 +210,15 @@ def check_writable(folder: Path) -> None:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Adds zeros to a file, which take `size` bytes of its disk: room for a library that a full disk would crash.
+    """Extends a file by `size` zeros that are allocated on disk: room for a library that a full disk would crash.
 
-    Raises an OSError unless the disk and the limits on files and users allow it.
+    Raises an OSError unless the disk and the limits on files and users allow it. Does nothing on macOS.
     """
     if hasattr(os, "posix_fallocate"):
-        with path.open("ab") as file:
-            os.posix_fallocate(file.fileno(), file.tell(), size)
+        path.touch()
+        # Not opened to append: for file systems without such a call, as NFS 3, glibc writes zeros, but does not append.
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), file.seek(0, os.SEEK_END), size)
 
 
 def file_digest(path: Path) -> str:
@@ -304,7 +306,7 @@ def parse_digest_line(line: bytes, context: str) -> dict[str, Any]:
         raise ValueError("it has no sha256: it is damaged, or of an earlier version, which is not resumed")
     del entries["sha256"]
     if digest_line(entries, context).encode() != line:
-        raise ValueError("its sha256 is another: it, or the description that it belongs to, was changed")
+        raise ValueError("its sha256 does not match: it, or the description that it belongs to, was changed")
     return entries
 
 
@@ -332,7 +334,7 @@ def reading(path: Path, what: str) -> Iterator[None]:
         raise
     except Exception as error:  # Decoders of zip, npy, HDF5 and JSON raise dozens of types for damaged bytes.
         problem = ": ".join(filter(None, (type(error).__name__, str(error))))
-        raise OSError(f"{path} does not hold {what} ({checks.shortened(problem, 200)})") from error
+        raise OSError(f"{path} does not hold {what} ({checks.shortened(problem)})") from error
 
 
 def check_size(size: int, limit: int) -> None:

@@ -34,6 +34,11 @@ def test_a_small_value_is_shown_whole(value):
     assert checks.shown(value) == repr(value)
 
 
+@pytest.mark.parametrize("text", ["x" * 300, "\0" * 150, "\0" * 300])
+def test_a_text_is_short_also_with_its_escapes(text):
+    assert len(checks.shortened(text, 200)) <= 200
+
+
 HINTS = {
     "seed": ("random", ["sleep", "success", "random"]),
     "horizon": (None, ["horizontal", "task"]),

@@ -42,7 +42,7 @@ NUM_ENVS, REPLAYED = 64, 100
 STEPS = {"kitchen": 400, "open_cabinet": 1000, "microwave_table": 1000}
 # Variations: none, each group alone, all together.
 VARIATIONS: tuple[tuple[str, ...], ...] = ((), *((group,) for group in GROUPS), tuple(GROUPS))
-# Greatest changes of the action in a control step, relative to its range.
+# Greatest changes of the action in a control step, in units of its bounds.
 AMPLITUDES = (0.05, 0.3, 1.0)
 
 Step = tuple[NDArray, ...]

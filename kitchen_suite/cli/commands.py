@@ -140,12 +140,12 @@ train = Command(
     name="kitchen-train",
     description="""Trains a policy by PPO on many environments at once. Needs no display, but the extra `train`.
 
-  kitchen-train --output=runs/light --task_name=light_switch                   a task of the kitchen
-  kitchen-train --output=runs/drawer --domain_name=open_cabinet                the top drawer
-  kitchen-train --output=runs/drawer --domain_name=open_cabinet --resume       continues that run
-  kitchen-train --output=runs/kettle --task_name=kettle --demonstrations=kettle clones a recording first
+  kitchen-train --output=runs/light --task_name=light_switch                      a task of the kitchen
+  kitchen-train --output=runs/drawer --domain_name=open_cabinet                   the top drawer
+  kitchen-train --output=runs/drawer --domain_name=open_cabinet --resume          continues that run
+  kitchen-train --output=runs/kettle --task_name=kettle --demonstrations=kettle   clones a recording first
   kitchen-train --output=runs/more --task_name=kettle --initial_policy=runs/kettle/policy.npz
-  tensorboard --logdir=runs                                                    shows the curves
+  tensorboard --logdir=runs                                                       shows the curves
 
 The folder gets a folder for each seed: curves for TensorBoard, the last checkpoints, and `policy.npz`, the best policy
 of all evaluations on held-out seeds; `kitchen-play --policy_file=...` plays it. A seed without progress is given up for

@@ -1,7 +1,7 @@
 """The console scripts, beside the package, since its import takes about half a second.
 
 Until the command handles interrupts itself, SIGINT and SIGTERM end its process at once, with one line and status 130.
-Before Python imports this module, they are the interpreter's own: it ends by SIGTERM, and with a traceback by SIGINT.
+Before Python has imported this module, SIGTERM ends the process without a line, and SIGINT with a traceback.
 """
 
 import contextlib

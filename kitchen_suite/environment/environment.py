@@ -135,9 +135,12 @@ class UnbufferedUpdater(observation.Updater):
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
         # latter is returned: an environment is built without a GL context, so that a process can build one and fork.
-        self._cover_cameras(self._enabled_structure is None)
+        is_compiling = self._enabled_structure is None
+        if is_compiling:
+            self._cover_cameras(True)
         super().reset(physics, random_state)
-        self._cover_cameras(False)
+        if is_compiling:
+            self._cover_cameras(False)
         enabled = [part for part in self._observables.values() if part.enabled]
         self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
             is_unbuffered(part) and not part.aggregator for part in enabled

@@ -36,7 +36,7 @@ class CameraParameters(NamedTuple):
     """Intrinsics and extrinsics of a camera, with OpenCV's axes: x to the right, y down, z forward.
 
     Attributes:
-      intrinsics: `(..., 3, 3)` [pixels]; a point of a pixel's column and row is at the pixel's centre.
+      intrinsics: `(..., 3, 3)` [pixels]; image coordinates are column and row, and integers are centres of pixels.
       world_from_camera: `(..., 4, 4)`, pose of the camera in the world [m], which maps points in the camera's frame to
         points in the world.
     """

@@ -98,6 +98,8 @@ def making_context(owner: ContextOwner) -> Iterator[None]:
     if not _IS_INSTALLED.get(library or "", lambda: True)():
         raise RuntimeError(_advice(library))
     _processes.add(os.getpid())
+    # The context before it has been freed.
+    _threads.pop(owner, None)
     try:
         yield
     except (TypeError, ValueError):  # A bad argument.

@@ -85,7 +85,7 @@ class EpisodeArrays:
         for name, array in self.arrays.items():
             _check_array(name, array, self.arrays["reward"])
         if actions_sha256 not in (None, self.actions_sha256):
-            raise ValueError("its actions are not those that were recorded: their SHA-256 is another")
+            raise ValueError("its actions are not those that were recorded: their SHA-256 does not match")
 
     @property
     def last_info(self) -> dict[str, NDArray]:

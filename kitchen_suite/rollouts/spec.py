@@ -116,14 +116,14 @@ class EnvironmentSpec:
 
     @property
     def names(self) -> set[tuple[str, str]]:
-        """What the task's definition names, such as its drawer or the tasks that it may ask for, by argument."""
+        """Argument and value of each name that defines the task: its drawer, or the tasks that it may request."""
         defined = {name: self.argument(name) for name in suite.task_arguments(self.domain_name, self.task_name)}
         texts = {name: [value] if isinstance(value, str) else value for name, value in defined.items()}
         return {(name, str(each)) for name, value in texts.items() if isinstance(value, list) for each in value}
 
     @property
     def variations(self) -> str:
-        """What varies from episode to episode, in words for a heading."""
+        """Description of what varies between episodes, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split = self.argument("variation_split")
@@ -233,7 +233,9 @@ class EpisodeSpec(EnvironmentSpec):
         if path := policies.policy_file(self.policy):
             record = policies.load_policy(path).metadata
             trained = dataclasses.replace(self, **{name: record[name] for name in _TRAINED})
-            if trained.domain_name in suite.DOMAINS and not self.names <= trained.names:
+            domain = suite.DOMAINS.get(trained.domain_name)
+            # A task of another version of the suite is not known here.
+            if domain and trained.task_name in domain.tasks and not self.names <= trained.names:
                 found, wanted = (f"{each.domain_name} {each.task_name}" for each in (trained, self))
                 warnings.warn(f"the policy {path} was trained for {found}, not for {wanted}", stacklevel=2)
 

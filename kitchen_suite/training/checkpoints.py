@@ -95,7 +95,7 @@ def _load(path: Path, check: Callable[[Checkpoint], None]) -> Checkpoint:
 
 
 def _checked(contents: bytes) -> io.BytesIO:
-    """Returns the zip file in a checkpoint; raises a ValueError unless the digest is its own, before it is read."""
+    """Returns the zip file in a checkpoint; raises a ValueError unless the digest matches, before it is read."""
     state, digest = contents[:-_DIGEST_SIZE], contents[-_DIGEST_SIZE:]
     if hashlib.sha256(state).digest() != digest:
         raise ValueError("it does not end with its SHA-256: it is damaged, or of an earlier version")

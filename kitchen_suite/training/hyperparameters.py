@@ -233,9 +233,10 @@ def _check(name: str, value: object, kind: Any) -> None:
 
 def _check_number(name: str, value: object, kind: type, *, positive: bool) -> None:
     """Checks a number of a hyperparameter; raises as `_check`."""
-    number = checks.integer(value, name, minimum=1) if kind is int else checks.number(value, name, positive=positive)
-    if number > _MAXIMA.get(name, math.inf):
-        raise ValueError(f"{name} must be at most {_MAXIMA[name]}, got {checks.shown(value)}")
+    if kind is int:
+        checks.integer(value, name, minimum=1, maximum=_MAXIMA.get(name))
+    else:
+        checks.number(value, name, positive=positive, maximum=_MAXIMA.get(name, math.inf))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

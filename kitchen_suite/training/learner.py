@@ -78,7 +78,7 @@ class Training(abc.ABC):
 
     Attributes:
       title: name of the algorithm.
-      steps: the steps that it counts.
+      steps: name of the steps that it counts.
       config: hyperparameters, a dataclass.
       training_kwargs: arguments of the environments that are trained in alone.
       max_episode_steps: of evaluations.

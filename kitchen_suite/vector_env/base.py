@@ -168,7 +168,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         return self._observations.suite_observation(*self._parts())
 
     def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
-        """Returns those of the single environment's `camera_parameters` with a leading axis."""
+        """Returns the parameters of a camera in all environments, those of `SuiteEnv`, with a leading axis."""
         self._check_process()
         self._check_episodes(self._no_one)
         each = []

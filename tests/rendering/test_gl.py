@@ -126,6 +126,26 @@ def test_an_environment_that_rendered_in_another_thread_names_both_threads():
 
 
 @pytest.mark.rendering
+def test_an_error_in_a_thread_is_not_blamed_on_a_context_that_was_freed():
+    environment = make("suite")
+    physics = environment.physics
+
+    def fail(*_):
+        raise RuntimeError("of the callback")
+
+    def render():
+        try:
+            physics.render(16, 16, scene_callback=fail)
+        finally:
+            physics.free_context()
+
+    physics.render(16, 16)
+    physics.free_context()
+    with ThreadPoolExecutor(1) as pool, refused(RuntimeError, "of the callback"):
+        pool.submit(render).result()
+
+
+@pytest.mark.rendering
 def test_rendering_without_mujoco_gl_works_and_leaves_stderr_empty():
     assert run(RENDERING, UNSET) == (0, "", "")
 

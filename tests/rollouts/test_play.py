@@ -135,6 +135,13 @@ def test_a_policy_of_another_task_is_warned_of(tmp_path, monkeypatch):
         assert rollout.main([*command, "--task_name=top_drawer"]) == 0
 
 
+def test_a_policy_of_a_task_that_does_not_exist_here_is_played(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_policy(tmp_path / "policy.npz", task_name="third_drawer")
+    command = ["--domain_name=open_cabinet", "--num_episodes=1", "--max_episode_steps=2"]
+    assert rollout.main([*command, "--policy=trained(file='policy.npz')"]) == 0
+
+
 def test_without_a_file_it_plays_the_policy_that_grasps(run, tmp_path, monkeypatch):
     write_policy(tmp_path / "top_drawer_grasp.npz")
     monkeypatch.setattr(trained_policy, "SHIPPED", tmp_path)

@@ -36,8 +36,7 @@ class MotionStyle:
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
-        if checks.number(self.speed, "speed", positive=True) > 1.0:
-            raise ValueError(f"speed must be at most 1, got {checks.shown(self.speed)}")
+        checks.number(self.speed, "speed", positive=True, maximum=1.0)
         checks.number(self.action_noise, "action_noise")
         checks.number(self.jitter, "jitter")
 

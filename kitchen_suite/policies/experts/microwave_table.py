@@ -37,8 +37,8 @@ _APPROACH_SPEED, _DOOR_SPEED = 0.25, 0.5
 # Control steps to close the fingers, to open them, and from the end of a trajectory to the next one.
 _CLOSING_STEPS, _OPENING_STEPS, _SETTLE_STEPS = 15, 20, 15
 
-# Angle by which the door is swung about the hinges of the default layout; then the path of the handle shows where they
-# are [rad].
+# Angle by which the door is swung about the hinges of the default layout; after that, the path of the handle determines
+# their position [rad].
 _FIRST_ANGLE = 0.1
 # Distance from the goal at which the expert stops [rad].
 _TOLERANCE = 0.03
@@ -49,8 +49,8 @@ _SLIP = 0.09
 class MicrowaveExpert(Expert):
     """Swings the door of the microwave open by its handle, from any angle, and holds it.
 
-    It observes the handle, and from the path of the handle where the hinges are. If the hand loses the handle, or the
-    door is not open at the end, it starts again.
+    It infers the position of the hinges from the path of the handle. If the hand loses the handle, it grasps it again;
+    if the door is not open at the end, it plans another swing.
     """
 
     control_modes = CONTROL_MODES
@@ -118,7 +118,7 @@ class MicrowaveExpert(Expert):
         return JointTrajectory.stationary(joints, CLOSED).then(planned, self._limits)
 
     def _place(self, handle: Array, left: float) -> Array:
-        """Position `(3,)` of the hand's site at the handle; where the hand cannot turn, to its left by so much [m]."""
+        """Position `(3,)` of the hand's site at the handle; where the hand cannot turn, `left` [m] beside it."""
         if self._encoder.turns_hand:
             return handle
         approach = np.array(self._orientation.approach)
