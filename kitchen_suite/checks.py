@@ -117,7 +117,7 @@ def nearest(value: str, choices: Collection[str]) -> str | None:
     value = value[:_MAX_SHOWN]
     if synonym := _SYNONYMS.get(value):
         return synonym if synonym in choices else None
-    near = [choice for choice in sorted(choices) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
+    near = [choice for choice in sorted(choices, key=len) if choice.endswith(tuple(f"{mark}{value}" for mark in "/_ "))]
     return next(iter((*near, *_spelt_like(value, choices))), None)
 
 

@@ -5,13 +5,14 @@ import dataclasses
 import importlib.metadata
 import json
 import platform
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kitchen_suite import checks, suite
 from kitchen_suite.benchmarks import memory, rendering, speed
 from kitchen_suite.benchmarks.cases import BenchmarkDomain
-from kitchen_suite.rollouts.report import print_line, table
+from kitchen_suite.rollouts.report import table
 from kitchen_suite.settings import BenchmarkSettings
 from kitchen_suite.versions import installed_versions
 
@@ -40,7 +41,8 @@ class BenchmarkJob:
     def run(self) -> bool:
         """Measures and prints the results; returns True."""
         if not self._settings.json:
-            print_line(f"{command_line(self._settings)} takes minutes; on a terminal, a bar shows its progress\n")
+            # Not among the results.
+            print(f"{command_line(self._settings)} takes minutes", file=sys.stderr, flush=True)
         results = self.measure()
         print(json.dumps(results) if self._settings.json else plain(results))
         return True
