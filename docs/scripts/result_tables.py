@@ -374,6 +374,28 @@ def digest_table() -> str:
     return f"{table}\n\nWith {versions}, on {result['machine']}."
 
 
+def processor_table() -> str:
+    """Returns the table of what `docs/experiments/processors.py` has measured."""
+    rows = [
+        (
+            f"`{row['domain']}`",
+            row["policy"],
+            f"{row['equal']} of {row['episodes']}",
+            "" if row["first"] is None else f"{row['first']:.0f}",
+            *(f"{row[name]:.0e}" for name in ("after_10", "after_100", "greatest")),
+            f"{row['alike']} of {row['episodes']}",
+        )
+        for row in read_results("processors")
+    ]
+    steps = (
+        "control step of the first difference (median)",
+        "within 10 control steps",
+        "within 100",
+        "within an episode",
+    )
+    return markdown(("domain", "actions", "equal episodes", *steps, "same success"), rows)
+
+
 def mutant_table() -> str:
     """Returns the table of what `tests/tools/mutants.py` has found."""
     known = json.loads((RESULTS.parents[2] / "tests" / "tools" / "equivalent_mutants.json").read_text(encoding="utf-8"))
@@ -436,6 +458,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "imitation_results": imitation_table,
     "digests": digest_table,
     "mutants": mutant_table,
+    "processors": processor_table,
     "soak": soak_table,
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")

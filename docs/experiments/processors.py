@@ -1,0 +1,110 @@
+"""Compares episodes on this processor with those on an emulated other one; writes results/processors.json.
+
+python docs/experiments/processors.py     20 episodes of random actions and of the expert in every domain
+
+The other one has no AVX2, FMA and AVX-512, without which the C library, NumPy and OpenBLAS round otherwise. The actions
+are those of the policies on this processor. x86 alone; needs the extra `experts`.
+"""
+
+import json
+import os
+import pickle
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from kitchen_suite import policies, suite
+
+RESULTS = Path(__file__).parent / "results" / "processors.json"
+OTHER = {
+    "OPENBLAS_CORETYPE": "Prescott",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+}
+EPISODES, FIRST_SEED = 20, 50_000
+CASES = [
+    (domain, record.default_task, policy) for domain, record in suite.DOMAINS.items() for policy in ("random", "expert")
+]
+
+Episode = tuple[NDArray, NDArray, bool]
+
+
+def play(domain: str, task: str, policy: str, seed: int, actions: NDArray | None = None) -> Episode:
+    """Returns the actions `(T, k)` of an episode, its observations `(T + 1, m)`, and whether it succeeded."""
+    environment = suite.load(domain, task, {"random": seed, "visuals": False})
+    timestep = environment.reset()
+    act = policies.find(policy)(environment, np.random.default_rng(seed)) if actions is None else None
+    played, seen = [], [flat(timestep)]
+    while not timestep.last():
+        assert actions is not None or act is not None
+        action = actions[len(played)] if act is None else np.array(act(timestep))
+        played.append(action)
+        timestep = environment.step(action)
+        seen.append(flat(timestep))
+        if actions is not None and len(played) == len(actions):
+            break
+    return np.array(played), np.array(seen), bool(environment.task.episode_metrics["success"])
+
+
+def flat(timestep: Any) -> NDArray:
+    """Returns the observation as one array."""
+    return np.concatenate([np.ravel(value) for value in timestep.observation.values()])
+
+
+def replay(path: str) -> None:
+    """Plays the actions in a file again, and writes the episodes to it."""
+    recorded = pickle.loads(Path(path).read_bytes())
+    played = {key: play(*key, actions=actions) for key, (actions, _, _) in recorded.items()}
+    Path(path).write_bytes(pickle.dumps(played))
+
+
+def compare(here: list[Episode], there: list[Episode]) -> dict[str, Any]:
+    """Returns when episodes part, how far, and how many succeed alike."""
+    firsts, greatest, alike = [], [], 0
+    for (_, one, success), (_, other, other_success) in zip(here, there, strict=True):
+        count = min(len(one), len(other))
+        difference = np.abs(one[:count] - other[:count]).max(axis=1)
+        differing = np.flatnonzero(difference)
+        firsts.append(int(differing[0]) if differing.size else None)
+        greatest.append(difference)
+        alike += success == other_success
+    apart = [first for first in firsts if first is not None]
+    return {
+        "episodes": len(here),
+        "equal": firsts.count(None),
+        "first": statistics.median(apart) if apart else None,
+        **{f"after_{step}": float(max(each[: step + 1].max() for each in greatest)) for step in (10, 50, 100)},
+        "greatest": float(max(each.max() for each in greatest)),
+        "alike": alike,
+        "success": sum(success for _, _, success in here),
+    }
+
+
+def main() -> None:
+    """Plays, compares and writes."""
+    keys = [(*case, FIRST_SEED + number) for case in CASES for number in range(EPISODES)]
+    here = {key: play(*key) for key in tqdm(keys, unit="episode", disable=None)}
+    with tempfile.NamedTemporaryFile() as file:
+        Path(file.name).write_bytes(pickle.dumps(here))
+        subprocess.run([sys.executable, __file__, file.name], env={**os.environ, **OTHER}, check=True)
+        there = pickle.loads(Path(file.name).read_bytes())
+    rows = []
+    for case in CASES:
+        episodes = ([each[key] for key in keys if key[:3] == case] for each in (here, there))
+        rows.append(dict(zip(("domain", "task", "policy"), case, strict=True)) | compare(*episodes))
+    RESULTS.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        replay(sys.argv[1])
+    else:
+        main()
