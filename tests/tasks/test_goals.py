@@ -9,7 +9,7 @@ from kitchen_suite.entities import build_kitchen_scene
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.scenes import build_microwave_table_scene
 from kitchen_suite.tasks import GOALS
-from kitchen_suite.tasks.goals import Goal, GoalSet
+from kitchen_suite.tasks.goals import Goal, GoalSet, Progress
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.mdp import SceneIndices
@@ -55,6 +55,29 @@ def test_elements_are_of_the_goals_joints(kitchen, physics, task):
     in_qpos, _ = addresses(physics, kitchen.object_joints)
     expected, _ = addresses(physics, GOALS[task].joints_in(kitchen))
     np.testing.assert_array_equal(in_qpos[GOALS[task].elements_in(kitchen)], expected)
+
+
+# Two episodes of two tasks: which are within their thresholds after each step.
+WITHIN = ([[0, 0], [0, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 0]], [[0, 1], [0, 1]], [[0, 0], [0, 0]])
+
+
+@pytest.mark.parametrize(("removed", "again"), [(True, [[0, 0], [0, 0]]), (False, [[1, 0], [0, 0]])])
+def test_the_steps_of_first_completions_are_counted_from_one(removed, again):
+    progress = Progress.initial((2, 2))
+    assert progress.completion_steps.tolist() == [[-1, -1]] * 2
+    seen = []
+    for within in WITHIN:
+        progress = progress.update(np.array(within, bool), remove_task_when_completed=removed)
+        seen.append(progress)
+    assert [each.step.tolist() for each in seen] == [[[number]] * 2 for number in (1, 2, 3, 4, 5)]
+    assert [each.within.astype(int).tolist() for each in seen] == [*WITHIN]
+    assert [each.completions.astype(int).tolist() for each in seen] == [*WITHIN[:2], again, *WITHIN[3:]]
+    assert [each.advanced.tolist() for each in seen] == [[0, 0], [1, 0], [0, 0], [1, 1], [0, 0]]
+    assert [each.steps_since_completion.tolist() for each in seen] == [[1, 1], [0, 2], [1, 3], [0, 0], [1, 1]]
+    assert [each.all_completed.tolist() for each in seen] == [[0, 0]] * 3 + [[1, 0]] * 2
+    assert progress.completion_steps.tolist() == [[2, 4], [-1, 4]]
+    assert progress.completed.tolist() == [[1, 1], [0, 1]]
+    assert progress.remaining.tolist() == ([[0, 0], [1, 0]] if removed else [[1, 1]] * 2)
 
 
 def test_noise_and_initial_positions_are_the_references():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.errors import refused
+from scipy.spatial.transform import Rotation
 
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import joint_types
@@ -59,6 +60,16 @@ def test_the_kettle_must_stand_near_its_goal_turned_or_not():
     rows = np.array(inside + outside)
     np.testing.assert_array_equal(success.ratios(rows), [success.ratios(row) for row in rows])
     assert (success.ratios(rows) <= 1.0)[:, 0].tolist() == within(success, rows)[:, 0].tolist()
+
+
+def test_the_kettles_tilt_is_the_angle_between_verticals_whatever_the_length_of_its_quaternion():
+    quaternions = np.random.default_rng(0).normal(size=(200, 4))
+    up, goal = (
+        Rotation.from_quat(each[..., [1, 2, 3, 0]]).apply([0.0, 0.0, 1.0]) for each in (quaternions, KETTLE[3:])
+    )
+    poses = np.concatenate([np.tile(KETTLE[:3], (200, 1)), quaternions], axis=1)
+    chords = np.linalg.norm(up - goal, axis=1)
+    np.testing.assert_allclose(strict("kettle").ratios(poses)[:, 0], chords / (2.0 * np.sin(0.1)), rtol=1e-9)
 
 
 def test_factors_widen_thresholds_and_tolerances():
