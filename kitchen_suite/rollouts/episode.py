@@ -84,7 +84,7 @@ class EpisodeArrays:
             raise ValueError("there are no observations")
         for name, array in self.arrays.items():
             _check_array(name, array, self.arrays["reward"])
-        if actions_sha256 not in (None, self.actions_sha256):
+        if actions_sha256 is not None and actions_sha256 != self.actions_sha256:
             raise ValueError("its actions are not those that were recorded: their SHA-256 does not match")
 
     @property
