@@ -78,6 +78,12 @@ def test_the_steps_of_first_completions_are_counted_from_one(removed, again):
     assert progress.completion_steps.tolist() == [[2, 4], [-1, 4]]
     assert progress.completed.tolist() == [[1, 1], [0, 1]]
     assert progress.remaining.tolist() == ([[0, 0], [1, 0]] if removed else [[1, 1]] * 2)
+    # An episode alone has the same progress as among others.
+    alone = Progress.initial((2,))
+    for within, each in zip(WITHIN, seen, strict=True):
+        alone = alone.update(np.array(within[0], bool), remove_task_when_completed=removed)
+        for name in (*Progress._fields, "advanced", "steps_since_completion", "all_completed"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(each, name)[0])
 
 
 def test_noise_and_initial_positions_are_the_references():
