@@ -354,7 +354,7 @@ class HumanFiles(Kind):
 
 
 class LeRobotRecords(Kind):
-    """What a LeRobot dataset of `kitchen-record` holds beside LeRobot's own files."""
+    """The record of a recording that a LeRobot dataset has beside LeRobot's own files."""
 
     def __init__(self, folder):
         self.folder = folder

@@ -1,4 +1,4 @@
-"""The console scripts, beside the package, since its import takes about half a second.
+"""The console scripts, beside the package, since its import takes some tenths of a second.
 
 Until the command handles interrupts itself, SIGINT and SIGTERM end its process at once, with one line and status 130.
 Before Python has imported this module, SIGTERM ends the process without a line, and SIGINT with a traceback.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from kitchen_suite import files
+from kitchen_suite import files, policies
 
 
 def play(environment, build_policy, seed):
@@ -22,6 +22,15 @@ def play(environment, build_policy, seed):
         actions.append(policy(timestep))
         timestep = environment.step(actions[-1])
     return np.array(actions)
+
+
+def successes(environment, seeds, policy="expert"):
+    """Returns the number of successes of a policy, by its name, in the episodes of some seeds."""
+    build, count = policies.find(policy), 0
+    for seed in seeds:
+        play(environment, build, seed)
+        count += environment.task.episode_metrics["success"]
+    return count
 
 
 def load_episode(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

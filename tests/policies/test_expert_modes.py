@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers.episodes import play
+from helpers.episodes import play, successes
 from helpers.sweeps import brief, brief_named
 
 from kitchen_suite import experts, policies, suite
@@ -33,14 +33,6 @@ ROUNDING = 1e-6
 
 def load(domain, task, mode, **task_kwargs):
     return suite.load(domain, task, {"visuals": False, "control_mode": mode, **task_kwargs})
-
-
-def successes(environment, seeds, policy="expert"):
-    build, count = policies.find(policy), 0
-    for seed in seeds:
-        play(environment, build, seed)
-        count += environment.task.episode_metrics["success"]
-    return count
 
 
 def test_every_control_mode_has_an_encoder():

@@ -1,7 +1,7 @@
 """Mutation tests of the suite's pure functions: how many small faults the tests find.
 
 pip install cosmic-ray
-python tests/tools/mutants.py              tests all mutants (an hour or two); goes on where it was stopped
+python tests/tools/mutants.py              tests all mutants (hours); goes on where it was stopped
 python tests/tools/mutants.py --only=WORD  those of modules whose name contains the word
 python tests/tools/mutants.py --again      tests the survivors once more, after tests have been added
 python tests/tools/mutants.py --report     prints the scores so far, and the mutants that survived
