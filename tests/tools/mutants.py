@@ -48,12 +48,9 @@ NO_TESTS = 5
 TESTS = {
     "tasks/rotations.py": ("tests/tasks/test_rotations.py",),
     "tasks/goals.py": ("tests/tasks/test_goals.py", "tests/tasks/test_success.py"),
-    "tasks/control_modes/joints.py": (
-        "tests/tasks/open_cabinet/test_open_cabinet_math.py",
-        "tests/tasks/control_modes/test_control_modes.py",
-    ),
-    "tasks/control_modes/end_effector.py": ("tests/tasks/control_modes/test_control_modes.py",),
-    "tasks/kitchen/action.py": ("tests/tasks/control_modes/test_control_modes.py", "tests/fidelity"),
+    "tasks/control_modes/joints.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
+    "tasks/control_modes/end_effector.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
+    "tasks/kitchen/action.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/kitchen/reward.py": ("tests/tasks/kitchen/test_kitchen_rewards.py",),
     "tasks/open_cabinet/reward.py": (
         "tests/tasks/open_cabinet/test_open_cabinet_math.py",
