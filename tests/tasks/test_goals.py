@@ -1,5 +1,7 @@
 """Goals by prop, and the tables that scenes derive from the order of their props."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from dm_control import mjcf
@@ -84,6 +86,84 @@ def test_the_steps_of_first_completions_are_counted_from_one(removed, again):
         alone = alone.update(np.array(within[0], bool), remove_task_when_completed=removed)
         for name in (*Progress._fields, "advanced", "steps_since_completion", "all_completed"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(each, name)[0])
+
+
+def test_masks_of_progress_are_boolean():
+    progress = Progress.initial((2, 2))
+    # Numpy warns of nothing.
+    with np.errstate(all="raise"):
+        for within in WITHIN:
+            progress = progress.update(np.array(within, bool), remove_task_when_completed=False)
+            for mask in (progress.within, progress.completions, progress.remaining, progress.completed):
+                assert mask.dtype == bool
+            assert progress.advanced.shape == progress.all_completed.shape == (2,)
+
+
+def test_tasks_may_all_be_completed_in_the_first_step():
+    progress = Progress.initial((2,)).update(np.array([True, True]), remove_task_when_completed=True)
+    assert progress.completed.tolist() == [True, True]
+    assert progress.all_completed
+    assert progress.advanced
+    assert progress.steps_since_completion == 0
+
+
+def test_whether_completed_tasks_are_removed_is_named():
+    with pytest.raises(TypeError):
+        Progress.initial((1,)).update(np.array([True]), True)
+
+
+def test_goals_share_joints_of_one_prop():
+    def goal(prop, *joints):
+        # A name that is equal to another, but not the same object, as in a user's own table.
+        return Goal(prop="".join([*prop]), joints=joints or None, value=(0.0,))
+
+    whole, left, right, both = goal("oven"), goal("oven", "left"), goal("oven", "right"), goal("oven", "right", "left")
+    for one, other in ((whole, whole), (whole, left), (left, left), (both, left), (both, right)):
+        assert one.shares_joints(other)
+        assert other.shares_joints(one)
+    assert not left.shares_joints(right)
+    # Props before and after it in the alphabet.
+    for other in ("hood", "table"):
+        for one in (whole, left):
+            for another in (goal(other), goal(other, "left")):
+                assert not one.shares_joints(another)
+                assert not another.shares_joints(one)
+
+
+PAIR = {"lid": Goal(prop="pot", value=(1.0, 2.0)), "dial": Goal(prop="oven", value=(3.0,))}
+
+
+def test_goals_and_their_sets_are_constant_and_named():
+    for record, field in ((PAIR["lid"], "prop"), (GoalSet.build(PAIR, ["lid"]), "tasks")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(record, field, "other")
+        with pytest.raises(TypeError):
+            type(record)(*vars(record).values())
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_goals_are_at_most_mujocos_greatest_position(sign):
+    goals = GoalSet.build(PAIR, ["lid", "dial"], {"lid": [0.0, sign * 1e10]})
+    assert goals.desired.tolist() == [0.0, sign * 1e10, 3.0]
+    with refused(ValueError, "'lid'", "1e+10", f"{sign * 1.5:g}e+10"):
+        GoalSet.build(PAIR, ["dial", "lid"], {"lid": [sign * 1.5e10, 0.0]})
+
+
+def test_completed_tasks_are_in_the_order_of_completion():
+    goals = GoalSet.build(PAIR, ["dial", "lid"])
+    assert [*goals.by_completion(np.array([7, 1])).items()] == [("lid", 1), ("dial", 7)]
+    assert [*goals.by_completion(np.array([1, 7])).items()] == [("dial", 1), ("lid", 7)]
+    assert goals.by_completion(np.array([-1, 3])) == {"lid": 3}
+
+
+def test_masks_and_steps_are_of_all_tasks():
+    goals = GoalSet.build(PAIR, ["dial", "lid"])
+    assert goals.names(np.array([False, True])) == ["lid"]
+    for size in (1, 3):
+        with pytest.raises(ValueError, match="zip"):
+            goals.names(np.ones(size, bool))
+        with pytest.raises(ValueError, match="zip"):
+            goals.by_completion(np.ones(size, int))
 
 
 def test_noise_and_initial_positions_are_the_references():

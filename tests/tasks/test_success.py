@@ -1,5 +1,7 @@
 """Completion by thresholds or by strict tolerances, decided by one object."""
 
+import json
+
 import numpy as np
 import pytest
 from helpers.errors import refused
@@ -10,6 +12,7 @@ from kitchen_suite.entities.joints import joint_types
 from kitchen_suite.experts import KitchenExpert
 from kitchen_suite.gymnasium_env import FrankaKitchenEnv
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks.goals import Goal, GoalSet, Success, ThresholdSuccess, make_success
 
 KETTLE = np.array(GOALS["kettle"].value)
 
@@ -72,6 +75,55 @@ def test_the_kettles_tilt_is_the_angle_between_verticals_whatever_the_length_of_
     np.testing.assert_allclose(strict("kettle").ratios(poses)[:, 0], chords / (2.0 * np.sin(0.1)), rtol=1e-9)
 
 
+def test_a_kettle_among_other_tasks_is_judged_as_alone():
+    success = load(["kettle", "microwave"], success="strict").task.mdp.success
+    goal = np.array([*KETTLE, *GOALS["microwave"].value])
+    achieved = goal + np.array([0.01, 0.0, 0.02, 0.0, 0.1, 0.0, 0.0, 0.025])
+    expected = [*strict("kettle").ratios(achieved[:7]), 0.5]
+    np.testing.assert_allclose(success.ratios(achieved), expected, rtol=1e-12)
+    np.testing.assert_allclose(success.ratios(np.stack([goal, achieved])), [[0.0, 0.0], expected], atol=1e-12)
+    # Relabelled goals.
+    np.testing.assert_allclose(success.ratios(goal, achieved)[1], 0.5, rtol=1e-12)
+
+
+# Distances from these goals, and from thresholds that are powers of two, are exact.
+PAIR = GoalSet.build(
+    {"lid": Goal(prop="pot", value=(1.0, 2.0)), "dial": Goal(prop="oven", value=(3.0,))}, ["lid", "dial"]
+)
+ACHIEVED = np.array([[1.0, 2.25, 3.5], [1.5, 2.0, 3.125]])
+
+
+def test_distances_are_measured_in_thresholds():
+    np.testing.assert_array_equal(ThresholdSuccess(PAIR, 0.25).ratios(ACHIEVED), [[1.0, 2.0], [2.0, 0.5]])
+    by_task = ThresholdSuccess(PAIR, np.array([0.5, 1.0]))
+    np.testing.assert_array_equal(by_task.ratios(ACHIEVED), [[0.5, 0.5], [1.0, 0.125]])
+    np.testing.assert_array_equal(by_task.ratios(ACHIEVED[0]), [0.5, 0.5])
+
+
+def test_a_distance_must_be_below_its_threshold():
+    success = ThresholdSuccess(PAIR, 0.25)
+    assert success.within(ACHIEVED).tolist() == [[False, False], [False, True]]
+    assert success.within(ACHIEVED, factor=2.0).tolist() == [[True, False], [False, True]]
+    assert success.within(ACHIEVED, np.array([1.0, 2.25, 3.5])).tolist() == [[True, True], [False, False]]
+    assert success.within_distances(np.array([0.125, 0.25, 0.5])).tolist() == [True, False, False]
+
+
+def test_criteria_must_measure_and_decide():
+    with pytest.raises(TypeError, match="ratios"):
+        type("Neither", (Success,), {"within": ThresholdSuccess.within})(PAIR)
+    with pytest.raises(TypeError, match="within"):
+        type("Neither", (Success,), {"ratios": ThresholdSuccess.ratios})(PAIR)
+
+
+def test_a_threshold_of_zero_is_refused_on_request():
+    for threshold in (0.0, {"lid": 0.0}):
+        assert not make_success(PAIR, None, default=0.3, threshold=threshold).within(np.array([1.0, 2.0, 3.0]))[0]
+        with refused(ValueError, "threshold", "positive"):
+            make_success(PAIR, None, default=0.3, threshold=threshold, positive=True)
+    with pytest.raises(TypeError):
+        make_success(PAIR, None, 0.3)
+
+
 def test_factors_widen_thresholds_and_tolerances():
     assert within(strict("microwave"), [-0.695], factor=1.2)
     thresholds = load(["microwave"], threshold=0.1).task.mdp.success
@@ -95,6 +147,10 @@ def test_thresholds_may_differ_by_task():
     assert environment.task.threshold == {"microwave": 0.3, "kettle": 9.0}
     assert [load(["kettle"], **given).task.threshold for given in ({}, {"threshold": 1})] == [0.3, 1.0]
     assert load(["kettle"], success="strict").task.threshold is None
+
+
+def test_success_is_strict_where_a_file_says_so():
+    assert load(["kettle"], **json.loads('{"success": "strict"}')).task.threshold is None
 
 
 def test_original_success_is_the_default():

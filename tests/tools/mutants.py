@@ -47,7 +47,11 @@ NO_TESTS = 5
 # Tests of each module, the quickest first: they stop at the first failure.
 TESTS = {
     "tasks/rotations.py": ("tests/tasks/test_rotations.py",),
-    "tasks/goals.py": ("tests/tasks/test_goals.py", "tests/tasks/test_success.py"),
+    "tasks/goals.py": (
+        "tests/tasks/test_goals.py",
+        "tests/tasks/test_success.py",
+        "tests/tasks/test_instructions.py",
+    ),
     "tasks/control_modes/joints.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/control_modes/end_effector.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/kitchen/action.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
