@@ -105,6 +105,9 @@ def test_tasks_may_all_be_completed_in_the_first_step():
     assert progress.all_completed
     assert progress.advanced
     assert progress.steps_since_completion == 0
+    later = progress.update(np.array([True, True]), remove_task_when_completed=True)
+    assert later.steps_since_completion == 1
+    assert not later.advanced
 
 
 def test_whether_completed_tasks_are_removed_is_named():

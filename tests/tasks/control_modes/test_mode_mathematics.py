@@ -36,7 +36,7 @@ MIDDLE = np.array([0.3, -0.6, 0.2, -1.9, -0.4, 1.7, 0.8])
 LONG, SHORT = 0.08, 0.02
 RESPONSES = {LONG: 0.1, SHORT: 0.05}
 
-HALF_TURN_LEFT = Rotation.from_rotvec([0.0, 0.0, np.pi / 2.0])
+QUARTER_TURN = Rotation.from_rotvec([0.0, 0.0, np.pi / 2.0])
 
 
 class Fields:
@@ -50,7 +50,7 @@ class Fields:
 
 
 def specification():
-    """Parameters of a robot no two of which are equal by chance."""
+    """Returns parameters of a robot whose servos differ from joint to joint."""
     links = [
         dataclasses.replace(
             link,
@@ -83,16 +83,16 @@ def scene():
     root.actuator.add("position", joint=swinging.add("joint", type="hinge", name="hinge"), kp=1.0)
     frame = root.attach(robot.mjcf_model)
     frame.pos = (0.5, -0.4, 0.2)
-    frame.quat = np.roll(HALF_TURN_LEFT.as_quat(), 1)
+    frame.quat = np.roll(QUARTER_TURN.as_quat(), 1)
     return SimpleNamespace(physics=mjcf.Physics.from_mjcf_model(root), robot=robot)
 
 
-NAMES = ["qpos", "qfrc_bias", "xpos", "xquat", "site_xpos", "xanchor", "xaxis"]
+READ = ["qpos", "qfrc_bias", "xpos", "xquat", "site_xpos", "xanchor", "xaxis"]
 
 
 @dataclasses.dataclass
-class Pose:
-    """A state of the scene: MuJoCo's fields, and what MuJoCo computes of the end effector."""
+class State:
+    """The scene at some joint positions: fields of MuJoCo's data, and what MuJoCo computes of the end effector."""
 
     fields: dict[str, np.ndarray]
     jacobian: np.ndarray
@@ -109,7 +109,7 @@ class Pose:
         return self.fields["qfrc_bias"][7:14] / GAIN
 
 
-def pose(scene, arm=MIDDLE):
+def state(scene, arm=MIDDLE):
     """Returns the scene's state with the arm at some joint positions."""
     physics, robot = scene.physics, scene.robot
     with physics.reset_context():
@@ -117,19 +117,19 @@ def pose(scene, arm=MIDDLE):
     model, data, site = physics.model.ptr, physics.data.ptr, physics.bind(robot.end_effector).element_id
     linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacSite(model, data, linear, angular, site)
-    return Pose(
-        fields={name: np.array(getattr(data, name)) for name in NAMES},
+    return State(
+        fields={name: np.array(getattr(data, name)) for name in READ},
         jacobian=np.concatenate([linear, angular])[:, 7:14],
         position=np.array(data.site_xpos[site]),
         orientation=Rotation.from_matrix(np.reshape(data.site_xmat[site], (3, 3))),
     )
 
 
-def simulation(*poses):
+def simulation(*states):
     """Returns the simulation of one state, or of many."""
-    if len(poses) == 1:
-        return Fields(**poses[0].fields)
-    return Fields((len(poses),), **{name: np.stack([each.fields[name] for each in poses]) for name in NAMES})
+    if len(states) == 1:
+        return Fields(**states[0].fields)
+    return Fields((len(states),), **{name: np.stack([each.fields[name] for each in states]) for name in READ})
 
 
 def bound(mode, scene, timestep=LONG):
@@ -143,7 +143,8 @@ def as_rotation(quaternion):
 
 
 def assert_turned(quaternion, expected):
-    """Checks orientations, of which q and -q are the same."""
+    """Checks unit quaternions, of which q and -q are the same orientation."""
+    np.testing.assert_allclose(np.linalg.norm(quaternion, axis=-1), 1.0, atol=1e-12)
     np.testing.assert_allclose(as_rotation(quaternion).as_matrix(), expected.as_matrix(), atol=1e-12)
 
 
@@ -287,24 +288,24 @@ def test_joint_offsets_are_unbounded(scene):
 
 def test_offsets_are_from_present_positions_and_end_at_the_limits(scene):
     mode = bound(joints.JointOffset(gripper="deterministic"), scene)
-    poses = [pose(scene), pose(scene, MIDDLE + 0.1)]
+    states = [state(scene), state(scene, MIDDLE + 0.1)]
     offset = np.array([0.1, -0.2, 0.3, -0.4, 0.5, 0.6, -0.7, 2.0])
     actions = np.array([offset, -offset])
-    target, command = mode.control(simulation(*poses), None, (), actions, MEDIAN)
+    target, command = mode.control(simulation(*states), None, (), actions, MEDIAN)
     close(target, [[*MIDDLE + offset[:7], 0.0, 0.0], [*MIDDLE + 0.1 - offset[:7], 0.04, 0.04]])
     assert command == ()
     for far, ends in ((50.0, [*HIGH[:7], 0.0, 0.0]), (-50.0, [*LOW[:7], 0.04, 0.04])):
-        np.testing.assert_array_equal(mode.control(simulation(poses[0]), None, (), np.full(8, far), MEDIAN)[0], ends)
+        np.testing.assert_array_equal(mode.control(simulation(states[0]), None, (), np.full(8, far), MEDIAN)[0], ends)
 
 
 def test_a_draw_below_the_closing_probability_closes_both_fingers(scene):
     mode = bound(joints.JointOffset(), scene)
     action = np.array([*np.zeros(7), 1.0])
     # The probability is 1 / (1 + 1 / e) = 0.731.
-    many = mode.control(simulation(*[pose(scene)] * 2), None, (), np.stack([action] * 2), np.array([0.70, 0.76]))[0]
+    many = mode.control(simulation(*[state(scene)] * 2), None, (), np.stack([action] * 2), np.array([0.70, 0.76]))[0]
     assert many[:, 7:].tolist() == [[0.0, 0.0], [0.04, 0.04]]
     for draw, finger in ((0.70, 0.0), (0.76, 0.04)):
-        alone = mode.control(simulation(pose(scene)), None, (), action, draw)[0]
+        alone = mode.control(simulation(state(scene)), None, (), action, draw)[0]
         assert alone[7:].tolist() == [finger, finger]
 
 
@@ -335,14 +336,14 @@ def test_joint_positions_are_targets_within_the_limits(scene):
 
 
 def test_joint_commands_start_at_the_present_positions(scene):
-    poses = [pose(scene), pose(scene, MIDDLE + 0.1)]
+    states = [state(scene), state(scene, MIDDLE + 0.1)]
     mode = bound(joints.JointDelta(), scene)
-    many = simulation(*poses)
+    many = simulation(*states)
     command = mode.start(many)
     # A command does not change with the simulation.
     many.fields["qpos"][:] = 9.0
     np.testing.assert_array_equal(command.positions, [MIDDLE, MIDDLE + 0.1])
-    np.testing.assert_array_equal(mode.start(simulation(poses[0])).positions, MIDDLE)
+    np.testing.assert_array_equal(mode.start(simulation(states[0])).positions, MIDDLE)
 
 
 def test_joint_deltas_change_the_command_and_servos_hold_the_arm(scene):
@@ -350,15 +351,15 @@ def test_joint_deltas_change_the_command_and_servos_hold_the_arm(scene):
     shares = np.array([0.5, -0.5, 1.0, -1.0, 0.25, 3.0, -3.0, 0.5])
     # At 2 rad/s, for 0.08 s; shares beyond 1 count as 1.
     change = 0.16 * np.array([0.5, -0.5, 1.0, -1.0, 0.25, 1.0, -1.0])
-    poses, ahead = [pose(scene), pose(scene, MIDDLE + 0.1)], np.linspace(-0.1, 0.1, 7)
-    commands = np.array([each.arm + ahead for each in poses])
+    states, ahead = [state(scene), state(scene, MIDDLE + 0.1)], np.linspace(-0.1, 0.1, 7)
+    commands = np.array([each.arm + ahead for each in states])
     target, command = mode.control(
-        simulation(*poses), None, joints.JointCommand(commands), np.stack([shares] * 2), MEDIAN
+        simulation(*states), None, joints.JointCommand(commands), np.stack([shares] * 2), MEDIAN
     )
     close(command.positions, commands + change)
-    close(target[:, :7], [commands[i] + change + poses[i].hold for i in range(2)])
-    assert np.abs([each.hold for each in poses]).max() > 0.01
-    alone, _ = mode.control(simulation(poses[0]), None, joints.JointCommand(commands[0]), shares, MEDIAN)
+    close(target[:, :7], [commands[i] + change + states[i].hold for i in range(2)])
+    assert np.abs([each.hold for each in states]).max() > 0.01
+    alone, _ = mode.control(simulation(states[0]), None, joints.JointCommand(commands[0]), shares, MEDIAN)
     np.testing.assert_array_equal(alone, target[0])
 
 
@@ -366,7 +367,7 @@ def delta(scene, arm, command, share=0.0, speed=1.0):
     """Returns the commanded positions that a control step of `joint_delta` leaves."""
     action = np.full(8, share)
     mode, start = bound(joints.JointDelta(joint_speed=speed), scene), joints.JointCommand(np.asarray(command))
-    return mode.control(simulation(pose(scene, arm)), None, start, action, MEDIAN)[1].positions
+    return mode.control(simulation(state(scene, arm)), None, start, action, MEDIAN)[1].positions
 
 
 def test_joint_commands_stay_near_their_joints_and_within_the_limits(scene):
@@ -382,7 +383,7 @@ def test_joint_commands_stay_near_their_joints_and_within_the_limits(scene):
 
 
 def test_servo_targets_stay_within_their_ranges(scene):
-    servos, here = joints.ArmServos(scene.physics, scene.robot), pose(scene)
+    servos, here = joints.ArmServos(scene.physics, scene.robot), state(scene)
     close(servos.lag, LAG)
     close([servos.low, servos.high], [LOW[:7], HIGH[:7]])
     for sign, ends in ((1.0, CTRL_HIGH), (-1.0, CTRL_LOW)):
@@ -392,7 +393,7 @@ def test_servo_targets_stay_within_their_ranges(scene):
 
 @pytest.mark.parametrize(("share", "finger"), [(-1.0, OPEN), (1.0, CLOSED), (0.0, 0.0225), (0.5, 0.01625), (7.0, 0.01)])
 def test_the_gripper_is_linear_from_open_to_closed(scene, share, finger):
-    start = pose(scene)
+    start = state(scene)
     for mode in (joints.JointDelta(), end_effector.EndEffectorDeltaPose(), end_effector.EndEffectorPose()):
         bound(mode, scene)
         action = np.full(mode.spec(scene.robot).shape, 0.5)
@@ -409,14 +410,14 @@ def test_the_gripper_is_linear_from_open_to_closed(scene, share, finger):
 def test_the_arm_moves_by_the_step_that_reaches_error_and_posture(scene, timestep):
     """Where one joint step leads to both, it is the step, whatever the damping."""
     arm, response = end_effector.Arm(scene.physics, scene.robot, timestep), RESPONSES[timestep]
-    poses = [pose(scene), pose(scene, MIDDLE + 0.1)]
+    states = [state(scene), state(scene, MIDDLE + 0.1)]
     steps = np.random.default_rng(0).uniform(-0.02, 0.02, (2, 7))
-    errors = np.array([each.jacobian @ step for each, step in zip(poses, steps, strict=True)])
+    errors = np.array([each.jacobian @ step for each, step in zip(states, steps, strict=True)])
     # The posture is approached at 0.25 / s.
-    postures = np.array([each.arm for each in poses]) + steps / (0.25 * response)
-    expected = [each.arm + LAG / response * step + each.hold for each, step in zip(poses, steps, strict=True)]
-    close(arm.target(simulation(*poses), errors, postures), expected)
-    close(arm.target(simulation(poses[1]), errors[1], postures[1]), expected[1])
+    postures = np.array([each.arm for each in states]) + steps / (0.25 * response)
+    expected = [each.arm + LAG / response * step + each.hold for each, step in zip(states, steps, strict=True)]
+    close(arm.target(simulation(*states), errors, postures), expected)
+    close(arm.target(simulation(states[1]), errors[1], postures[1]), expected[1])
 
 
 @pytest.mark.parametrize(
@@ -435,23 +436,23 @@ def test_the_arms_steps_end_at_the_joint_limits(scene, inside, step, expected, s
     limit = HIGH if sign > 0.0 else LOW
     arms = np.tile(MIDDLE, (7, 1))
     np.fill_diagonal(arms, limit[:7] - sign * inside)
-    poses, steps = [pose(scene, arm) for arm in arms], sign * step * np.eye(7)
-    errors = np.array([each.jacobian @ step for each, step in zip(poses, steps, strict=True)])
+    states, steps = [state(scene, arm) for arm in arms], sign * step * np.eye(7)
+    errors = np.array([each.jacobian @ step for each, step in zip(states, steps, strict=True)])
     target = end_effector.Arm(scene.physics, scene.robot, LONG).target(
-        simulation(*poses), errors, arms + steps / (0.25 * 0.1)
+        simulation(*states), errors, arms + steps / (0.25 * 0.1)
     )
-    moved = (target - [each.hold for each in poses] - arms) * 0.1 / LAG
+    moved = (target - [each.hold for each in states] - arms) * 0.1 / LAG
     close(np.diag(moved), np.full(7, sign * expected))
 
 
 def test_pose_commands_start_at_the_present_pose(scene):
-    poses = [pose(scene), pose(scene, MIDDLE + 0.1)]
-    mode, many = bound(end_effector.EndEffectorPose(), scene), simulation(*poses)
+    states = [state(scene), state(scene, MIDDLE + 0.1)]
+    mode, many = bound(end_effector.EndEffectorPose(), scene), simulation(*states)
     command = mode.start(many)
-    alone = mode.start(simulation(poses[1]))
+    alone = mode.start(simulation(states[1]))
     for field in many.fields.values():
         field[:] = 9.0
-    for i, each in enumerate(poses):
+    for i, each in enumerate(states):
         close(command.position[i], each.position)
         assert_turned(command.orientation[i], each.orientation)
         np.testing.assert_array_equal(command.posture[i], each.arm)
@@ -467,19 +468,19 @@ def ee_command(here, offset=(0.0, 0.0, 0.0), rotation=(0.0, 0.0, 0.0), posture=M
 
 def turn(frame, here, rotation=(0.0, 0.0, 0.0)):
     """Returns the rotation from an action's frame to the world, for a command from `ee_command`."""
-    return HALF_TURN_LEFT if frame == "base" else Rotation.from_rotvec(rotation) * here.orientation
+    return QUARTER_TURN if frame == "base" else Rotation.from_rotvec(rotation) * here.orientation
 
 
 OFFSET, ROTATION = np.array([0.01, -0.02, 0.03]), np.array([0.1, 0.05, -0.08])
-SHARES = np.array([0.5, -0.25, 3.0])
+SHARES = np.array([0.5, -3.0, 3.0])
 # Of 0.25 m/s, or rad/s, for 0.08 s; shares beyond 1 count as 1.
-CHANGE = 0.02 * np.array([0.5, -0.25, 1.0])
+CHANGE = 0.02 * np.array([0.5, -1.0, 1.0])
 
 
 @pytest.mark.parametrize("frame", ["base", "hand"])
 def test_position_changes_are_along_the_axes_of_the_frame(scene, frame):
     # A setting from a file.
-    frame, here = json.loads(f'"{frame}"'), pose(scene)
+    frame, here = json.loads(f'"{frame}"'), state(scene)
     start = ee_command(here, OFFSET, ROTATION)
     expected = here.position + OFFSET + turn(frame, here, ROTATION).apply(CHANGE)
     position = bound(end_effector.EndEffectorDeltaPosition(frame=frame), scene)
@@ -495,7 +496,7 @@ def test_position_changes_are_along_the_axes_of_the_frame(scene, frame):
 
 @pytest.mark.parametrize("frame", ["base", "hand"])
 def test_rotation_changes_are_about_the_axes_of_the_frame(scene, frame):
-    here = pose(scene)
+    here = state(scene)
     start = ee_command(here, OFFSET, ROTATION)
     mode = bound(end_effector.EndEffectorDeltaPose(angular_speed=0.25, frame=frame), scene)
     _, command = mode.control(simulation(here), None, start, np.array([0, 0, 0, *SHARES, 0.0]), MEDIAN)
@@ -506,16 +507,16 @@ def test_rotation_changes_are_about_the_axes_of_the_frame(scene, frame):
 
 
 def test_speeds_scale_changes(scene):
-    here = pose(scene)
+    here = state(scene)
     mode = bound(end_effector.EndEffectorDeltaPose(linear_speed=0.5, angular_speed=2.0), scene, SHORT)
     action = np.array([1.0, 0, 0, 0, 0, 0.5, 0])
     _, command = mode.control(simulation(here), None, ee_command(here), action, MEDIAN)
-    close(command.position, here.position + HALF_TURN_LEFT.apply([0.01, 0, 0]))
+    close(command.position, here.position + QUARTER_TURN.apply([0.01, 0, 0]))
     assert_turned(command.orientation, Rotation.from_rotvec([0, 0, 0.02]) * here.orientation)
 
 
 def test_a_commanded_pose_is_brought_near_the_actual_one(scene):
-    here = pose(scene)
+    here = state(scene)
     far = ee_command(here, (0.3, 0.0, -0.4), (0.0, 1.2, 0.0))
     still = np.zeros(7)
     mode = bound(end_effector.EndEffectorDeltaPose(), scene)
@@ -530,25 +531,47 @@ def test_a_commanded_pose_is_brought_near_the_actual_one(scene):
 
 
 def test_poses_are_in_the_frame_of_the_base(scene):
-    mode, poses = bound(end_effector.EndEffectorPose(), scene), [pose(scene), pose(scene, MIDDLE + 0.1)]
+    mode, states = bound(end_effector.EndEffectorPose(), scene), [state(scene), state(scene, MIDDLE + 0.1)]
     base = np.array([0.5, -0.4, 0.2])
     actions, expected = [], []
-    for each in poses:
+    for each in states:
         position, orientation = each.position + OFFSET, Rotation.from_rotvec(ROTATION) * each.orientation
-        local = HALF_TURN_LEFT.inv().apply(position - base)
-        quaternion = np.roll((HALF_TURN_LEFT.inv() * orientation).as_quat(), 1)
+        local = QUARTER_TURN.inv().apply(position - base)
+        quaternion = np.roll((QUARTER_TURN.inv() * orientation).as_quat(), 1)
         # Of any length.
         actions.append(np.array([*local, *0.5 * quaternion, 0.0]))
         expected.append((position, orientation))
-    start = mode.start(simulation(*poses))
-    _, command = mode.control(simulation(*poses), None, start, np.array(actions), MEDIAN)
+    start = mode.start(simulation(*states))
+    _, command = mode.control(simulation(*states), None, start, np.array(actions), MEDIAN)
     for i, (position, orientation) in enumerate(expected):
         close(command.position[i], position)
         assert_turned(command.orientation[i], orientation)
     np.testing.assert_array_equal(command.posture, start.posture)
-    _, alone = mode.control(simulation(poses[1]), None, ee_command(poses[1]), actions[1], MEDIAN)
+    _, alone = mode.control(simulation(states[1]), None, ee_command(states[1]), actions[1], MEDIAN)
     close(alone.position, expected[1][0])
     assert_turned(alone.orientation, expected[1][1])
+
+
+def commanded(scene, here, quaternion):
+    """Returns the orientation that a control step of `ee_pose` leaves, with a quaternion in the frame of the base."""
+    mode, start = bound(end_effector.EndEffectorPose(), scene), ee_command(here)
+    action = np.array([0.5, 0.5, 0.5, *quaternion, 0.5])
+    return mode.control(simulation(here), None, start, action, MEDIAN)[1].orientation
+
+
+@pytest.mark.parametrize("quaternion", [*np.eye(4)])
+def test_orientations_may_be_those_of_the_base_and_half_turns(scene, quaternion):
+    here = state(scene)
+    whole = (QUARTER_TURN * as_rotation(quaternion) * here.orientation.inv()).as_rotvec()
+    nearer = Rotation.from_rotvec(0.3 * whole / np.linalg.norm(whole))
+    assert_turned(commanded(scene, here, quaternion), nearer * here.orientation)
+
+
+@pytest.mark.parametrize("length", [2e-6, -2e-6, 1.0])
+def test_the_length_and_sign_of_a_quaternion_mean_nothing(scene, length):
+    here, small = state(scene), Rotation.from_rotvec([1e-4, 0.0, 0.0])
+    quaternion = np.roll((QUARTER_TURN.inv() * small * here.orientation).as_quat(), 1)
+    assert_turned(commanded(scene, here, length * quaternion), small * here.orientation)
 
 
 def damped_step(here, error, posture):
@@ -561,20 +584,20 @@ def damped_step(here, error, posture):
 
 @pytest.mark.parametrize("timestep", [LONG, SHORT])
 def test_servos_drive_the_end_effector_to_the_command(scene, timestep):
-    response, poses = RESPONSES[timestep], [pose(scene), pose(scene, MIDDLE + 0.1)]
-    starts = [ee_command(each, OFFSET, ROTATION, each.arm + 0.2) for each in poses]
+    response, states = RESPONSES[timestep], [state(scene), state(scene, MIDDLE + 0.1)]
+    starts = [ee_command(each, OFFSET, ROTATION, each.arm + 0.2) for each in states]
     many = end_effector.PoseCommand(*(np.stack(part) for part in zip(*starts, strict=True)))
     expected = [
         each.arm
         + LAG / response * damped_step(each, [*OFFSET, *ROTATION], np.full(7, 0.25 * response * 0.2))
         + each.hold
-        for each in poses
+        for each in states
     ]
     for mode, size in ((end_effector.EndEffectorDeltaPosition(), 4), (end_effector.EndEffectorDeltaPose(), 7)):
         bound(mode, scene, timestep)
-        target, _ = mode.control(simulation(*poses), None, many, np.zeros((2, size)), MEDIAN)
+        target, _ = mode.control(simulation(*states), None, many, np.zeros((2, size)), MEDIAN)
         close(target[:, :7], expected)
-        alone, _ = mode.control(simulation(poses[1]), None, starts[1], np.zeros(size), MEDIAN)
+        alone, _ = mode.control(simulation(states[1]), None, starts[1], np.zeros(size), MEDIAN)
         close(alone[:7], expected[1])
 
 
@@ -584,9 +607,10 @@ def test_a_quaternion_needs_a_length():
     def action(*quaternion):
         return np.array([0.5, 0.5, 0.5, *quaternion, 0.5])
 
-    for i in range(4):
-        mode.check(action(*2e-6 * np.eye(4)[i]))
-        mode.check(np.array([action(*np.eye(4)[i])] * 2))
+    for unit in np.eye(4):
+        for length in (1e-6, -1e-6, 1e200):
+            mode.check(action(*length * unit))
+        mode.check(np.array([action(*unit), action(*-unit)]))
     with refused(ValueError, "quaternion", "1e-06", "5e-07"):
         mode.check(action(0.0, 5e-7, 0.0, 0.0))
     # One of many is enough.
@@ -674,10 +698,10 @@ def test_velocity_scale_and_timestep_are_named():
 
 def test_actions_of_default_velocities_become_positions():
     mode = kitchen.KitchenJointPosition()
-    state = np.concatenate([NINE, np.full(50, 7.0)])
+    observed = np.concatenate([NINE, np.full(50, 7.0)])
     action = np.array([0.5, -0.5, 1.0, -1.0, 2.0, -2.0, 0.0, 0.01, -0.01])
     default, _ = kitchen.JointVelocity().control(None, kitchen_state(positions=NINE), (), action, MEDIAN)
-    converted = mode.conversion(json.loads('"joint_velocity"'))(state, action)
+    converted = mode.conversion(json.loads('"joint_velocity"'))(observed, action)
     np.testing.assert_array_equal(converted, default)
     close(converted[0], NINE[0] + 0.08)
     for other in ("joint_position", "ee_pose", "velocity"):
