@@ -59,7 +59,10 @@ TESTS = {
         "tests/tasks/open_cabinet/test_open_cabinet_reward_terms.py",
         "tests/tasks/open_cabinet/test_open_cabinet_math.py",
     ),
-    "tasks/microwave_table/mdp.py": ("tests/tasks/microwave_table/test_microwave_table_task.py",),
+    "tasks/microwave_table/mdp.py": (
+        "tests/tasks/microwave_table/test_microwave_table_mdp.py",
+        "tests/tasks/microwave_table/test_microwave_table_task.py",
+    ),
     "kitchen_suite/evaluation/protocols.py": ("tests/evaluation/test_protocols.py",),
     "kitchen_suite/evaluation/results.py": ("tests/evaluation/test_scores.py",),
 }
