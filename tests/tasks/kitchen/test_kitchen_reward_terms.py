@@ -137,7 +137,7 @@ ACHIEVED = np.array([[0.5, 0.0, 0.5], [1.0, 0.0, 0.5]])
 
 
 def shares_of(desired, **options):
-    return task_shares(after_steps(2), success=SUCCESS, achieved=ACHIEVED, desired=desired, **options)
+    return task_shares(shaping=after_steps(2), success=SUCCESS, achieved=ACHIEVED, desired=desired, **options)
 
 
 def test_the_shares_of_the_episodes_own_goals():
@@ -166,19 +166,19 @@ def test_a_completed_task_stays_completed_when_it_leaves_its_goal():
 
 
 def test_of_another_goal_only_the_step_before_is_known():
-    # Another goal of the door in the first episode, and of one joint of the lid in the second.
-    desired = np.array([[0.5, 0.0, 0.5], [1.0, 0.0, 0.25]])
+    # Another goal of the door in both episodes, and of one joint of the lid in the second.
+    desired = np.array([[0.5, 0.0, 0.5], [1.5, 0.0, 0.25]])
     shares = shares_of(desired)
     check(
         shares,
         approach=[[0.75, 0.5], [1.0, 1.0]],
         previous_approach=[[0.75, 0.0], [0.5, 1.0]],
         # The lid started sqrt(0.03^2 + 0.29^2) from its other goal, and was 0.25 from it before the step and after it.
-        progress=[[1.0, 1.0], [1.0, 1.0 - 0.25 / np.sqrt(0.085)]],
-        previous_progress=[[0.8, 0.0], [0.5, 1.0 - 0.25 / np.sqrt(0.085)]],
-        is_relabelled=np.array([[True, False], [False, True]]),
-        # The door was within 0.2 of its other goal before the step, and the lid is not.
-        completed=np.array([[True, True], [True, False]]),
+        progress=[[1.0, 1.0], [0.5, 1.0 - 0.25 / np.sqrt(0.085)]],
+        previous_progress=[[0.8, 0.0], [0.25, 1.0 - 0.25 / np.sqrt(0.085)]],
+        is_relabelled=np.array([[True, False], [True, True]]),
+        # The first door was within 0.2 of its other goal before the step; the second is not, nor is the lid.
+        completed=np.array([[True, True], [False, False]]),
         previously_completed=np.array([[True, False], [False, False]]),
     )
 
@@ -202,9 +202,9 @@ def test_goals_that_are_infinitely_far_pay_nothing():
 # Four tasks of three episodes.
 SHARES = Shares(
     approach=np.array([[0.4, 0.8, 1.0, 0.2], [0.0] * 4, [1.0] * 4]),
-    previous_approach=np.array([[0.2, 0.8, 0.6, 0.0], [0.0] * 4, [1.0] * 4]),
+    previous_approach=np.array([[0.2, 0.8, 0.2, 0.0], [0.0] * 4, [0.6] * 4]),
     progress=np.array([[0.5, 0.2, 0.9, 0.0], [0.4, 0.2, 0.0, 0.0], [1.0] * 4]),
-    previous_progress=np.array([[0.1, 0.6, 0.8, 0.0], [0.8, 0.6, 0.0, 0.0], [1.0] * 4]),
+    previous_progress=np.array([[0.1, 0.6, 0.4, 0.0], [0.8, 0.6, 0.0, 0.0], [0.6] * 4]),
     is_relabelled=np.array([[False] * 4, [True, False, False, False], [False] * 4]),
     completed=np.array([[False, False, True, False], [False] * 4, [True] * 4]),
     previously_completed=np.array([[False] * 4, [False] * 4, [True] * 4]),
@@ -230,7 +230,7 @@ COMPLETIONS = np.array([[False, True, True, True], [False] * 4, [False, False, T
                 "approach": [0.25 * (0.2 + 0.2), 0.0, 0.0],
                 # Only of the relabelled task, a loss counts.
                 "progress": [0.75 * 0.4, 0.75 * -0.4, 0.0],
-                "completion": [1.0 - 0.25 * 0.6 - 0.75 * 0.8, 0.0, 0.0],
+                "completion": [1.0 - 0.25 * 0.2 - 0.75 * 0.4, 0.0, 0.0],
             },
         ),
     ],
@@ -252,10 +252,10 @@ def test_the_terms_of_a_reward(name, expected):
 
 
 def test_a_task_that_is_completed_has_been_paid_one_in_all():
-    # The potential is 0.25 * 0.6 + 0.75 * 0.8 before the step that completes the third task.
+    # The potential is 0.25 * 0.2 + 0.75 * 0.4 before the step that completes the third task.
     after = types.SimpleNamespace(shares=alone(SHARES, 0))
     completion = reward.REWARDS["dense_gain"]["completion"](None, np.zeros(9), after)
-    assert completion + 0.25 * 0.6 + 0.75 * 0.8 == pytest.approx(1.0)
+    assert completion + 0.25 * 0.2 + 0.75 * 0.4 == pytest.approx(1.0)
 
 
 def test_all_terms_can_be_computed_for_other_goals_and_only_dense_goes_on():

@@ -129,6 +129,8 @@ def test_each_joint_that_moves_too_fast_terminates(joint):
     velocities = np.zeros((5, 9))
     velocities[:, joint] = 5.0, -5.0, 5.1, -5.1, 0.0
     check(reward.terminates, [False, False, True, True, False], joint_velocities=velocities)
+    # So does a hand that also reaches behind the handle.
+    check(reward.terminates, [True] * 5, joint_velocities=velocities, handle_position=along(0, *[0.1] * 5))
 
 
 def test_success_is_an_opening_of_at_least_30_centimetres():
@@ -172,8 +174,11 @@ def test_the_gap_is_that_of_the_farther_finger():
 
 def test_pads_that_overlap_the_bar_by_more_than_half_its_radius_do_not_enclose_it():
     positions = np.zeros((5, 9))
-    positions[:, 7:] = [0.003, 0.006], [0.006, 0.003], [0.0015, 0.006], [0.006, 0.0015], [0.006, 0.0]
+    positions[:, 7:] = [0.003, 0.005], [0.005, 0.003], [0.0015, 0.005], [0.005, 0.0015], [0.005, 0.0]
     check(enclosure, [1.0, 1.0, 0.5, 0.5, 0.0], joint_positions=positions)
+    check(gap, [0.0] * 5, joint_positions=positions)
+    # A bar beside the left finger.
+    check(enclosure, [0.0], joint_positions=positions[:1], handle_position=along(1, 0.02))
 
 
 @pytest.mark.parametrize(
@@ -208,12 +213,13 @@ def held(enclosure, gap):
 
 
 def test_holding_is_halved_by_a_gap_of_one_millimetre():
-    np.testing.assert_allclose(held([1.0, 1.0, 0.5, 0.8], [0.0, 0.001, 0.0, 0.003]).holding, [1.0, 0.5, 0.5, 0.2])
+    held_shares = held([1.0, 1.0, 0.5, 0.8, 0.75], [0.0, 0.001, 0.0, 0.003, 0.0005]).holding
+    np.testing.assert_allclose(held_shares, [1.0, 0.5, 0.5, 0.2, 0.5])
 
 
 def test_closing_pays_around_the_bar_and_costs_elsewhere():
-    closing = reward.grip_closing(held([1.0, 1.0, 0.0, 0.5], [0.0, 0.02, 0.1, 0.02]), np.array([0.0, 0.04, 0.01, 0.01]))
-    loose = 1.0 - np.tanh(1.0)
+    closing = reward.grip_closing(held([1.0, 1.0, 0.0, 0.5], [0.0, 0.03, 0.1, 0.03]), np.array([0.0, 0.04, 0.01, 0.01]))
+    loose = 1.0 - np.tanh(1.5)
     np.testing.assert_allclose(closing, [4.0, 4.0 * loose, -0.6, 2.0 * loose - 0.3], rtol=1e-12)
 
 
@@ -256,7 +262,7 @@ def test_the_terms_of_both_rewards_are_their_formulas():
         drawer_position=0.2,
         drawer_velocity=0.1,
     )
-    terms = step(rows, change=np.full(8, 0.5), steps=8_000, terminates=True)
+    terms = step(rows, change=np.full(8, -0.5), steps=8_000, terminates=True)
     assert list(terms) == ["original", "grasp"]
     assert [tuple(each) for each in terms.values()] == [reward.TERMS] * 2
     shared = {
