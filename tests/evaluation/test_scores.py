@@ -52,6 +52,10 @@ def test_a_rate_is_the_share_of_true_verdicts_with_its_interval():
         value, interval = scores.rate([verdict])
         assert value == verdict
         np.testing.assert_allclose(interval, expected, rtol=1e-9)
+    # Rounding would put the bounds of some of these numbers beside 0 and 1.
+    for count in range(250, 300):
+        assert scores.rate([False] * count)[1][0] == 0.0
+        assert scores.rate([True] * count)[1][1] == 1.0
 
 
 def test_a_mean_has_students_interval():
@@ -60,7 +64,7 @@ def test_a_mean_has_students_interval():
     half = 3.182446 * math.sqrt(5 / 3) / 2
     np.testing.assert_allclose((value, low, high), (2.5, 2.5 - half, 2.5 + half), atol=1e-6)
     assert scores.mean([1, 2, 3, 4], low=1, high=4)[1] == (1, 4)
-    assert scores.mean([2, 2, 2]) == (2, (2, 2))
+    assert scores.mean(values=[2, 2, 2]) == (2, (2, 2))
     # For one degree of freedom it is 12.706205.
     value, interval = scores.mean([-5, 5])
     assert (value, type(value)) == (0.0, float)
@@ -124,13 +128,14 @@ tables = st.tuples(st.integers(1, 12), st.integers(1, 5)).flatmap(
 @settings(deadline=None, derandomize=True, max_examples=100)
 def test_scores_have_their_properties(table, random):
     asked, steps = table
-    completed = scores.tasks_completed(asked, steps)
+    with np.errstate(all="raise"):
+        completed = scores.tasks_completed(asked, steps)
+        entropy = scores.order_entropy(asked, steps)
     most = asked.shape[1]
     rates = [scores.rate(mask)[0] for mask in scores.at_least(completed, most).values()]
     # The mean number of tasks is the sum of p1 to pN, which do not grow.
     assert sum(rates) == pytest.approx(completed.mean())
     assert rates == sorted(rates, reverse=True)
-    entropy = scores.order_entropy(asked, steps)
     assert 0.0 <= entropy <= math.log2(len(asked)) + 1e-9
     orders = [
         tuple(sorted(np.flatnonzero(a & (s > 0)), key=lambda i, s=s: (s[i], i)))
@@ -226,6 +231,11 @@ def test_tasks_that_cannot_be_counted_have_progress():
     assert not {"p1", "mean_tasks", "order_entropy", "task_rates"} & scored.keys()
 
 
+def test_a_task_that_the_first_step_completes_counts():
+    scored = score_episodes([result(0, {"kettle": 1}), result(1, {"kettle": None})])
+    assert (scored["p1"], scored["mean_tasks"], scored["task_rates"]["kettle"]["rate"]) == (0.5, 0.5, 0.5)
+
+
 def test_one_task_that_cannot_be_counted_leaves_progress():
     scored = score_episodes([*RESULTS, result(4, None)], Score(name="score", best=1.0, tasks=2))
     assert list(scored) == ["mean_progress", "success", "control_steps", "intervals", "diverged_seeds"]
@@ -247,7 +257,7 @@ def test_a_result_is_of_the_last_infos():
     completions = Completions(("kettle", "microwave", "top burner"), np.array([True, True, False]), none)
     infos = {"is_success": np.True_, "progress": np.array(0.25), "steps": np.array([7, -1, 9])}
     place = {"condition": "all", "episode": 3, "seed": 103}
-    one = EpisodeResult.of(ended(completions), infos, control_steps=280, **place)
+    one = EpisodeResult.of(task=ended(completions), infos=infos, control_steps=280, **place)
     expected = EpisodeResult(
         **place, success=True, progress=0.25, control_steps=280, asked={"kettle": 7, "microwave": None}, diverged=False
     )
@@ -257,6 +267,8 @@ def test_a_result_is_of_the_last_infos():
     assert other == dataclasses.replace(expected, success=False, control_steps=9, asked=None, diverged=True)
     with pytest.raises(dataclasses.FrozenInstanceError):
         one.success = False
+    with pytest.raises(TypeError, match="positional"):
+        EpisodeResult(*dataclasses.asdict(one).values())
 
 
 def test_a_result_counts_no_tasks_and_has_not_diverged_unless_told():
