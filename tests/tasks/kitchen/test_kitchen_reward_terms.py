@@ -202,7 +202,7 @@ def test_goals_that_are_infinitely_far_pay_nothing():
 # Four tasks of three episodes.
 SHARES = Shares(
     approach=np.array([[0.4, 0.8, 1.0, 0.2], [0.0] * 4, [1.0] * 4]),
-    previous_approach=np.array([[0.2, 0.8, 0.2, 0.0], [0.0] * 4, [0.6] * 4]),
+    previous_approach=np.array([[0.2, 0.8, 0.4, 0.0], [0.0] * 4, [0.6] * 4]),
     progress=np.array([[0.5, 0.2, 0.9, 0.0], [0.4, 0.2, 0.0, 0.0], [1.0] * 4]),
     previous_progress=np.array([[0.1, 0.6, 0.4, 0.0], [0.8, 0.6, 0.0, 0.0], [0.6] * 4]),
     is_relabelled=np.array([[False] * 4, [True, False, False, False], [False] * 4]),
@@ -230,7 +230,7 @@ COMPLETIONS = np.array([[False, True, True, True], [False] * 4, [False, False, T
                 "approach": [0.25 * (0.2 + 0.2), 0.0, 0.0],
                 # Only of the relabelled task, a loss counts.
                 "progress": [0.75 * 0.4, 0.75 * -0.4, 0.0],
-                "completion": [1.0 - 0.25 * 0.2 - 0.75 * 0.4, 0.0, 0.0],
+                "completion": [1.0 - 0.25 * 0.4 - 0.75 * 0.4, 0.0, 0.0],
             },
         ),
     ],
@@ -238,7 +238,8 @@ COMPLETIONS = np.array([[False, True, True, True], [False] * 4, [False, False, T
 def test_the_terms_of_a_reward(name, expected):
     def terms(shares, completions):
         after = types.SimpleNamespace(shares=shares, completions=completions)
-        return {term: formula(None, np.zeros(9), after) for term, formula in reward.REWARDS[name].items()}
+        with np.errstate(all="raise"):
+            return {term: formula(None, np.zeros(9), after) for term, formula in reward.REWARDS[name].items()}
 
     together = terms(SHARES, COMPLETIONS)
     assert tuple(together) == tuple(expected)
@@ -252,10 +253,10 @@ def test_the_terms_of_a_reward(name, expected):
 
 
 def test_a_task_that_is_completed_has_been_paid_one_in_all():
-    # The potential is 0.25 * 0.2 + 0.75 * 0.4 before the step that completes the third task.
+    # The potential is 0.25 * 0.4 + 0.75 * 0.4 before the step that completes the third task.
     after = types.SimpleNamespace(shares=alone(SHARES, 0))
     completion = reward.REWARDS["dense_gain"]["completion"](None, np.zeros(9), after)
-    assert completion + 0.25 * 0.2 + 0.75 * 0.4 == pytest.approx(1.0)
+    assert completion + 0.25 * 0.4 + 0.75 * 0.4 == pytest.approx(1.0)
 
 
 def test_all_terms_can_be_computed_for_other_goals_and_only_dense_goes_on():

@@ -262,13 +262,13 @@ def test_the_terms_of_both_rewards_are_their_formulas():
         drawer_position=0.2,
         drawer_velocity=0.1,
     )
-    terms = step(rows, change=np.full(8, -0.5), steps=8_000, terminates=True)
+    terms = step(rows, change=np.full(8, -0.25), steps=8_000, terminates=True)
     assert list(terms) == ["original", "grasp"]
     assert [tuple(each) for each in terms.values()] == [reward.TERMS] * 2
     shared = {
         "approach": 10.0 * (1.0 - np.tanh(0.2)),
         "straddling": -0.01,
-        "effort": -2e-3 * 2.0 - 2e-7 * 8.0,
+        "effort": -2e-3 * 0.5 - 2e-7 * 8.0,
         "termination": -10.0,
     }
     grip = reward.grip(rows, CONFIG.handle_radius)
