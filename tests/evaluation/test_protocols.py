@@ -9,7 +9,16 @@ from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.evaluation.plan import find_protocol, make_plan
-from kitchen_suite.evaluation.protocols import PROTOCOLS, SHIFT_GROUPS, UNSEEN_SEED, Score, domain_protocols
+from kitchen_suite.evaluation.protocols import (
+    KITCHEN,
+    PROTOCOLS,
+    SHIFT_GROUPS,
+    UNSEEN_SEED,
+    Condition,
+    DomainProtocols,
+    Score,
+    domain_protocols,
+)
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
 from kitchen_suite.settings import EvaluateSettings
@@ -63,6 +72,36 @@ def plan(**settings):
 def test_the_table_here_has_every_protocol():
     assert list(LITERAL) == list(PROTOCOLS)
     assert SHIFT_GROUPS == GROUPS
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_the_numbers_of_a_protocol_are_the_published_ones(name):
+    protocol = PROTOCOLS[name]
+    conditions, seed, episodes, steps, score = LITERAL[name]
+    played = [(each.task_name or KITCHEN.task_name, each.task_kwargs) for each in protocol.conditions]
+    assert played == conditions
+    # The kitchen's own episodes have as many control steps.
+    assert (protocol.seed, protocol.num_episodes, protocol.max_episode_steps or 280) == (seed, episodes, steps)
+    assert protocol.score == (score and Score(name=score[0], best=score[1], tasks=score[2]))
+
+
+@pytest.mark.parametrize(
+    ("settings", "values"),
+    [
+        (PROTOCOLS["d4rl"], {"num_episodes": 1}),
+        (Condition(name="none"), {"name": "all"}),
+        (Score(name="score", best=1.0, tasks=7), {"name": "d4rl_score", "best": 100.0, "tasks": 4}),
+        (DomainProtocols(), {"task_name": "kettle"}),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_protocol_cannot_be_changed(settings, values):
+    for name, value in values.items():
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(settings, name, value)
+    # Nor are values taken for others by their order.
+    with pytest.raises(TypeError, match="positional"):
+        type(settings)(*values.values())
 
 
 @pytest.mark.parametrize(

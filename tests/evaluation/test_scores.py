@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import types
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from kitchen_suite import files
 from kitchen_suite.evaluation import results as scores
 from kitchen_suite.evaluation.protocols import Score
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
+from kitchen_suite.tasks.task import Completions
 
 
 # Published examples of the interval: Newcombe 1998, table I.
@@ -33,13 +35,42 @@ def test_wilsons_interval_contains_the_rate_and_is_symmetric(count, data):
     np.testing.assert_allclose(scores.wilson(count - successes, count), (1 - high, 1 - low), atol=1e-12)
 
 
+# The quantile of the normal distribution that leaves 2.5 % above.
+Z = 1.959963984540054
+
+
+def test_a_rate_is_the_share_of_true_verdicts_with_its_interval():
+    assert scores.CONFIDENCE == 0.95
+    for verdicts in ([True, False, True, True], np.array([1, 0, 2, 1])):
+        value, interval = scores.rate(verdicts)
+        assert (value, type(value)) == (0.75, float)
+        # p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2), by 1 + z^2 / n.
+        half = Z * math.sqrt(0.75 * 0.25 / 4 + Z**2 / 64)
+        expected = [(0.75 + Z**2 / 8 + sign * half) / (1 + Z**2 / 4) for sign in (-1, 1)]
+        np.testing.assert_allclose(interval, expected, rtol=1e-9)
+    for verdict, expected in ((False, (0.0, Z**2 / (1 + Z**2))), (True, (1 / (1 + Z**2), 1.0))):
+        value, interval = scores.rate([verdict])
+        assert value == verdict
+        np.testing.assert_allclose(interval, expected, rtol=1e-9)
+    # Rounding would put the bounds of some of these numbers beside 0 and 1.
+    for count in range(250, 300):
+        assert scores.rate([False] * count)[1][0] == 0.0
+        assert scores.rate([True] * count)[1][1] == 1.0
+
+
 def test_a_mean_has_students_interval():
     # The quantile of Student's t for three degrees of freedom is 3.182446.
     value, (low, high) = scores.mean([1, 2, 3, 4])
     half = 3.182446 * math.sqrt(5 / 3) / 2
     np.testing.assert_allclose((value, low, high), (2.5, 2.5 - half, 2.5 + half), atol=1e-6)
     assert scores.mean([1, 2, 3, 4], low=1, high=4)[1] == (1, 4)
-    assert scores.mean([2, 2, 2]) == (2, (2, 2))
+    assert scores.mean(values=[2, 2, 2]) == (2, (2, 2))
+    # For one degree of freedom it is 12.706205.
+    value, interval = scores.mean([-5, 5])
+    assert (value, type(value)) == (0.0, float)
+    np.testing.assert_allclose(interval, (-5 * 12.706205, 5 * 12.706205), rtol=1e-6)
+    assert scores.mean([-5, 5], low=-7) == (0.0, (-7, interval[1]))
+    assert scores.mean([-5, 5], high=9) == (0.0, (interval[0], 9))
     assert scores.mean([5]) == (5, None)
 
 
@@ -62,6 +93,16 @@ def test_only_asked_tasks_count():
         "p2": [True, True, False, True],
         "p3": [False] * 4,
     }
+    assert scores.at_least(completed, 0) == {}
+
+
+def test_a_task_without_a_control_step_is_not_completed():
+    steps = np.array([[0, -1, -7], [1, 2, 0]])
+    asked = np.full((2, 3), True)
+    assert scores.tasks_completed(asked, steps).tolist() == [0, 2]
+    # The orders are none and 01.
+    assert scores.order_entropy(asked, steps) == 1.0
+    assert scores.order_entropy(asked[:1], steps[:1]) == 0.0
 
 
 def test_the_order_entropy_is_of_the_sequences_of_completed_tasks():
@@ -70,6 +111,12 @@ def test_the_order_entropy_is_of_the_sequences_of_completed_tasks():
     assert scores.order_entropy(ASKED[:2], STEPS[:2]) == 0.0
     # One order is the beginning of the other.
     assert scores.order_entropy(np.full((2, 2), True), np.array([[1, 2], [1, -1]])) == 1.0
+    # Tasks of one control step are in the order of the columns, and so are 1 and 2 of the second episode.
+    assert scores.order_entropy(np.full((2, 3), True), np.array([[5, 5, 5], [1, 2, 3]])) == 0.0
+    # One order of four, three of four.
+    one, other = [1, 2], [2, 1]
+    shares = scores.order_entropy(np.full((4, 2), True), np.array([one, other, other, other]))
+    assert shares == pytest.approx(-0.25 * math.log2(0.25) - 0.75 * math.log2(0.75))
 
 
 tables = st.tuples(st.integers(1, 12), st.integers(1, 5)).flatmap(
@@ -81,13 +128,14 @@ tables = st.tuples(st.integers(1, 12), st.integers(1, 5)).flatmap(
 @settings(deadline=None, derandomize=True, max_examples=100)
 def test_scores_have_their_properties(table, random):
     asked, steps = table
-    completed = scores.tasks_completed(asked, steps)
+    with np.errstate(all="raise"):
+        completed = scores.tasks_completed(asked, steps)
+        entropy = scores.order_entropy(asked, steps)
     most = asked.shape[1]
     rates = [scores.rate(mask)[0] for mask in scores.at_least(completed, most).values()]
     # The mean number of tasks is the sum of p1 to pN, which do not grow.
     assert sum(rates) == pytest.approx(completed.mean())
     assert rates == sorted(rates, reverse=True)
-    entropy = scores.order_entropy(asked, steps)
     assert 0.0 <= entropy <= math.log2(len(asked)) + 1e-9
     orders = [
         tuple(sorted(np.flatnonzero(a & (s > 0)), key=lambda i, s=s: (s[i], i)))
@@ -138,12 +186,95 @@ def test_episodes_are_scored():
     assert scored["intervals"]["d4rl_score"] == pytest.approx([50 * low, 50 * high], abs=1e-4)
     assert scored["intervals"]["p1"] == [round(bound, 6) for bound in scores.wilson(3, 4)]
     assert (low, high) == (0.0, 2.0)
+    # With more episodes the bounds are within; for 15 degrees of freedom, the quantile of Student's t is 2.131450.
+    many = score_episodes(RESULTS * 4, Score(name="score", best=1.0, tasks=2))
+    half = 2.131450 * np.std([2, 1, 0, 2] * 4, ddof=1) / 4
+    assert many["intervals"]["mean_tasks"] == pytest.approx([1.25 - half, 1.25 + half], abs=2e-6)
+    assert many["intervals"]["score"] == pytest.approx([0.625 - half / 2, 0.625 + half / 2], abs=2e-6)
+
+
+def test_scores_have_six_decimals_and_each_its_interval():
+    scored = score_episodes(RESULTS[:3], Score(name="score", best=1.0, tasks=7))
+    names = ["p1", "p2", "mean_tasks", "score", "success", "control_steps"]
+    assert list(scored) == [*names, "intervals", "task_rates", "order_entropy", "diverged_seeds"]
+    assert list(scored["intervals"]) == names
+    rates = scored["task_rates"]
+    assert rates["microwave"].keys() == {"rate", "interval", "asked", "completed"}
+    assert rates["microwave"]["interval"] == pytest.approx(scores.wilson(1, 2), abs=1e-6)
+    assert (scored["p1"], scored["score"], scored["control_steps"]) == (0.666667, 0.142857, 203.333333)
+    assert scored["order_entropy"] == 1.584963
+    intervals = [*scored["intervals"].values(), *(row["interval"] for row in rates.values())]
+    for bounds in intervals:
+        assert type(bounds) is list
+        assert bounds == [round(bound, 6) for bound in bounds]
+    assert any(round(bound, 5) != bound for bounds in intervals for bound in bounds)
+
+
+def test_one_episode_has_scores_without_intervals_of_means():
+    scored = score_episodes(RESULTS[:1])
+    assert (scored["mean_tasks"], scored["success"], scored["order_entropy"]) == (2.0, 1.0, 0.0)
+    assert (scored["intervals"]["mean_tasks"], scored["intervals"]["control_steps"]) == (None, None)
+    assert scored["intervals"]["success"] == pytest.approx(scores.wilson(1, 1), abs=1e-6)
+    assert scored["diverged_seeds"] == []
+    assert "score" not in scored
+
+
+def test_an_episode_that_asks_for_no_task_completes_none():
+    scored = score_episodes([result(0, {}), result(1, {"kettle": 5})])
+    assert (scored["p1"], scored["mean_tasks"]) == (0.5, 0.5)
+    assert (scored["task_rates"]["kettle"]["asked"], scored["order_entropy"]) == (1, 1.0)
 
 
 def test_tasks_that_cannot_be_counted_have_progress():
     scored = score_episodes([result(0, None), result(1, None, success=True)])
     assert (scored["mean_progress"], scored["success"]) == (1.0, 0.5)
     assert not {"p1", "mean_tasks", "order_entropy", "task_rates"} & scored.keys()
+
+
+def test_a_task_that_the_first_step_completes_counts():
+    scored = score_episodes([result(0, {"kettle": 1}), result(1, {"kettle": None})])
+    assert (scored["p1"], scored["mean_tasks"], scored["task_rates"]["kettle"]["rate"]) == (0.5, 0.5, 0.5)
+
+
+def test_one_task_that_cannot_be_counted_leaves_progress():
+    scored = score_episodes([*RESULTS, result(4, None)], Score(name="score", best=1.0, tasks=2))
+    assert list(scored) == ["mean_progress", "success", "control_steps", "intervals", "diverged_seeds"]
+    assert scored["mean_progress"] == 2.5
+    half = 2.776445 * math.sqrt(2.5 / 5)
+    assert scored["intervals"]["mean_progress"] == pytest.approx([2.5 - half, 2.5 + half], abs=2e-6)
+
+
+def ended(completions):
+    """A task at the end of an episode, as far as results read it."""
+    return types.SimpleNamespace(
+        completions_in=lambda infos: completions and completions._replace(steps=infos["steps"]),
+        progress_in=lambda infos: infos["progress"],
+    )
+
+
+def test_a_result_is_of_the_last_infos():
+    none = np.zeros(3, np.int64)
+    completions = Completions(("kettle", "microwave", "top burner"), np.array([True, True, False]), none)
+    infos = {"is_success": np.True_, "progress": np.array(0.25), "steps": np.array([7, -1, 9])}
+    place = {"condition": "all", "episode": 3, "seed": 103}
+    one = EpisodeResult.of(task=ended(completions), infos=infos, control_steps=280, **place)
+    expected = EpisodeResult(
+        **place, success=True, progress=0.25, control_steps=280, asked={"kettle": 7, "microwave": None}, diverged=False
+    )
+    assert one == expected
+    assert (type(one.success), type(one.progress)) == (bool, float)
+    other = EpisodeResult.of(ended(None), {**infos, "is_success": False}, control_steps=9, diverged=True, **place)
+    assert other == dataclasses.replace(expected, success=False, control_steps=9, asked=None, diverged=True)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.success = False
+    with pytest.raises(TypeError, match="positional"):
+        EpisodeResult(*dataclasses.asdict(one).values())
+
+
+def test_a_result_counts_no_tasks_and_has_not_diverged_unless_told():
+    plain = EpisodeResult(condition="all", episode=0, seed=0, success=False, progress=0.0, control_steps=0)
+    assert (plain.asked, plain.diverged) == (None, False)
+    assert EpisodeResult.from_line(plain.as_line(""), "") == plain
 
 
 @pytest.mark.parametrize("each", RESULTS)

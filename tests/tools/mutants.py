@@ -55,14 +55,17 @@ TESTS = {
     "tasks/control_modes/joints.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/control_modes/end_effector.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
     "tasks/kitchen/action.py": ("tests/tasks/control_modes/test_mode_mathematics.py",),
-    "tasks/kitchen/reward.py": ("tests/tasks/kitchen/test_kitchen_rewards.py",),
+    "tasks/kitchen/reward.py": ("tests/tasks/kitchen/test_kitchen_reward_terms.py",),
     "tasks/open_cabinet/reward.py": (
+        "tests/tasks/open_cabinet/test_open_cabinet_reward_terms.py",
         "tests/tasks/open_cabinet/test_open_cabinet_math.py",
-        "tests/tasks/open_cabinet/test_open_cabinet_grasp_reward.py",
     ),
-    "tasks/microwave_table/mdp.py": ("tests/tasks/microwave_table/test_microwave_table_task.py",),
-    "kitchen_suite/evaluation/protocols.py": ("tests/evaluation/test_scores.py", "tests/evaluation/test_protocols.py"),
-    "kitchen_suite/evaluation/results.py": ("tests/evaluation/test_scores.py", "tests/evaluation/test_evaluate.py"),
+    "tasks/microwave_table/mdp.py": (
+        "tests/tasks/microwave_table/test_microwave_table_mdp.py",
+        "tests/tasks/microwave_table/test_microwave_table_task.py",
+    ),
+    "kitchen_suite/evaluation/protocols.py": ("tests/evaluation/test_protocols.py",),
+    "kitchen_suite/evaluation/results.py": ("tests/evaluation/test_scores.py",),
 }
 
 
