@@ -123,11 +123,13 @@ class EnvironmentSpec:
 
     @property
     def variations(self) -> str:
-        """Description of what varies between episodes, for a heading."""
+        """Description of what varies between episodes, and of the physics unless it is exact, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split = self.argument("variation_split")
-        return f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        physics = self.argument("physics")
+        heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        return heading if physics == "exact" else f"{physics} physics, {heading}"
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""

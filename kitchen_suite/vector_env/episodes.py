@@ -12,10 +12,12 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.scenes import EXACT
 from kitchen_suite.environment import PHYSICS_STATE, Environment
+from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
-from kitchen_suite.tasks.variations.variations import VariationRequest
+from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies
 from kitchen_suite.vector_env import checks as vector_checks
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -143,8 +145,18 @@ class BatchEpisodes:
             getattr(self.state.mdp_state, name)[indices] = values
         self.steps[mask] = 0
         self.has_moved |= mask
+        if self._task.variations.moves_sleepers:
+            self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+
+    def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
+        """Computes the poses of all bodies in some simulations, as `place_fixed_bodies` does in one."""
+        flags = self.batch.expand("opt.enableflags")
+        kept = flags[indices]
+        flags[indices] = kept & ~SLEEP
+        self.batch.forward(indices, int(mujoco.mjtStage.mjSTAGE_POS))
+        flags[indices] = kept
 
     def check_actions(self, actions: NDArray[np.float64]) -> None:
         """Checks finite actions `(n, k)`; raises a ValueError where one has no meaning."""
@@ -209,11 +221,13 @@ class BatchEpisodes:
         return {**self._mdp.info(self.state.mdp_state), "episode_step": self.steps.copy()}
 
     def variation_info(self) -> dict[str, Any]:
-        """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
-        return vector_checks.copied(self.state.variation)
+        """Returns the infos on variation and physics: fresh arrays `(n, ...)`, and nested dicts of these."""
+        physics = self._task.scene.physics
+        named = {} if physics == EXACT else {PHYSICS: np.full(self.steps.shape, physics, object)}
+        return {**vector_checks.copied(self.state.variation), **named}
 
     def masked_variation_info(self) -> dict[str, Any]:
-        """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
+        """Returns the infos on variation and physics beside masks that are True everywhere, in read-only arrays.
 
         Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
@@ -228,6 +242,8 @@ class BatchEpisodes:
         for name, values in self._model_fields.items():
             getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
+        if self._task.variations.moves_sleepers:
+            place_fixed_bodies(model, data)
         mujoco.mj_forward(model, data)
 
 
