@@ -415,12 +415,22 @@ def soak_table() -> str:
     parts = read_results("soak")
     counts = ("control_steps", "episodes", "not_finite", "diverged", "compared", "differences")
     rows = []
-    for domain in suite.DOMAINS:
-        played = [part for part in parts if part["domain"] == domain]
+    kinds = sorted({(part["domain"], part.get("physics", "exact")) for part in parts})
+    for domain, physics in kinds:
+        played = [part for part in parts if (part["domain"], part.get("physics", "exact")) == (domain, physics)]
         equal = sum(part["replay"] == "0 0" for part in played)
         sums = (f"{sum(part[count] for part in played):,}" for count in counts)
-        rows.append((f"`{domain}`", *sums, f"{equal} of {len(played)}"))
-    header = ("domain", "control steps", "episodes", "not finite", "diverged", "values compared", "different")
+        rows.append((f"`{domain}`", physics, *sums, f"{equal} of {len(played)}"))
+    header = (
+        "domain",
+        "physics",
+        "control steps",
+        "episodes",
+        "not finite",
+        "diverged",
+        "values compared",
+        "different",
+    )
     memory = [
         row for _, process in itertools.groupby(parts, key=lambda part: part["process"]) for row in _memory(process)
     ]
