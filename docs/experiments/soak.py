@@ -4,9 +4,10 @@ python docs/experiments/soak.py                 until 10 million control steps a
 python docs/experiments/soak.py --minutes=30    stops after this time at the latest
 
 Each part plays one combination of domain, physics, control mode, variations, autoreset mode and threads, drawn by its
-number: 64 environments with random actions. One of them is played again in a single environment, and two further episodes are
-recorded by `kitchen-record` and replayed by `kitchen-replay`. A row of the results has the control steps, the episodes,
-the numbers that were not finite, those that differed, and the memory of the process at its end. Linux only.
+number: 64 environments with random actions. One of them is played again in a single environment, and two further
+episodes are recorded by `kitchen-record` and replayed by `kitchen-replay`. A row of the results has the control steps,
+the episodes, the numbers that were not finite, those that differed, and the memory of the process at its end. Linux
+only.
 """
 
 import argparse
