@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import policies, suite
-from kitchen_suite.entities.scenes import EXACT, FAST, PHYSICS, FastPhysics, KitchenArena
+from kitchen_suite.entities.scenes import FAST, PHYSICS, FastPhysics, KitchenArena
 from kitchen_suite.environment import Environment
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
@@ -205,7 +205,8 @@ def measure_policies() -> None:
             row[physics] = sum(played)
         return {"episodes": EPISODES, **row}
 
-    names = [name for name in SHIPPED if policies.load_policy(shipped_as(name)).metadata["domain_name"] == "kitchen"]
+    shipped = sorted(path.stem for path in SHIPPED.glob("*.npz"))
+    names = [name for name in shipped if policies.load_policy(shipped_as(name)).metadata["domain_name"] == "kitchen"]
     measure_missing("fast_policies", ({"policy": name} for name in names), measure)
 
 
@@ -253,9 +254,7 @@ def contact_force(environment: Environment) -> float:
     """Returns the sum of the magnitudes of all contact forces on the robot [N]."""
     model, data = environment.physics.model.ptr, environment.physics.data.ptr
     wrench, total = np.zeros(6), 0.0
-    robot = set(range(model.body("franka/").id, model.nbody)) & {
-        body for body in range(model.nbody) if model.body(body).name.startswith("franka/")
-    }
+    robot = {body for body in range(model.nbody) if model.body(body).name.startswith("franka/")}
     for i in range(data.ncon):
         if robot & {int(model.geom_bodyid[geom]) for geom in data.contact.geom[i]}:
             mujoco.mj_contactForce(model, data, i, wrench)
@@ -276,7 +275,7 @@ def measure_random() -> None:
             warnings.simplefilter("error", RuntimeWarning)
             environments.reset(seed=FIRST_SEED)
             for action in random_actions(environments.action_space.shape, RANDOM_STEPS // RANDOM_ENVS):
-                observations, rewards, *_ = environments.step(action)
+                _, rewards, *_ = environments.step(action)
                 batch, model = environments._episodes.batch, environments._episodes.batch.model  # noqa: SLF001
                 bad += int((~np.isfinite(batch.state)).sum() + (~np.isfinite(rewards)).sum())
                 kinds |= {int(kind) for kind in np.flatnonzero(batch.warning[:, :, 1].any(axis=0))}
