@@ -19,12 +19,10 @@ from kitchen_suite.entities.franka_specs import PANDA
 from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
+from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
-
-# Names of the ways in which the physics of a scene is integrated; the first is the default.
-EXACT, FAST = PHYSICS = ("exact", "fast")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kitchen_suite import checks, files, suite
+from kitchen_suite.names import EXACT, PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -97,8 +98,8 @@ control_mode_flag = functools.partial(
 physics_flag = functools.partial(
     flag,
     "exact; or fast: longer physics steps, for training; see docs/guide/fast_physics.md.",
-    choices=("exact", "fast"),
-    unset="exact",
+    choices=PHYSICS,
+    unset=EXACT,
 )
 variations_flag = functools.partial(
     flag,

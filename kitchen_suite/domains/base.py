@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks
+from kitchen_suite.names import EXACT
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
@@ -157,7 +158,7 @@ class Domain:
         random: int | np.random.RandomState | None = None,
         visuals: bool = True,
         render_quality: str = "high",
-        physics: str = "exact",
+        physics: str = EXACT,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> "Environment":
@@ -182,7 +183,7 @@ class Domain:
         self.check_arguments(arguments, Domain.load, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
-        if physics != "exact" and "sleep" in arguments:
+        if physics != EXACT and "sleep" in arguments:
             raise ValueError(f"physics={physics!r} decides whether objects sleep: leave out sleep, or physics")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")
         of_scene = _parameters(build_scene)

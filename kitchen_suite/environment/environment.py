@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
-from kitchen_suite.entities.scenes import EXACT
 from kitchen_suite.environment.composer import check_private_names
+from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.observables import Camera as PictureCamera
 from kitchen_suite.tasks.task import SuiteTask

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, suite
 from kitchen_suite.domains.base import Domain
-from kitchen_suite.entities.scenes import EXACT
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
+from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
 
 # Options of `reset` of every environment.
@@ -154,6 +154,7 @@ class SuiteEnv(gymnasium.Env):
         observations.check_extras(self._task, obs_type, self.obs_types)
         self._set_action_space(limit)
         self.varies = bool(self._task.variations.by_name)
+        self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
         self._renderer.check_camera(self._environment)
         rate = 1 / self._environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
@@ -303,12 +304,7 @@ class SuiteEnv(gymnasium.Env):
 
     def _all_infos(self) -> dict[str, Any]:
         """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
-        physics = self._task.scene.physics
-        return {
-            **self._get_info(),
-            **(self._task.variations.info if self.varies else {}),
-            **({} if physics == EXACT else {PHYSICS: physics}),
-        }
+        return {**self._get_info(), **(self._task.variations.info if self.varies else {}), **self._physics_info}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

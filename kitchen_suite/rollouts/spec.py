@@ -17,6 +17,7 @@ from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.environment import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
+from kitchen_suite.names import EXACT
 from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -129,7 +130,7 @@ class EnvironmentSpec:
         split = self.argument("variation_split")
         physics = self.argument("physics")
         heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
-        return heading if physics == "exact" else f"{physics} physics, {heading}"
+        return heading if physics == EXACT else f"{physics} physics, {heading}"
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""

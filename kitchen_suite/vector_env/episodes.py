@@ -12,9 +12,9 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.scenes import EXACT
 from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.gymnasium_env.base import PHYSICS
+from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
 from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies

@@ -264,7 +264,7 @@ class Variations:
             physics.data.qpos[:] = start
             self._apply(corrected)
 
-    def _apply(self, values: Values) -> None:
+    def _apply(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """Sets values in the physics, and moves the furniture with them."""
         self.randomizer.set(values)
         if self.moves_sleepers:
