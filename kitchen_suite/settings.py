@@ -97,7 +97,7 @@ control_mode_flag = functools.partial(
 )
 physics_flag = functools.partial(
     flag,
-    "exact; or fast: longer physics steps, for training; see docs/guide/fast_physics.md.",
+    "exact, or fast: longer steps, for training.",
     choices=PHYSICS,
     unset=EXACT,
 )
