@@ -4,7 +4,7 @@ python docs/experiments/fast_physics.py settings    what each option buys and co
 python docs/experiments/fast_physics.py experts     the experts in every control mode, in both physics
 python docs/experiments/fast_physics.py policies    the shipped policies in both physics
 python docs/experiments/fast_physics.py parting     how far trajectories of the same actions part
-python docs/experiments/fast_physics.py random      1,000,000 control steps with random actions: NaN, warnings, ranges
+python docs/experiments/fast_physics.py random      1,000,000 control steps with random actions, and 200,000 exact ones: NaN, warnings, ranges
 
 Rows that are there are not measured again, so an interrupted command continues. `experts` needs the extra of that name,
 and an hour of two processors. Seeds were not used for tuning. `docs/scripts/tables.py` makes the tables.
@@ -34,7 +34,7 @@ from tqdm import tqdm
 from kitchen_suite import policies, suite
 from kitchen_suite.entities.scenes import FastPhysics, KitchenArena
 from kitchen_suite.environment import Environment
-from kitchen_suite.names import FAST, PHYSICS
+from kitchen_suite.names import EXACT, FAST, PHYSICS
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
 from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES
@@ -44,8 +44,8 @@ RESULTS = Path(__file__).parent / "results"
 TASKS = tuple(task.replace(" ", "_") for task in GOALS)
 FIRST_SEED = 60_000
 
-# Of `experts` and `policies`.
-EPISODES = 50
+# Of `experts`, in the default control mode and in the others; of `policies`.
+EXPERT_EPISODES, FURTHER_EPISODES, POLICY_EPISODES = 100, 20, 100
 
 # Of `settings`: speeds of so many environments, over alternating rounds; episodes of each task in each mode.
 NUM_ENVS, ROUNDS, SPEED_STEPS = 32, 5, 100
@@ -54,7 +54,7 @@ TRIED_MODES, TRIED_EPISODES = ("joint_velocity", "joint_delta", "ee_delta_pose")
 # Of `parting`: seeds, and the control steps after which trajectories are compared.
 PARTING_SEEDS, PARTING_STEPS = 10, (1, 5, 10, 20, 30, 40)
 
-RANDOM_STEPS, RANDOM_ENVS = 1_000_000, 64
+RANDOM_STEPS, RANDOM_ENVS = {FAST: 1_000_000, EXACT: 200_000}, 64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,10 +184,11 @@ def measure_experts() -> None:
 def of_expert(case: tuple[str, str, str]) -> dict[str, Any]:
     """Plays an expert in both physics; returns successes and median control steps of each."""
     domain, task, mode = case
-    row: dict[str, Any] = {"domain": domain, "task": task, "mode": mode, "episodes": EPISODES}
+    count = EXPERT_EPISODES if mode == next(iter(CONTROL_MODES)) else FURTHER_EPISODES
+    row: dict[str, Any] = {"domain": domain, "task": task, "mode": mode, "episodes": count}
     for physics in PHYSICS:
         environment = load(domain, task, physics, mode)
-        played = [play(environment, "expert", FIRST_SEED + i) for i in range(EPISODES)]
+        played = [play(environment, "expert", FIRST_SEED + i) for i in range(count)]
         steps = [steps for success, steps in played if success]
         row[physics] = {"success": len(steps), "steps": statistics.median(steps) if steps else None}
     return row
@@ -202,9 +203,11 @@ def measure_policies() -> None:
         for physics in PHYSICS:
             arguments = {**record["task_kwargs"], "physics": physics, "visuals": False}
             environment = suite.load(record["domain_name"], record["task_name"], arguments)
-            played = [play(environment, f"trained(file={str(path)!r})", FIRST_SEED + i)[0] for i in range(EPISODES)]
+            played = [
+                play(environment, f"trained(file={str(path)!r})", FIRST_SEED + i)[0] for i in range(POLICY_EPISODES)
+            ]
             row[physics] = sum(played)
-        return {"episodes": EPISODES, **row}
+        return {"episodes": POLICY_EPISODES, **row}
 
     shipped = sorted(path.stem for path in SHIPPED.glob("*.npz"))
     names = [name for name in shipped if policies.load_policy(shipped_as(name)).metadata["domain_name"] == "kitchen"]
@@ -267,15 +270,19 @@ def measure_random() -> None:
     """Steps random actions; counts numbers that are not finite and warnings, and measures how far limits are passed."""
 
     def measure(case: dict[str, Any]) -> dict[str, Any]:
-        env_id = suite.DOMAINS[case["domain"]].env_id
         environments = gymnasium.make_vec(
-            env_id, RANDOM_ENVS, vectorization_mode="vector_entry_point", physics=FAST, max_episode_steps=200
+            suite.DOMAINS[case["domain"]].env_id,
+            RANDOM_ENVS,
+            vectorization_mode="vector_entry_point",
+            physics=case["physics"],
+            max_episode_steps=200,
         )
+        steps = RANDOM_STEPS[case["physics"]]
         bad, worst, kinds = 0, {"hinge": 0.0, "slide": 0.0}, set()
         with contextlib.closing(environments), warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
             environments.reset(seed=FIRST_SEED)
-            for action in random_actions(environments.action_space.shape, RANDOM_STEPS // RANDOM_ENVS):
+            for action in random_actions(environments.action_space.shape, steps // RANDOM_ENVS):
                 _, rewards, *_ = environments.step(action)
                 batch, model = environments._episodes.batch, environments._episodes.batch.model  # noqa: SLF001
                 bad += int((~np.isfinite(batch.state)).sum() + (~np.isfinite(rewards)).sum())
@@ -283,9 +290,10 @@ def measure_random() -> None:
                 for joint, excess in passed_limits(model, np.array(batch.qpos)):
                     worst[joint] = max(worst[joint], excess)
         names = [mujoco.mjtWarning(kind).name for kind in sorted(kinds)]
-        return {"steps": RANDOM_STEPS, "not_finite": bad, "warnings": names, **worst}
+        return {"steps": steps, "not_finite": bad, "warnings": names, **worst}
 
-    measure_missing("fast_random", ({"domain": name} for name in ("kitchen", "microwave_table")), measure)
+    cases = ({"domain": name, "physics": each} for name in ("kitchen", "microwave_table") for each in RANDOM_STEPS)
+    measure_missing("fast_random", cases, measure)
 
 
 def random_actions(shape: tuple[int, ...], count: int) -> Iterator[NDArray[np.float32]]:

@@ -48,6 +48,8 @@ STEPS = {
     ("microwave_table", "exact"): 1000,
     ("microwave_table", "fast"): 1600,
 }
+# Parts that were played before there was a fast physics; later ones play that where a domain has it.
+EXACT_PARTS = 94
 # Variations: none, each group alone, all together.
 VARIATIONS: tuple[tuple[str, ...], ...] = ((), *((group,) for group in GROUPS), tuple(GROUPS))
 # Greatest changes of the action in a control step, in units of its bounds.
@@ -71,7 +73,7 @@ def case(number: int) -> dict[str, Any]:
         "num_threads": int(random.integers(1, 3)),
         "max_episode_steps": int(random.integers(20, 400)),
         "amplitude": float(random.choice(AMPLITUDES)),
-        "physics": str(random.choice([physics for name, physics in STEPS if name == domain])),
+        "physics": "fast" if number >= EXACT_PARTS and (domain, "fast") in STEPS else "exact",
     }
 
 

@@ -484,6 +484,7 @@ def fast_random_table() -> str:
     rows = [
         (
             f"`{row['domain']}`",
+            f"`{row['physics']}`",
             f"{row['steps']:,}",
             row["not_finite"],
             ", ".join(row["warnings"]) or "none",
@@ -492,7 +493,15 @@ def fast_random_table() -> str:
         )
         for row in read_results("fast_random")
     ]
-    header = ("domain", "control steps", "not finite", "warnings", "hinges beyond their range [rad]", "slides [mm]")
+    header = (
+        "domain",
+        "physics",
+        "control steps",
+        "not finite",
+        "warnings",
+        "hinges beyond their range [rad]",
+        "slides [mm]",
+    )
     return markdown(header, rows)
 
 
