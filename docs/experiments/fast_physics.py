@@ -4,7 +4,7 @@ python docs/experiments/fast_physics.py settings    what each option buys and co
 python docs/experiments/fast_physics.py experts     the experts in every control mode, in both physics
 python docs/experiments/fast_physics.py policies    the shipped policies in both physics
 python docs/experiments/fast_physics.py parting     how far trajectories of the same actions part
-python docs/experiments/fast_physics.py random      1,000,000 control steps with random actions, and 200,000 exact ones: NaN, warnings, ranges
+python docs/experiments/fast_physics.py random      a million control steps with random actions: NaN, warnings, limits
 
 Rows that are there are not measured again, so an interrupted command continues. `experts` needs the extra of that name,
 and an hour of two processors. Seeds were not used for tuning. `docs/scripts/tables.py` makes the tables.
