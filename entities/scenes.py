@@ -36,12 +36,14 @@ class FastPhysics:
       integrator: MuJoCo's name of the integrator.
       cone: MuJoCo's name of the model of friction; `elliptic` keeps grasps and pushes as they are with short steps.
       sleep_tolerance: speed below which an object may be put to sleep [m/s; rad/s scaled by its length].
+      refsafe: whether MuJoCo makes contacts and limits softer whose time constants are below two physics steps.
     """
 
     timestep: float
     integrator: str = "implicitfast"
     cone: str = "elliptic"
     sleep_tolerance: float = 1e-4
+    refsafe: bool = False
 
 
 class SiteArena(assets.NamedEntity, composer.Arena):
@@ -153,7 +155,9 @@ class Scene:
         if arena.fast_physics is None:
             raise ValueError(f"the scene {arena.mjcf_model.model!r} has no physics {FAST!r}")
         arena.enable_sleep()
-        for name, value in dataclasses.asdict(arena.fast_physics).items():
+        options = dataclasses.asdict(arena.fast_physics)
+        arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"
+        for name, value in options.items():
             setattr(arena.mjcf_model.option, name, value)
         arena.physics = physics
 

@@ -77,6 +77,7 @@ SETTINGS: dict[str, Tried] = {
     "**6 steps**": steps_of(6),
     "5 steps": steps_of(5),
     "4 steps": steps_of(4),
+    "6 steps, softer contacts (refsafe)": steps_of(6, refsafe=True),
     "6 steps, pyramidal cone": steps_of(6, cone="pyramidal"),
     "6 steps, impratio 10": steps_of(6, impratio=10.0),
     "6 steps, sleep tolerance 1e-8": steps_of(6, sleep_tolerance=1e-8),
