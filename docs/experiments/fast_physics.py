@@ -45,7 +45,7 @@ TASKS = tuple(task.replace(" ", "_") for task in GOALS)
 FIRST_SEED = 60_000
 
 # Of `experts`, in the default control mode and in the others; of `policies`.
-EXPERT_EPISODES, FURTHER_EPISODES, POLICY_EPISODES = 100, 20, 100
+EXPERT_EPISODES, FURTHER_EPISODES, POLICY_EPISODES = 100, 10, 100
 
 # Of `settings`: speeds of so many environments, over alternating rounds; episodes of each task in each mode.
 NUM_ENVS, ROUNDS, SPEED_STEPS = 32, 5, 100
