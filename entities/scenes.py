@@ -19,9 +19,31 @@ from kitchen_suite.entities.franka_specs import PANDA
 from kitchen_suite.entities.joints import position_sizes
 from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_SCALE, Parameter, scale
 from kitchen_suite.entities.props import Microwave, Prop
+from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FastPhysics:
+    """Another integration of the same model, with fewer and longer physics steps; docs/guide/fast_physics.md.
+
+    Objects at rest sleep.
+
+    Attributes:
+      timestep: length of a physics step [s], a whole fraction of the control step.
+      integrator: MuJoCo's name of the integrator.
+      cone: MuJoCo's name of the model of friction; `elliptic` keeps grasps and pushes as they are with short steps.
+      sleep_tolerance: speed below which an object may be put to sleep [m/s; rad/s scaled by its length].
+      refsafe: whether MuJoCo makes contacts and limits softer whose time constants are below two physics steps.
+    """
+
+    timestep: float
+    integrator: str = "implicitfast"
+    cone: str = "elliptic"
+    sleep_tolerance: float = 1e-4
+    refsafe: bool = False
 
 
 class SiteArena(assets.NamedEntity, composer.Arena):
@@ -29,11 +51,15 @@ class SiteArena(assets.NamedEntity, composer.Arena):
 
     Attributes:
       surfaces: of the scene, with all entities that are attached to the arena.
+      fast_physics: what `fast` physics is in the scene; None if there is none.
+      physics: one of `PHYSICS`.
     """
 
     xml_name: str
     default_name: str
     surfaces: Sequence[Surface] = ()
+    fast_physics: FastPhysics | None = None
+    physics: str = EXACT
 
     def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
         """Loads the arena's MJCF.
@@ -53,6 +79,15 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         friction = scale(f"{root.model}/friction_scale", SLIDING_FRICTION_SCALE, geoms)
         surfaces = (parameter for surface in self.surfaces for parameter in surface.parameters)
         return (friction, *surfaces, *viewpoints.light_parameters(root), *viewpoints.camera_parameters(root))
+
+    def enable_sleep(self) -> None:
+        """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.
+
+        A sleeping object keeps its position to within 1e-8 rad or m. The robot moves the same up to rounding until it
+        touches an object; after that trajectories diverge, as after any change in the last digits.
+        """
+        self._mjcf_root.option.flag.sleep = "enable"
+        self._mjcf_root.option.sleep_tolerance = _SLEEP_TOLERANCE
 
     def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
         """Attaches an entity at the arena's site of the same name, and returns the attachment frame.
@@ -93,6 +128,38 @@ class Scene:
         for prop in by_name.values():
             arena.attach_at_site(prop, free=prop.free)
         return cls(arena=arena, robot=robot, props=MappingProxyType(by_name))
+
+    @property
+    def physics(self) -> str:
+        """How the physics is integrated: one of `PHYSICS`."""
+        return self.arena.physics
+
+    @property
+    def physics_timestep(self) -> float:
+        """Length of a physics step [s]."""
+        return float(self.arena.mjcf_model.option.timestep)
+
+    @property
+    def sleeps(self) -> bool:
+        """Whether objects at rest are left out of the physics until something touches them."""
+        return self.arena.mjcf_model.option.flag.sleep == "enable"
+
+    def use(self, physics: str) -> None:
+        """Makes the physics one of `PHYSICS`; to be called once, before the scene is given to a task.
+
+        Raises a TypeError or a ValueError if there is no such physics in this scene.
+        """
+        if checks.choice(physics, PHYSICS, "physics") == EXACT:
+            return
+        arena = self.arena
+        if arena.fast_physics is None:
+            raise ValueError(f"the scene {arena.mjcf_model.model!r} has no physics {FAST!r}")
+        arena.enable_sleep()
+        options = dataclasses.asdict(arena.fast_physics)
+        arena.mjcf_model.option.flag.refsafe = "enable" if options.pop("refsafe") else "disable"
+        for name, value in options.items():
+            setattr(arena.mjcf_model.option, name, value)
+        arena.physics = physics
 
     def prepare_appearance(self) -> None:
         """Adds the textures from which a reset may choose; to be called before the scene is compiled.
@@ -155,6 +222,8 @@ class KitchenArena(SiteArena):
     xml_name = "kitchen_arena"
     default_name = "kitchen"
     surfaces = appearance.KITCHEN
+    # A sixth of a control step.
+    fast_physics = FastPhysics(timestep=0.08 / 6)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -163,15 +232,6 @@ class KitchenArena(SiteArena):
         offset = Parameter(name="pedestal/offset", unit="m", type=POSITION_OFFSET, elements=(pedestal,))
         return (*super().parameters, offset)
 
-    def enable_sleep(self) -> None:
-        """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.
-
-        A sleeping object keeps its position to within 1e-8 rad or m. The robot moves the same up to rounding until it
-        touches an object; after that trajectories diverge, as after any change in the last digits.
-        """
-        self._mjcf_root.option.flag.sleep = "enable"
-        self._mjcf_root.option.sleep_tolerance = _SLEEP_TOLERANCE
-
 
 def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
     """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
@@ -179,7 +239,7 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
     Args:
       visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
       sleep: whether objects at rest are left out of the physics until something touches them, which is faster still;
-        trajectories are then nearly the same (see `KitchenArena.enable_sleep`).
+        trajectories are then nearly the same (see `SiteArena.enable_sleep`).
     """
     arena, robot = KitchenArena(visuals=visuals), Franka(visuals=visuals)
     if checks.boolean(sleep, "sleep"):
@@ -210,6 +270,8 @@ class MicrowaveTableArena(SiteArena):
     xml_name = "microwave_table_arena"
     default_name = "room"
     surfaces = appearance.MICROWAVE_TABLE
+    # A whole control step.
+    fast_physics = FastPhysics(timestep=0.01)
 
 
 def build_microwave_table_scene(*, visuals: bool = True) -> Scene:

@@ -34,3 +34,6 @@ TASK_SETS = {
     "mixed": ("microwave", "kettle", "bottom burner", "light switch"),
     "all": DEFAULT_TASKS,
 }
+
+EXACT, FAST = PHYSICS = ("exact", "fast")
+"""Names of the ways in which a scene is simulated; the first is the default."""

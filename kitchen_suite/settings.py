@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kitchen_suite import checks, files, suite
+from kitchen_suite.names import EXACT, PHYSICS
 
 if TYPE_CHECKING:
     from kitchen_suite.workers.cluster import RaySettings
@@ -94,6 +95,12 @@ control_mode_flag = functools.partial(
     "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
     unset="the domain's",
 )
+physics_flag = functools.partial(
+    flag,
+    "exact, or fast: longer steps, for training.",
+    choices=PHYSICS,
+    unset=EXACT,
+)
 variations_flag = functools.partial(
     flag,
     "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by parameter, as "
@@ -147,6 +154,7 @@ class TaskSettings:
     task_kwargs: Mapping[str, Any] = flag(
         "Arguments of the task's Gymnasium environment, as a JSON object such as '{\"robot_noise_ratio\": 0}'.", {}
     )
+    physics: str | None = physics_flag(None)
     control_mode: str | None = control_mode_flag(None)
     variations: str | None = variations_flag(None)
     variation_split: str | None = variation_split_flag(None)
@@ -155,7 +163,12 @@ class TaskSettings:
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
         variations = None if self.variations is None else parsed_variations(self.variations)
-        chosen = {"control_mode": self.control_mode, "variations": variations, "variation_split": self.variation_split}
+        chosen = {
+            "physics": self.physics,
+            "control_mode": self.control_mode,
+            "variations": variations,
+            "variation_split": self.variation_split,
+        }
         given = {name: value for name, value in chosen.items() if value is not None}
         for name, value in given.items():
             if (other := self.task_kwargs.get(name, value)) != value:

@@ -111,6 +111,9 @@ def _failed_cells(failed: dict[str, Any], expert_return: float) -> tuple[str, ..
 
 _ONE = "random_1"
 
+# Failed tasks of a setting that are named one by one; difference of medians that counts as none [control steps].
+_NAMED, _SAME_STEPS = 3, 3
+
 # Fractions of episodes with at least 1 to 7 tasks completed.
 _RATES = tuple(f"p{number}" for number in range(1, 8))
 
@@ -410,17 +413,119 @@ def mutant_table() -> str:
     return markdown(("module", "mutants", "tested", "equivalent", "survived", "score"), rows)
 
 
+def fast_settings_table() -> str:
+    """Returns the table of what options of the fast physics buy and cost."""
+    rows = []
+    for row in read_results("fast_settings"):
+        failed = row["failed"]
+        text = ", ".join(failed) if len(failed) <= _NAMED else f"{len(failed)}, such as {', '.join(failed[:2])}"
+        rows.append((row["settings"], f"{1000 * row['timestep']:.1f}", f"{row['ratio']:.1f}", text or "none"))
+    return markdown(("settings", "physics step [ms]", "speed / `exact`", "tasks that the expert fails"), rows)
+
+
+def fast_experts_table() -> str:
+    """Returns the tables of the experts in both physics: the default control mode by task, and sums over all modes."""
+    rows = read_results("fast_experts")
+    default = [row for row in rows if row["mode"] == "joint_velocity"]
+    by_task = [
+        (f"`{row['task']}`", *(_successes(row, physics) for physics in ("exact", "fast")))
+        for row in default
+        if row["domain"] == "kitchen"
+    ]
+    by_mode = []
+    for (domain, mode), group in itertools.groupby(rows, key=lambda row: (row["domain"], row["mode"])):
+        played = [*group]
+        sums = (f"{sum(row[physics]['success'] for row in played):,}" for physics in ("exact", "fast"))
+        moved = [f"{row['task']} {_later(row):+.0f}" for row in played if abs(_later(row)) > _SAME_STEPS]
+        total = f"{sum(row['episodes'] for row in played):,}"
+        by_mode.append((f"`{domain}`", f"`{mode}`", total, *sums, ", ".join(moved) or "none"))
+    header = ("domain", "mode", "episodes", "`exact`", "`fast`", "tasks with a median of more than 3 steps apart")
+    return "\n".join(
+        [
+            markdown(("task", "`exact`: successes (steps)", "`fast`: successes (steps)"), by_task),
+            markdown(header, by_mode),
+        ]
+    )
+
+
+def _successes(row: dict[str, Any], physics: str) -> str:
+    found = row[physics]
+    return f"{found['success']} of {row['episodes']}" + (f" ({found['steps']:.0f})" if found["success"] else "")
+
+
+def _later(row: dict[str, Any]) -> float:
+    """Returns by how many control steps the median episode is longer in the fast physics; 0 where one has none."""
+    exact, fast = (row[physics]["steps"] for physics in ("exact", "fast"))
+    return 0.0 if exact is None or fast is None else fast - exact
+
+
+def fast_policies_table() -> str:
+    """Returns the table of the shipped policies in both physics."""
+    rows = read_results("fast_policies")
+    return markdown(
+        ("policy", "episodes", "`exact`", "`fast`"),
+        [(f"`{row['policy']}`", row["episodes"], row["exact"], row["fast"]) for row in rows],
+    )
+
+
+def fast_parting_table() -> str:
+    """Returns the table of how far trajectories of the same actions part."""
+    rows = read_results("fast_parting")
+    steps = [key for key in rows[0] if key != "task"]
+    cells = [
+        (f"`{row['task']}`", *(f"{row[s][0]:.4f}, {row[s][1]:.4f}, {row[s][2]:.0f}" if s in row else "" for s in steps))
+        for row in rows
+    ]
+    return markdown(("task", *(f"step {step}" for step in steps)), cells)
+
+
+def fast_random_table() -> str:
+    """Returns the table of a million control steps with random actions."""
+    rows = [
+        (
+            f"`{row['domain']}`",
+            f"`{row['physics']}`",
+            f"{row['steps']:,}",
+            row["not_finite"],
+            ", ".join(row["warnings"]) or "none",
+            f"{row['hinge']:.4f}",
+            f"{1000 * row['slide']:.2f}",
+        )
+        for row in read_results("fast_random")
+    ]
+    header = (
+        "domain",
+        "physics",
+        "control steps",
+        "not finite",
+        "warnings",
+        "hinges beyond their range [rad]",
+        "slides [mm]",
+    )
+    return markdown(header, rows)
+
+
 def soak_table() -> str:
     """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
     parts = read_results("soak")
     counts = ("control_steps", "episodes", "not_finite", "diverged", "compared", "differences")
     rows = []
-    for domain in suite.DOMAINS:
-        played = [part for part in parts if part["domain"] == domain]
+    kinds = sorted({(part["domain"], part.get("physics", "exact")) for part in parts})
+    for domain, physics in kinds:
+        played = [part for part in parts if (part["domain"], part.get("physics", "exact")) == (domain, physics)]
         equal = sum(part["replay"] == "0 0" for part in played)
         sums = (f"{sum(part[count] for part in played):,}" for count in counts)
-        rows.append((f"`{domain}`", *sums, f"{equal} of {len(played)}"))
-    header = ("domain", "control steps", "episodes", "not finite", "diverged", "values compared", "different")
+        rows.append((f"`{domain}`", physics, *sums, f"{equal} of {len(played)}"))
+    header = (
+        "domain",
+        "physics",
+        "control steps",
+        "episodes",
+        "not finite",
+        "diverged",
+        "values compared",
+        "different",
+    )
     memory = [
         row for _, process in itertools.groupby(parts, key=lambda part: part["process"]) for row in _memory(process)
     ]
@@ -460,6 +565,11 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "mutants": mutant_table,
     "processors": processor_table,
     "soak": soak_table,
+    "fast_settings": fast_settings_table,
+    "fast_experts": fast_experts_table,
+    "fast_policies": fast_policies_table,
+    "fast_parting": fast_parting_table,
+    "fast_random": fast_random_table,
     **{
         f"{domain}_{measure}": functools.partial(benchmark_table, f"{domain}_{measure}")
         for domain, record in suite.DOMAINS.items()

@@ -18,7 +18,15 @@ from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 from numpy.typing import NDArray
 
 from kitchen_suite import suite
-from kitchen_suite.benchmarks.cases import BARE, BenchmarkDomain, Case, bare_case, environment_case, vector_case_name
+from kitchen_suite.benchmarks.cases import (
+    ADAPTER,
+    BARE,
+    BenchmarkDomain,
+    Case,
+    bare_case,
+    environment_case,
+    vector_case_name,
+)
 from kitchen_suite.entities import assets, build_kitchen_scene
 from kitchen_suite.tasks import KitchenTask
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, position_target
@@ -26,6 +34,7 @@ from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 
 ORIGINAL = "Gymnasium-Robotics, one helper replaced"
 ENVPOOL = "EnvPool"
+_FAST_ADAPTER = "Gymnasium adapter, fast physics"
 
 _ACTION_SIZE = 9
 
@@ -63,7 +72,11 @@ class KitchenBenchmark(BenchmarkDomain):
     domain = suite.DOMAINS["kitchen"]
     task_name = "all"
     options: ClassVar = {"terminate_on_tasks_completed": False}
-    vector_options: ClassVar = {"vectorised": {}, "vectorised, sleeping": {"sleep": True}}
+    vector_options: ClassVar = {
+        "vectorised": {},
+        "vectorised, sleeping": {"sleep": True},
+        "vectorised, fast physics": {"physics": "fast"},
+    }
 
     def draw_actions(self, rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
         return rng.uniform(-1.0, 1.0, (*shape, _ACTION_SIZE))
@@ -78,6 +91,7 @@ class KitchenBenchmark(BenchmarkDomain):
     def further_cases(self) -> dict[str, Case]:
         return {
             "Gymnasium adapter, with visuals": environment_case(self.adapter(visuals=True)),
+            _FAST_ADAPTER: environment_case(self.adapter(physics="fast")),
             "the same task in stock composer": self._stock_composer_case(),
             ORIGINAL: self._original_case(),
         }
@@ -114,12 +128,19 @@ class KitchenBenchmark(BenchmarkDomain):
         return environments
 
     def ratios(self, num_envs: int) -> dict[str, tuple[str, str]]:
-        ours, sleeping, envpool = (vector_case_name(name, num_envs, 1) for name in (*self.vector_options, ENVPOOL))
-        named = {**super().ratios(num_envs), "vectorised, one thread / Gymnasium-Robotics": (ours, ORIGINAL)}
+        names = (*self.vector_options, ENVPOOL)
+        ours, sleeping, fast, envpool = (vector_case_name(name, num_envs, 1) for name in names)
+        named = {
+            **super().ratios(num_envs),
+            "vectorised, one thread / Gymnasium-Robotics": (ours, ORIGINAL),
+            "fast physics / exact, Gymnasium adapter": (_FAST_ADAPTER, ADAPTER),
+            "fast physics / exact, vectorised, one thread": (fast, ours),
+        }
         if _has_envpool():
             named |= {
                 "vectorised / EnvPool, one thread each": (ours, envpool),
                 "vectorised, sleeping / EnvPool, one thread each": (sleeping, envpool),
+                "vectorised, fast physics / EnvPool, one thread each": (fast, envpool),
                 "EnvPool, two threads / one": (vector_case_name(ENVPOOL, num_envs, 2), envpool),
             }
         return named

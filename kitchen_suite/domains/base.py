@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from kitchen_suite import checks
+from kitchen_suite.names import EXACT
 
 if TYPE_CHECKING:
     from kitchen_suite.entities import Scene
@@ -157,6 +158,7 @@ class Domain:
         random: int | np.random.RandomState | None = None,
         visuals: bool = True,
         render_quality: str = "high",
+        physics: str = EXACT,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> "Environment":
@@ -168,6 +170,7 @@ class Domain:
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`.
+          physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md.
           environment_kwargs: further arguments of `Environment`.
           **arguments: of the functions `scene` and `task`, documented there.
 
@@ -180,11 +183,15 @@ class Domain:
         self.check_arguments(arguments, Domain.load, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
+        if physics != EXACT and "sleep" in arguments:
+            raise ValueError(f"physics={physics!r} decides whether objects sleep: leave out sleep, or physics")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")
         of_scene = _parameters(build_scene)
         scene_arguments = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
         task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
-        task = build_task(build_scene(**scene_arguments), **task_arguments)
+        scene = build_scene(**scene_arguments)
+        scene.use(physics)
+        task = build_task(scene, **task_arguments)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)
         constructors = Environment, *Environment.__bases__

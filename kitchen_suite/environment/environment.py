@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import VISUAL_BODY
 from kitchen_suite.environment.composer import check_private_names
+from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import gl
 from kitchen_suite.tasks.observables import Camera as PictureCamera
 from kitchen_suite.tasks.task import SuiteTask
@@ -29,6 +30,9 @@ check_private_names()
 
 PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 """The parts of MuJoCo's state on which later physics steps depend, the solver's warm start included."""
+
+# Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
+_PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
 
 # Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
 _BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
@@ -102,6 +106,30 @@ class PhysicsState:
         whole = np.zeros(self._is_shared.size)
         whole[self._is_shared] = state
         mujoco.mj_setState(self._model, data, whole, PHYSICS_STATE)
+
+
+def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
+    """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
+
+    Args:
+      model: of the scene.
+      data: whose state has been set.
+      tree_asleep: `(ntree,)`, as MuJoCo's field of this name: not negative where a tree sleeps.
+    """
+    data.tree_asleep[:] = tree_asleep
+    data.tree_awake[:] = tree_asleep < 0
+    moves = model.body_treeid >= 0
+    data.body_awake[moves] = data.tree_awake[model.body_treeid[moves]]
+    sleeps = data.body_awake == int(mujoco.mjtSleepState.mjS_ASLEEP)
+    is_child = np.arange(model.nbody) > 0
+    (bodies,) = np.nonzero(~sleeps)
+    (children,) = np.nonzero(is_child & ~sleeps[model.body_parentid])
+    (dofs,) = np.nonzero(~sleeps[model.dof_bodyid])
+    data.body_awake_ind[: bodies.size] = bodies
+    data.parent_awake_ind[: children.size] = children
+    data.dof_awake_ind[: dofs.size] = dofs
+    data.ntree_awake, data.nv_awake = int(data.tree_awake.sum()), dofs.size
+    data.nbody_awake, data.nparent_awake = bodies.size, children.size
 
 
 def is_unbuffered(part: observable.Observable) -> bool:
@@ -289,12 +317,15 @@ class Environment(composer.Environment):
 
         It is the same with and without visuals.
         """
+        scene = self._task.scene
         return {
             "physics": self._physics_state.read(self._physics.data.ptr),
             "task": self._task.get_state(),
             "step_count": self._step_count,
             "reset_next_step": self._reset_next_step,
             "random": self._random_state.get_state(legacy=False),
+            **({} if scene.physics == EXACT else {_PHYSICS_NAME: scene.physics}),
+            **({_ASLEEP: self._physics.data.ptr.tree_asleep.copy()} if scene.sleeps else {}),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
@@ -311,6 +342,9 @@ class Environment(composer.Environment):
         """
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a dict returned by get_state, got {checks.shown(state)}")
+        found, own = state.get(_PHYSICS_NAME, EXACT), self._task.scene.physics
+        if found != own:
+            raise ValueError(f"the state is of physics {checks.shown(found)}, but the environment has {own!r}")
         random = _checked_random(state.get("random"), self._random_state)
         state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
@@ -320,6 +354,10 @@ class Environment(composer.Environment):
         self._task.set_state(state["task"])
         model, data = self._physics.model.ptr, self._physics.data.ptr
         self._physics_state.write(data, state["physics"])
+        if self._task.scene.sleeps:
+            # What sleeps keeps the pose that it has now.
+            mujoco.mj_step1(model, data)
+            write_sleep(model, data, state[_ASLEEP])
         mujoco.mj_step1(model, data)
         self._step_count, self._reset_next_step = step_count, bool(state["reset_next_step"])
         self._observation_updater.reset(self._physics_proxy, self._random_state)

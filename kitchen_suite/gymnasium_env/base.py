@@ -17,6 +17,7 @@ from kitchen_suite.domains.base import Domain
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env import observations, rendering
 from kitchen_suite.gymnasium_env.observations import Observations
+from kitchen_suite.names import EXACT
 from kitchen_suite.rendering import cameras
 
 # Options of `reset` of every environment.
@@ -26,8 +27,8 @@ VARIATION, VARIATION_VALUES = "variation", "variation_values"
 STATE = "state"
 RESET_MASK = "reset_mask"
 
-# Key of the split in infos that hold strings.
-VARIATION_SPLIT = "variation_split"
+# Keys of infos that hold strings.
+VARIATION_SPLIT, PHYSICS = "variation_split", "physics"
 
 DEFAULT_SIZE = 480  # [pixels], Gymnasium's own
 
@@ -92,6 +93,7 @@ class SuiteEnv(gymnasium.Env):
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         render_quality: str = "high",
+        physics: str = EXACT,
         obs_type: str | None = None,
         action_limit: float | None = None,
         **arguments: Any,
@@ -113,6 +115,7 @@ class SuiteEnv(gymnasium.Env):
             separately.
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
           render_quality: `high` or `fast`; see `Domain.load`.
+          physics: `exact` or `fast`; see `Domain.load`. With `fast`, infos have `physics`.
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
@@ -143,6 +146,7 @@ class SuiteEnv(gymnasium.Env):
             time_limit=None,
             visuals=with_visuals if visuals is None else checks.boolean(visuals, "visuals"),
             render_quality=render_quality,
+            physics=physics,
             # None stands for the domain's own control mode.
             **{name: value for name, value in options.items() if (name, value) != ("control_mode", None)},
         )
@@ -150,6 +154,7 @@ class SuiteEnv(gymnasium.Env):
         observations.check_extras(self._task, obs_type, self.obs_types)
         self._set_action_space(limit)
         self.varies = bool(self._task.variations.by_name)
+        self._physics_info = {} if physics == EXACT else {PHYSICS: physics}
         self._renderer.check_camera(self._environment)
         rate = 1 / self._environment.control_timestep()
         self.metadata = {**self.metadata, "render_fps": round(rate) if math.isclose(rate, round(rate)) else rate}
@@ -298,8 +303,8 @@ class SuiteEnv(gymnasium.Env):
         return {**self._task.mdp.info(self._task.state), "episode_step": np.array(self._episode_step)}
 
     def _all_infos(self) -> dict[str, Any]:
-        """Returns the infos of the task and of its variation."""
-        return {**self._get_info(), **(self._task.variations.info if self.varies else {})}
+        """Returns the infos of the task and of its variation, and the physics unless it is the exact one."""
+        return {**self._get_info(), **(self._task.variations.info if self.varies else {}), **self._physics_info}
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; a bad argument raises a TypeError or ValueError that names it.

@@ -22,6 +22,7 @@ class SuiteEnvConfig(EnvConfig):
       task: a task of the domain, or several, separated by commas, which are evaluated one after the other.
       fps: control steps per second, rounded down; set by the environment.
       obs_type: one of `recordings.formats.LEROBOT`, such as `pixels_agent_pos`.
+      physics: `exact` or `fast`; `exact` when None.
       control_mode: meaning of the action; the domain's own when None.
       cameras: names of the cameras whose pictures are observed; the domain's default when None.
       image_size: height and width of their pictures [pixels]; 128 x 128 when None.
@@ -38,6 +39,7 @@ class SuiteEnvConfig(EnvConfig):
 
     fps: int = 0
     obs_type: str = LEROBOT.obs_types[0]
+    physics: str | None = None
     control_mode: str | None = None
     cameras: list[str] | None = None
     image_size: list[int] | None = None
@@ -83,6 +85,7 @@ class SuiteEnvConfig(EnvConfig):
         settings = EpisodeSettings(
             domain_name=self.domain_name,
             task_kwargs=self.gym_kwargs,
+            physics=self.physics,
             control_mode=self.control_mode,
             variations=self.variations,
             variation_split=self.variation_split,

@@ -323,15 +323,15 @@ class _History:
 
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Returns observations and infos `(n, ...)` by the names of `EpisodeArrays`, without the masks of the infos."""
-    return {**flatten(observations, "observation"), **flatten(_without_masks(infos), "info")}
+    """Returns observations and infos `(n, ...)` by the names of `EpisodeArrays`: no masks of infos, and no strings."""
+    return {**flatten(observations, "observation"), **flatten(_numbers(infos), "info")}
 
 
-def _without_masks(infos: Mapping[str, Any]) -> dict[str, Any]:
+def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        name: _without_masks(part) if isinstance(part, Mapping) else part
+        name: _numbers(part) if isinstance(part, Mapping) else part
         for name, part in infos.items()
-        if not name.startswith("_")
+        if not name.startswith("_") and getattr(part, "dtype", None) != np.dtype(object)
     }
 
 

@@ -17,6 +17,7 @@ from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.environment.environment import legacy_generator
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
+from kitchen_suite.names import EXACT
 from kitchen_suite.settings import EpisodeSettings
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
@@ -123,11 +124,13 @@ class EnvironmentSpec:
 
     @property
     def variations(self) -> str:
-        """Description of what varies between episodes, for a heading."""
+        """Description of what varies between episodes, and of the physics unless it is exact, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
         split = self.argument("variation_split")
-        return f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        physics = self.argument("physics")
+        heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
+        return heading if physics == EXACT else f"{physics} physics, {heading}"
 
     def make_environment(self, **extra: Any) -> gymnasium.Env:
         """Makes a single environment; `extra` are further arguments, which replace none of the specification's."""

@@ -74,7 +74,7 @@ KITCHEN_RECIPE = Recipe(
         "noise_correlation": 0.0,
         "action_scale": (0.5,) * 9,
     },
-    options={"max_episode_steps": 100, "reward": "dense_gain", "sleep": True, "variations": _AJAR},
+    options={"max_episode_steps": 100, "reward": "dense_gain", "physics": "fast", "variations": _AJAR},
     settings={"num_steps": 4_000_000, "eval_interval": 40_000, "target_success": 0.97, "patience": 1_000_000},
 )
 

@@ -13,9 +13,11 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment
+from kitchen_suite.gymnasium_env.base import PHYSICS
+from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
-from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
-from kitchen_suite.tasks.variations.variations import VariationRequest
+from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation, signed
+from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies
 from kitchen_suite.vector_env import checks as vector_checks
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -98,7 +100,8 @@ class BatchEpisodes:
         self._task_requests: dict[int, Any] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
-        self._draws = np.zeros((count, self._mdp.noise_draws))
+        # From U(0, 1), of the last control step.
+        self._unit_draws = np.zeros((count, self._mdp.noise_draws))
 
     def seed(self, seeds: Mapping[int, int]) -> None:
         """Starts random streams anew, by index of the episode."""
@@ -143,8 +146,18 @@ class BatchEpisodes:
             getattr(self.state.mdp_state, name)[indices] = values
         self.steps[mask] = 0
         self.has_moved |= mask
+        if self._task.variations.moves_sleepers:
+            self._place_fixed_bodies(indices)
         if self._mdp.action_mode.reads_derived:
             self.batch.forward(indices, self._stage)
+
+    def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
+        """Computes the poses of all bodies in some simulations, as `place_fixed_bodies` does in one."""
+        flags = self.batch.expand("opt.enableflags")
+        kept = flags[indices]
+        flags[indices] = kept & ~SLEEP
+        self.batch.forward(indices, int(mujoco.mjtStage.mjSTAGE_POS))
+        flags[indices] = kept
 
     def check_actions(self, actions: NDArray[np.float64]) -> None:
         """Checks finite actions `(n, k)`; raises a ValueError where one has no meaning."""
@@ -171,7 +184,7 @@ class BatchEpisodes:
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), self._draws)
+        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), signed(self._unit_draws))
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
@@ -193,9 +206,9 @@ class BatchEpisodes:
 
     def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
         """Draws the numbers of the observation noise where `stepping`."""
-        if self._draws.size:
+        if size := self._mdp.noise_draws:
             for i in stepping.nonzero()[0].tolist():
-                self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
+                self._unit_draws[i] = self.streams[i].random_state.random_sample(size)
 
     def observation(self) -> NDArray:
         """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""
@@ -209,11 +222,13 @@ class BatchEpisodes:
         return {**self._mdp.info(self.state.mdp_state), "episode_step": self.steps.copy()}
 
     def variation_info(self) -> dict[str, Any]:
-        """Returns the infos on the variation: fresh arrays `(n, ...)`, and nested dicts of these."""
-        return vector_checks.copied(self.state.variation)
+        """Returns the infos on variation and physics: fresh arrays `(n, ...)`, and nested dicts of these."""
+        physics = self._task.scene.physics
+        named = {} if physics == EXACT else {PHYSICS: np.full(self.steps.shape, physics, object)}
+        return {**vector_checks.copied(self.state.variation), **named}
 
     def masked_variation_info(self) -> dict[str, Any]:
-        """Returns the infos on the variation beside masks that are True everywhere, in read-only arrays.
+        """Returns the infos on variation and physics beside masks that are True everywhere, in read-only arrays.
 
         Arrays are the same until episodes start, which leaves them as they are; the dicts are fresh.
         """
@@ -228,6 +243,8 @@ class BatchEpisodes:
         for name, values in self._model_fields.items():
             getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
+        if self._task.variations.moves_sleepers:
+            place_fixed_bodies(model, data)
         mujoco.mj_forward(model, data)
 
 

@@ -1,6 +1,8 @@
 """The vectorised kitchen: many kitchens stepped together as one Gymnasium vector environment."""
 
+import functools
 import operator
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -13,6 +15,9 @@ from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.requests import REQUESTED
 from kitchen_suite.vector_env.base import SuiteVectorEnv
+
+# Masks and steps of completion whose names are kept in memory.
+_REMEMBERED = 4096
 
 # Attributes that depend on the requested tasks.
 _WORDS = ("instruction", "instructions", "task", "task_description")
@@ -66,13 +71,27 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         instructions = [self._task.requests.instructions_in(order) for order in orders]
         return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
 
+    @functools.cached_property
+    def _selected(self) -> Callable[[bytes], tuple[str, ...]]:
+        """Returns `goals.names` of the bytes of a mask, from memory where it has been asked before."""
+        goals = self._mdp.goals
+        return functools.lru_cache(_REMEMBERED)(lambda mask: tuple(goals.names(np.frombuffer(mask, bool))))
+
+    @functools.cached_property
+    def _completed(self) -> Callable[[bytes], tuple[str, ...]]:
+        """Returns the tasks of `goals.by_completion` of the bytes of steps, as `_selected` does."""
+        goals = self._mdp.goals
+        return functools.lru_cache(_REMEMBERED)(
+            lambda steps: tuple(goals.by_completion(np.frombuffer(steps, np.int64)))
+        )
+
     def _names(self) -> dict[str, NDArray[np.object_]]:
         """Returns the lists of task names, and the sentences, `(n,)` that infos of the single environment have."""
-        progress, goals = self._episodes.state.mdp_state.progress, self._mdp.goals
+        progress, selected, completed = self._episodes.state.mdp_state.progress, self._selected, self._completed
         lists = {
-            TO_COMPLETE: [goals.names(row) for row in progress.remaining],
-            STEP_COMPLETIONS: [goals.names(row) for row in progress.completions],
-            EPISODE_COMPLETIONS: [[*goals.by_completion(row)] for row in progress.completion_steps],
+            TO_COMPLETE: [[*selected(row.tobytes())] for row in progress.remaining],
+            STEP_COMPLETIONS: [[*selected(row.tobytes())] for row in progress.completions],
+            EPISODE_COMPLETIONS: [[*completed(row.tobytes())] for row in progress.completion_steps],
             **({INSTRUCTION: self.instruction} if self._template_env.has_instructions else {}),
             **(
                 {VARIATION_SPLIT: (self._template_env.variation_split,) * self.num_envs}

@@ -12,7 +12,7 @@ from kitchen_suite.entities import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.control_modes.modes import make_mode, split_options
 from kitchen_suite.tasks.goals import Progress, Thresholds, ThresholdSuccess, make_success
-from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP, PHYSICS_TIMESTEP
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import (
@@ -157,7 +157,7 @@ class KitchenTask(SuiteTask):
             observes_requests=mdp.task_draw is not None,
             keys=("achieved_goal", "desired_goal", REQUESTED),
         )
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"KitchenTask(tasks_to_complete={list(self.mdp.goals.tasks)})"

@@ -20,7 +20,6 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     CONTROL_TIMESTEP,
     OPEN_ANGLE,
     PARTS,
-    PHYSICS_TIMESTEP,
     REWARDS,
     SIZE,
     MicrowaveTableMDP,
@@ -133,7 +132,7 @@ class MicrowaveTableTask(SuiteTask):
             part.enabled = True
         self.observed = {**parts, **self.extra_observables}
         self.policy_inputs = PolicyInputs(names=(type(self).__name__,), state_size=SIZE + self.extra_size)
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"MicrowaveTableTask(threshold={self.mdp.threshold:g})"

@@ -16,7 +16,7 @@ from kitchen_suite.tasks.control_modes.modes import OFFSET_MODES, make_mode, spl
 from kitchen_suite.tasks.mdp import as_columns
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.features import Features, OpenCabinetSensors
-from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, PHYSICS_TIMESTEP, OpenCabinetMDP
+from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP, OpenCabinetMDP
 from kitchen_suite.tasks.open_cabinet.observation import OpenCabinetObservables
 from kitchen_suite.tasks.open_cabinet.reward import REWARDS
 from kitchen_suite.tasks.open_cabinet.variations import VARIED, Randomization
@@ -118,7 +118,7 @@ class OpenCabinetTask(SuiteTask):
         self.observed = {**self._observables.by_name, **self.extra_observables}
         name = f"{drawer}_drawer" + ("" if reward == "original" else f"_{reward}")
         self.policy_inputs = PolicyInputs(names=(name,), state_size=observation.SIZE + self.extra_size)
-        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=PHYSICS_TIMESTEP)
+        self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
     def __repr__(self) -> str:
         return f"OpenCabinetTask(drawer={self.drawer!r}, reward={self.reward_name!r})"

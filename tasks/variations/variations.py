@@ -5,6 +5,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 from dm_control import mjcf
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ START_DISTANCE = 1.2
 
 # Number of refusals in a reset after which the layout is the default one.
 MAX_REFUSALS = 20
+
+# Flag of MuJoCo with which objects at rest sleep.
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
 _MAX_PARTS = 8  # Parts of a parameter's name, of which `kettle/mass` has two.
 
@@ -54,6 +58,7 @@ class Variations:
     Attributes:
       by_name: the parameters that vary with their variations, in the order in which they are drawn; may be empty.
       split: `seen` or `held_out`.
+      moves_sleepers: whether the layout varies in a scene whose objects may sleep.
       randomizer: draws and sets them; from `bind` on.
       ranges: least and greatest value of each, by name; from `bind` on.
     """
@@ -109,8 +114,7 @@ class Variations:
         self._layout = [name for name, row in self.by_name.items() if row.group == "layout"]
         if any(row.group == "appearance" for row in self.by_name.values()):
             scene.prepare_appearance()
-        if self._layout and scene.arena.mjcf_model.option.flag.sleep == "enable":
-            raise ValueError("variations of the layout need sleep=False: sleeping objects would stay where they were")
+        self.moves_sleepers = bool(self._layout) and scene.sleeps
         self._layout_check = LayoutCheck(scene, handles) if self._layout else None
 
     def bind(self, physics: mjcf.Physics) -> None:
@@ -118,6 +122,7 @@ class Variations:
 
         Raises a TypeError or a ValueError if a parameter varies twice, or does not take its constant.
         """
+        self._physics = physics
         defaults = {name: parameter.get(physics) for name, parameter in self._parameters.items()}
         self.by_name = {name: row.about(defaults[name]) for name, row in self._rows.items()}
         self.ranges = {name: row.range(defaults[name]) for name, row in self.by_name.items()}
@@ -161,7 +166,7 @@ class Variations:
 
     def restore(self, values: Values, refusals: int) -> None:
         """Sets checked values of all parameters of the randomizer, and the number of refused layouts."""
-        self.randomizer.set(values)
+        self._apply(values)
         self._refusals = refusals
 
     def request(
@@ -245,7 +250,7 @@ class Variations:
         if self._checked_model is physics.model.ptr:
             return
         self._checked_model = physics.model.ptr
-        self.randomizer.set(self.randomizer.defaults)
+        self._apply(self.randomizer.defaults)
         if self._home is not None:
             physics.bind(self._scene.robot.joints).qpos = self._home
         check.bind(physics)
@@ -253,11 +258,26 @@ class Variations:
     def _set(self, physics: mjcf.Physics, start: NDArray[np.float64], values: Values) -> None:
         """Sets values at a start state, corrected by the task."""
         physics.data.qpos[:] = start
-        self.randomizer.set(values)
+        self._apply(values)
         corrected = self._correct(values)
         if corrected is not values:
             physics.data.qpos[:] = start
-            self.randomizer.set(corrected)
+            self._apply(corrected)
+
+    def _apply(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Sets values in the physics, and moves the furniture with them."""
+        self.randomizer.set(values)
+        if self.moves_sleepers:
+            place_fixed_bodies(self._physics.model.ptr, self._physics.data.ptr)
+
+
+def place_fixed_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Computes the poses of all bodies; with `SLEEP`, MuJoCo does not look whether fixed ones have been moved."""
+    flags = model.opt.enableflags
+    model.opt.enableflags = flags & ~SLEEP
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    model.opt.enableflags = flags
 
 
 def _parsed(

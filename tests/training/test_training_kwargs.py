@@ -46,8 +46,7 @@ def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(j
     trained, evaluated = job.training.environments, job.evaluation_environments
     assert set(task_of(trained).mdp.rewards) == {"approach", "progress", "completion"}
     assert set(task_of(evaluated).mdp.rewards) == {"completion"}
-    assert task_of(trained).root_entity.mjcf_model.option.flag.sleep == "enable"
-    assert task_of(evaluated).root_entity.mjcf_model.option.flag.sleep != "enable"
+    assert [task_of(each).scene.physics for each in (trained, evaluated)] == ["fast", "exact"]
     # Both have the same length, and the spaces of the policy.
     assert [length_of(each) for each in (trained, evaluated)] == [100, 100]
     assert trained.single_observation_space == evaluated.single_observation_space
@@ -56,19 +55,28 @@ def test_the_kitchen_is_trained_with_a_dense_reward_and_evaluated_with_its_own(j
 
 
 def test_evaluations_begin_at_the_original_start_where_training_varies(job_of):
-    job = job_of(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "sleep": false}')
+    job = job_of(*KETTLE, '--training_kwargs={"variations": {"microwave/door": -0.2}, "physics": "exact"}')
     _, varied = job.training.environments.reset(seed=0)
     _, info = job.evaluation_environments.reset(seed=0)
     np.testing.assert_array_equal(varied["variation_values"]["microwave/door"], [-0.2, -0.2])
     assert "variation_values" not in info
     # They replace some of the domain's.
     assert job.metadata["training_kwargs"]["reward"] == "dense_gain"
-    assert job.metadata["training_kwargs"]["sleep"] is False
+    assert job.metadata["training_kwargs"]["physics"] == "exact"
+
+
+@pytest.mark.parametrize("physics", ["exact", "fast"])
+def test_the_physics_of_the_task_is_that_of_training_too(job_of, physics):
+    job = job_of(*KETTLE, f"--physics={physics}")
+    assert "physics" not in job.metadata["training_kwargs"]
+    assert job.metadata["task_kwargs"] == {"physics": physics}
+    for environments in (job.training.environments, job.evaluation_environments):
+        assert task_of(environments).scene.physics == physics
 
 
 def test_arguments_of_the_task_are_those_of_training_too(job_of):
     job = job_of(*KETTLE, "--variations=dynamics", '--task_kwargs={"reward": "dense"}')
-    assert job.metadata["training_kwargs"].keys() == {"max_episode_steps", "sleep"}
+    assert job.metadata["training_kwargs"].keys() == {"max_episode_steps", "physics"}
     for environments in (job.training.environments, job.evaluation_environments):
         assert "kettle/mass" in environments.reset(seed=0)[1]["variation_values"]
         assert task_of(environments).mdp.terminate_on_tasks_completed is False
