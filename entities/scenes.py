@@ -144,7 +144,7 @@ class Scene:
         """Whether objects at rest are left out of the physics until something touches them."""
         return self.arena.mjcf_model.option.flag.sleep == "enable"
 
-    def use(self, physics: str) -> None:
+    def use_physics(self, physics: str) -> None:
         """Makes the physics one of `PHYSICS`; to be called once, before the scene is given to a task.
 
         Raises a TypeError or a ValueError if there is no such physics in this scene.

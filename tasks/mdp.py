@@ -63,11 +63,6 @@ class Simulation(Protocol):
         """Sets columns `(..., k)` of a field."""
 
 
-def signed(unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns numbers from U(-1, 1) for numbers from U(0, 1): those of `RandomState.uniform`, to the bit."""
-    return 2.0 * unit - 1.0
-
-
 def as_columns(indices: NDArray[np.int64]) -> Columns:
     """Returns consecutive indices as a slice, which reads several times as fast, and others as they are."""
     start, stop = int(indices[0]), int(indices[-1]) + 1
@@ -330,7 +325,7 @@ class MDP(abc.ABC, Generic[Reading, State]):
     def draw_noise(self, random_state: np.random.RandomState) -> NDArray[np.float64]:
         """Returns draws `(noise_draws,)` from U(-1, 1)."""
         size = self.noise_draws
-        return signed(random_state.random_sample(size)) if size else _NO_DRAWS
+        return random_state.uniform(-1.0, 1.0, size) if size else _NO_DRAWS
 
     @abc.abstractmethod
     def initial_state(self, reading: Reading, draws: NDArray[np.float64]) -> State:

@@ -190,7 +190,7 @@ class Domain:
         scene_arguments = {name: value for name, value in {"visuals": visuals, **arguments}.items() if name in of_scene}
         task_arguments = {name: value for name, value in arguments.items() if name not in of_scene}
         scene = build_scene(**scene_arguments)
-        scene.use(physics)
+        scene.use_physics(physics)
         task = build_task(scene, **task_arguments)
         limit = self.episode_steps * task.control_timestep if time_limit == "default" else time_limit
         limit = math.inf if limit is None else checks.number(limit, "time_limit", positive=True)

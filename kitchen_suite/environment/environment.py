@@ -108,6 +108,16 @@ class PhysicsState:
         mujoco.mj_setState(self._model, data, whole, PHYSICS_STATE)
 
 
+def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
+    """Raises a ValueError unless MuJoCo can have written such a `tree_asleep`.
+
+    Trees that sleep together name each other in a circle; the others count the physics steps until they may sleep.
+    """
+    (asleep,) = np.nonzero(tree_asleep >= 0)
+    if sorted(tree_asleep[asleep]) != asleep.tolist() or tree_asleep.min() < -1 - mujoco.mjMINAWAKE:
+        raise ValueError(f"state[{_ASLEEP!r}] names no trees that sleep together: {checks.shown(tree_asleep.tolist())}")
+
+
 def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
     """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
 
@@ -348,6 +358,8 @@ class Environment(composer.Environment):
         random = _checked_random(state.get("random"), self._random_state)
         state = checks.matching({**state, "random": {}}, {**self.get_state(), "random": {}}, "state")
         step_count = checks.integer(state["step_count"].item(), "state['step_count']", minimum=0)
+        if _ASLEEP in state:
+            check_sleep(state[_ASLEEP])
         if np.abs(state["physics"]).max() > mujoco.mjMAXVAL:
             raise ValueError(f"state['physics'] must not exceed {mujoco.mjMAXVAL:g}, MuJoCo's limit for divergence")
         # The task goes first: it may change the model, from which mj_step1 then computes.

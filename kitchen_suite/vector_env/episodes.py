@@ -16,7 +16,7 @@ from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
-from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation, signed
+from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
 from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies
 from kitchen_suite.vector_env import checks as vector_checks
 
@@ -100,8 +100,7 @@ class BatchEpisodes:
         self._task_requests: dict[int, Any] = {}
         self.steps = np.zeros(count, np.int64)
         self.has_moved = np.full(count, True)
-        # From U(0, 1), of the last control step.
-        self._unit_draws = np.zeros((count, self._mdp.noise_draws))
+        self._draws = np.zeros((count, self._mdp.noise_draws))
 
     def seed(self, seeds: Mapping[int, int]) -> None:
         """Starts random streams anew, by index of the episode."""
@@ -184,7 +183,7 @@ class BatchEpisodes:
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), signed(self._unit_draws))
+        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), self._draws)
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
@@ -206,9 +205,9 @@ class BatchEpisodes:
 
     def _draw_noise(self, stepping: NDArray[np.bool_]) -> None:
         """Draws the numbers of the observation noise where `stepping`."""
-        if size := self._mdp.noise_draws:
+        if self._draws.size:
             for i in stepping.nonzero()[0].tolist():
-                self._unit_draws[i] = self.streams[i].random_state.random_sample(size)
+                self._draws[i] = self._mdp.draw_noise(self.streams[i].random_state)
 
     def observation(self) -> NDArray:
         """Returns the flat observations `(n, m)`, those of the MDP and the extra observables, in a fresh array."""

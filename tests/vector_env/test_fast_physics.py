@@ -114,6 +114,21 @@ def test_states_of_the_other_physics_are_refused():
         np.testing.assert_array_equal(environment.get_state()["physics"], before["physics"])
 
 
+def test_a_state_with_a_damaged_record_of_what_sleeps_is_refused():
+    environment = load(physics="fast")
+    environment.reset()
+    for _ in range(30):
+        environment.step(np.zeros(9))
+    state = environment.get_state()
+    assert (state["asleep"] >= 0).any()
+    for value in (5000, -5000, int(state["asleep"].max())):
+        damaged = state["asleep"].copy()
+        damaged[0] = value
+        with pytest.raises(ValueError, match="asleep"):
+            environment.set_state({**state, "asleep": damaged})
+    environment.set_state(state)
+
+
 @pytest.mark.parametrize("sleep", [True, False])
 def test_sleep_beside_it_is_refused(sleep):
     with pytest.raises(ValueError, match="leave out sleep"):
