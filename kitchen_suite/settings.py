@@ -423,7 +423,7 @@ class TrainSettings(TaskSettings):
     """
 
     output: Path = output_flag()
-    algorithm: str = flag("Algorithm: ppo, or bc, flow or vqbet, which imitate --demonstrations.", PPO)
+    algorithm: str = flag("ppo; or bc, flow or vqbet, which imitate --demonstrations.", PPO)
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
         "domain's.",
