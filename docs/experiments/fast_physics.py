@@ -28,6 +28,7 @@ from unittest import mock
 import gymnasium
 import mujoco
 import numpy as np
+from dm_control.rl.control import PhysicsError
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -116,14 +117,16 @@ def load(domain: str, task: str, physics: str, mode: str | None = None, **option
 
 
 def play(environment: Environment, policy: str, seed: int) -> tuple[bool, int]:
-    """Plays an episode; returns whether it was a success, and its control steps."""
+    """Plays an episode; returns whether it was a success, and its control steps; physics that diverge are a failure."""
     environment.random_state.seed(seed)
     environment.task.reset_statistics()
     act = policies.find(policy)(environment, np.random.default_rng(seed))
     timestep, steps = environment.reset(), 0
-    while not timestep.last():
-        timestep, steps = environment.step(act(timestep)), steps + 1
-    return bool(environment.task.episode_metrics["success"]), steps
+    with contextlib.suppress(PhysicsError):
+        while not timestep.last():
+            timestep, steps = environment.step(act(timestep)), steps + 1
+        return bool(environment.task.episode_metrics["success"]), steps
+    return False, steps
 
 
 def measure_settings() -> None:

@@ -204,7 +204,7 @@ def test_a_bad_flag_is_one_line(command, flag, refusal):
     ("flags", "shown"),
     [
         (["--variations=start", '--task_kwargs={"variations": ["dynamics"]}'], ["['start']", "['dynamics']"]),
-        (["--variations=layout", '--task_kwargs={"sleep": true}'], ["variations", "sleep=False"]),
+        (["--physics=fast", '--task_kwargs={"sleep": true}'], ["physics='fast'", "sleep"]),
     ],
 )
 def test_arguments_that_exclude_each_other_are_one_line(flags, shown, refusal):
