@@ -48,7 +48,7 @@ FIRST_SEED = 60_000
 # Of `experts`, in the default control mode and in the others; of `policies`.
 EXPERT_EPISODES, FURTHER_EPISODES, POLICY_EPISODES = 100, 10, 100
 
-# Of `settings`: speeds of so many environments, over alternating rounds; episodes of each task in each mode.
+# Of `settings`: number of environments, rounds and control steps of the speeds; then episodes of each task by mode.
 NUM_ENVS, ROUNDS, SPEED_STEPS = 32, 5, 100
 TRIED_MODES, TRIED_EPISODES = ("joint_velocity", "joint_delta", "ee_delta_pose"), 2
 
