@@ -17,6 +17,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from tqdm import tqdm
 
 from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.rollouts.rollout import Controller
 from kitchen_suite.settings import Schedule
 from kitchen_suite.training import checkpoints
 from kitchen_suite.training.checkpoints import Checkpoint
@@ -31,6 +32,10 @@ NO_RESULT = (-1.0, 0.0)
 # First seeds of training and of evaluation episodes. Smaller ones, which people play with, stay unseen.
 _TRAINING_SEEDS = 1_000_000_000
 EVALUATION_SEEDS = 500_000_000
+
+# Success of the first episodes of an evaluation below which the others are not played: far from success a rough figure
+# will do, and the episodes that fail are the longest.
+_LEAST_SUCCESS = 0.5
 
 HEADING = "seed        steps  minutes     return  progress  success"
 
@@ -97,7 +102,8 @@ class SeedRun:
           seed: of the learner.
           schedule: when to evaluate and when to stop.
           learner: new.
-          evaluation_environments: as many as the schedule has `eval_episodes`, with autoreset mode `Disabled`.
+          evaluation_environments: with autoreset mode `Disabled`; as many as episodes of an evaluation are played at
+            first, and all of them if there are no more.
           metadata: of exported policies.
         """
         self._folder, self._seed, self._schedule = folder, seed, schedule
@@ -183,9 +189,7 @@ class SeedRun:
     def _evaluate(self) -> dict[str, float]:
         """Evaluates the policy, saves it if it is the best so far, and returns the means of the episodes' metrics."""
         policy = self._learner.export(self._metadata)
-        controller = self._learner.controller(policy, self._evaluation_environments)
-        seeds = [*range(EVALUATION_SEEDS, EVALUATION_SEEDS + self._schedule.eval_episodes)]
-        metrics = evaluate(controller, self._evaluation_environments, seeds)
+        metrics = self._play(self._learner.controller(policy, self._evaluation_environments))
         means = {name: float(values.mean()) for name, values in metrics.items()}
         result = means["episode/success"], means["episode/return"]
         self._progress = max(self._progress, means["episode/progress"])
@@ -194,6 +198,16 @@ class SeedRun:
             self.best = result
             self._save_policy(policy)
         return means
+
+    def _play(self, controller: Controller) -> dict[str, NDArray]:
+        """Plays the episodes of an evaluation, only the first of them where few of these succeed; returns metrics."""
+        environments, last = self._evaluation_environments, EVALUATION_SEEDS + self._schedule.eval_episodes
+        seeds, first = range(EVALUATION_SEEDS, last), environments.num_envs
+        metrics = evaluate(controller, environments, seeds[:first])
+        if len(seeds) <= first or metrics["episode/success"].mean() < _LEAST_SUCCESS:
+            return metrics
+        others = evaluate(controller, environments, seeds[first:])
+        return {name: np.concatenate([values, others[name]]) for name, values in metrics.items()}
 
     def _save_policy(self, policy: StoredPolicy) -> None:
         success, mean_return = self.best

@@ -25,6 +25,9 @@ from kitchen_suite.training.reinforcement import PPOTraining, make_spec
 from kitchen_suite.training.run_folder import RunDescription
 from kitchen_suite.training.seed_run import EVALUATION_SEEDS, HEADING, NO_RESULT, POLICY_FILE, SeedRun, StopReason
 
+# Environments that policies are evaluated in.
+_EVALUATION_ENVS = 20
+
 
 class TrainJob:
     """Trains with one seed, and with further seeds as long as there is no progress.
@@ -55,7 +58,7 @@ class TrainJob:
         evaluation = dataclasses.replace(self._spec, max_episode_steps=self.training.max_episode_steps)
         options = self._spec.env_class.flat_options
         self.evaluation_environments = evaluation.make_vector_env(
-            settings.eval_episodes, settings.num_threads, AutoresetMode.DISABLED, **options
+            min(settings.eval_episodes, _EVALUATION_ENVS), settings.num_threads, AutoresetMode.DISABLED, **options
         )
         # Raises a ValueError if hyperparameters or initial policy do not fit the environments.
         self.training.make_learner(settings.seed)
