@@ -8,6 +8,7 @@ from typing import Any
 from tabulate import tabulate
 
 from kitchen_suite import files
+from kitchen_suite.names import EXACT
 from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.rendering import gl, video
@@ -64,13 +65,15 @@ def _shipped_policies() -> Iterator[str]:
 
 
 def _row(path: Path) -> dict[str, str]:
-    """Returns task, success in the evaluation that chose it, networks and file size of a policy, by column."""
+    """Returns task, physics, success in the evaluation that chose it, networks and file size of a policy, by column."""
     policy = load_policy(path)
     metadata = policy.metadata
+    evaluated = metadata["task_kwargs"].get("physics", EXACT)
     return {
         "--shipped": path.stem,
         "task": f"{metadata['domain_name']} {metadata['task_name']}",
-        "success": f"{metadata['training']['success']:.0%}",
+        "trained in": (metadata.get("training_kwargs") or {}).get("physics", evaluated),
+        "success": f"{metadata['training']['success']:.0%} in {evaluated}",
         "layers": " ".join(str(size) for size in policy.layers),
         "size": f"{path.stat().st_size / 1024:.0f} KiB",
     }

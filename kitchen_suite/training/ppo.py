@@ -1,6 +1,6 @@
 """Proximal policy optimisation (PPO), in plain PyTorch."""
 
-import collections
+import copy
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -27,6 +27,9 @@ _VALUE_EPSILON = 1e-8
 # Factor of the initial weights of the policy's last layer: its first actions are almost pure exploration noise.
 _LAST_LAYER_SCALE = 0.01
 
+# Metrics of a step of the optimiser, in order.
+_STEP_METRICS = ("loss/policy loss", "loss/value loss", "loss/entropy loss", "learning/divergence")
+
 # Number of vectors that a frozen scaler counts as seen, so large that later ones do not change its statistics.
 _FROZEN_COUNT = 1e15
 
@@ -37,14 +40,9 @@ class GaussianPolicy(torch.nn.Module):
     Both, and the actions that it deals with, are in units of `scale`, so that an optimiser step has the same effect on
     every element of the action, whether it is an angle or a gripper logit.
 
-    Exploration noise is an AR(1) process over control steps, so that it adds up to motions instead of averaging out;
-    the PPO ratio treats the steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO,
-    AAAI 2024.
-
     Attributes:
       network: from standardised observations `(n, m)` to the means `(n, k)`.
       log_deviation: `(k,)`, logarithms of the standard deviations.
-      noise: of exploration.
       scale: `(k,)`, action for network outputs of one.
     """
 
@@ -55,7 +53,6 @@ class GaussianPolicy(torch.nn.Module):
         super().__init__()
         self.network = build_network([observation_size, *config.hidden, scale.numel()])
         self.log_deviation = torch.nn.Parameter(torch.full(scale.shape, math.log(config.exploration)))
-        self.noise = CorrelatedNoise(config.noise_correlation)
         self.register_buffer("scale", scale)
         last_layer = self.network[-1]
         assert isinstance(last_layer, torch.nn.Linear)
@@ -63,33 +60,23 @@ class GaussianPolicy(torch.nn.Module):
             last_layer.weight.mul_(_LAST_LAYER_SCALE)
             last_layer.bias.zero_()
 
-    @torch.no_grad()
-    def explore(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns actions `(n, k)` with exploration, and the logarithms `(n,)` of their densities."""
-        means = self.network(observations)
-        noise = self.noise(means.shape)
-        return means + self.log_deviation.exp() * noise, self._log_density(noise)
-
     def log_densities(self, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Returns the logarithms `(n,)` of the densities of actions `(n, k)`, without the constant of the normal."""
-        return self._log_density((actions - self.network(observations)) / self.log_deviation.exp())
-
-    def _log_density(self, noise: torch.Tensor) -> torch.Tensor:
-        """Returns the logarithms `(n,)` of densities from standardised deviations `(n, k)` from the means."""
+        noise = (actions - self.network(observations)) / self.log_deviation.exp()
         return -0.5 * noise.square().sum(dim=-1) - self.log_deviation.sum()
 
 
 class CorrelatedNoise:
     """Stationary AR(1) process with a standard normal distribution: `x' = c x + sqrt(1 - c^2) w`, `w ~ N(0, 1)`."""
 
-    def __init__(self, correlation: float) -> None:
+    def __init__(self, correlation: float, seed: int) -> None:
         """Creates the process; `correlation` of successive samples is in [0, 1)."""
-        self._correlation = correlation
+        self._correlation, self._generator = correlation, torch.Generator().manual_seed(seed)
         self._last = torch.empty(0)
 
     def __call__(self, shape: torch.Size) -> torch.Tensor:
         """Returns the next sample; the process restarts if its shape changes."""
-        noise = torch.randn(shape)
+        noise = torch.randn(shape, generator=self._generator)
         if self._last.shape == shape:
             noise = self._correlation * self._last + math.sqrt(1 - self._correlation**2) * noise
         self._last = noise
@@ -164,7 +151,6 @@ class Batch:
     Attributes:
       observations: `(t, n, m)`, before each step.
       actions: `(t, n, k)`, in units of the policy's scale.
-      log_densities: `(t, n)`, logarithms of the densities of the actions.
       rewards: `(t, n)`, scaled.
       ended: `(t, n)`, whether a step ended an episode.
       next_observations: `(n, m)`, after the last step.
@@ -174,7 +160,7 @@ class Batch:
         """Allocates the tensors for `steps` of `count` environments."""
         self.observations = torch.empty(steps, count, observation_size)
         self.actions = torch.empty(steps, count, action_size)
-        self.log_densities, self.rewards = torch.empty(steps, count), torch.empty(steps, count)
+        self.rewards = torch.empty(steps, count)
         self.ended = torch.empty(steps, count, dtype=torch.bool)
         self.next_observations = torch.empty(count, observation_size)
         self._truncated: list[tuple[int, int, torch.Tensor]] = []
@@ -221,9 +207,9 @@ class Samples(NamedTuple):
     Attributes:
       observations: `(b, m)`, standardised.
       actions: `(b, k)`, in units of the policy's scale.
-      log_densities: `(b,)`, of the actions when they were taken.
+      log_densities: `(b,)`, of the actions, by the policy before the update.
       advantages: `(b,)`, of the actions, standardised.
-      values: `(b, 1)`, outputs of the value network when the actions were taken.
+      values: `(b, 1)`, outputs of the value network before the update.
       returns: `(b, 1)`, estimated, standardised.
     """
 
@@ -285,13 +271,6 @@ class Agent:
         self.average.module.load_state_dict(self.policy.state_dict())
         self.average.n_averaged.zero_()
 
-    def explore(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Returns actions `(n, k)` with exploration for observations `(n, m)`, and the logarithms of their densities.
-
-        The actions are in units of the policy's scale.
-        """
-        return self.policy.explore(self.observation_scaler(observations))
-
     def update(self, batch: Batch, *, values_only: bool = False) -> dict[str, float]:
         """Learns from a full batch, whose observations are then added to the standardisation; returns metrics by name.
 
@@ -300,24 +279,23 @@ class Agent:
         """
         self.optimizer.param_groups[1]["lr"] = self._config.value_learning_rate
         self.policy.requires_grad_(not values_only)
-        samples, metrics = self.samples(batch), collections.defaultdict[str, list[float]](list)
+        samples, passes = self.samples(batch), []
         for _ in range(self._config.learning_epochs):
             order = torch.randperm(len(samples.actions))
             size = len(order) // self._config.mini_batches
             shuffled = [tensor[order].split(size) for tensor in samples]
             steps = [self._step(Samples(*part)) for part in zip(*shuffled, strict=True)]
-            for step in steps:
-                for name, value in step.items():
-                    metrics[name].append(value)
+            passes.append(torch.stack(steps).mean(dim=0))
             if self._config.kl_target and not values_only:
-                self._adapt(float(np.mean([step["learning/divergence"] for step in steps])))
+                self._adapt(passes[-1][-1].item())
         self.average.update_parameters(self.policy)
         self.observation_scaler.update(batch.observations.flatten(0, 1))
-        metrics["policy/standard deviation"] = [
-            (self.policy.log_deviation.detach().exp() * self.policy.scale).mean().item()
-        ]
-        metrics["learning/learning rate"] = [self.optimizer.param_groups[0]["lr"]]
-        return {name: float(np.mean(values)) for name, values in metrics.items()}
+        deviation = (self.policy.log_deviation.detach().exp() * self.policy.scale).mean().item()
+        return {
+            **dict(zip(_STEP_METRICS, torch.stack(passes).mean(dim=0).tolist(), strict=True)),
+            "policy/standard deviation": deviation,
+            "learning/learning rate": self.optimizer.param_groups[0]["lr"],
+        }
 
     @torch.no_grad()
     def samples(self, batch: Batch) -> Samples:
@@ -334,7 +312,7 @@ class Agent:
         return Samples(
             observations=observations[:-1].flatten(0, 1),
             actions=batch.actions.flatten(0, 1),
-            log_densities=batch.log_densities.flatten(),
+            log_densities=self.policy.log_densities(observations[:-1], batch.actions).flatten(),
             advantages=((estimates - estimates.mean()) / (estimates.std() + _LEAST_DEVIATION)).flatten(),
             values=outputs[:-1].flatten(0, 1),
             returns=self.value_scaler(returns),
@@ -348,8 +326,8 @@ class Agent:
         rewards[steps, indices] += self._config.discount * following
         return rewards
 
-    def _step(self, samples: Samples) -> dict[str, float]:
-        """Makes a step of the optimiser; returns its metrics."""
+    def _step(self, samples: Samples) -> torch.Tensor:
+        """Makes a step of the optimiser; returns the `_STEP_METRICS`."""
         config, values = self._config, samples.values
         change = self.policy.log_densities(samples.observations, samples.actions) - samples.log_densities
         ratio = change.exp()
@@ -365,14 +343,8 @@ class Agent:
         (policy_loss + value_loss + entropy_loss).backward()
         self._clip_gradient()
         self.optimizer.step()
-        with torch.no_grad():
-            divergence = (ratio - 1 - change).mean()
-        return {
-            "loss/policy loss": policy_loss.item(),
-            "loss/value loss": value_loss.item(),
-            "loss/entropy loss": entropy_loss.item(),
-            "learning/divergence": divergence.item(),
-        }
+        divergence = (ratio - 1 - change).mean()
+        return torch.stack([policy_loss, value_loss, entropy_loss, divergence]).detach()
 
     def _clip_gradient(self) -> None:
         if self._config.gradient_norm:
@@ -387,6 +359,32 @@ class Agent:
                 group["lr"] = max(group["lr"] / _RATE_FACTOR, least)
             elif divergence < target / _TOLERANCE:
                 group["lr"] = min(group["lr"] * _RATE_FACTOR, greatest)
+
+
+class Actor:
+    """Explores with a copy of an agent's policy, so that the agent can learn at the same time.
+
+    Exploration noise is an AR(1) process over control steps, so that it adds up to motions instead of averaging out;
+    the PPO ratio treats the steps as independent. Source of the idea: Hollenstein et al., Colored Noise in PPO,
+    AAAI 2024.
+    """
+
+    def __init__(self, agent: Agent, correlation: float, seed: int) -> None:
+        """Copies the policy; correlation and seed are of the noise."""
+        self._originals = torch.nn.ModuleList([agent.policy, agent.observation_scaler])
+        self._copies = copy.deepcopy(self._originals)
+        self._noise = CorrelatedNoise(correlation, seed)
+
+    def refresh(self) -> None:
+        """Copies the policy as it is now."""
+        self._copies.load_state_dict(self._originals.state_dict())
+
+    @torch.no_grad()
+    def explore(self, observations: torch.Tensor) -> torch.Tensor:
+        """Returns actions `(n, k)` with exploration for observations `(n, m)`, in units of the policy's scale."""
+        policy, scaler = self._copies
+        means = policy.network(scaler(observations))
+        return means + policy.log_deviation.exp() * self._noise(means.shape)
 
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:

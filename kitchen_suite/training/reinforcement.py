@@ -1,6 +1,7 @@
 """Training by PPO: the learner in its environments, with cloning before it, and the settings of a run."""
 
 import collections
+import concurrent.futures
 import json
 import time
 from collections.abc import Callable, Mapping
@@ -24,7 +25,7 @@ from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
 from kitchen_suite.training.imitation.demonstrations import OBSERVATION_OPTIONS, load_to_clone
 from kitchen_suite.training.learner import DivergedError, Learner, Training, episode_metrics
-from kitchen_suite.training.ppo import Agent, Batch, adopt_policy, export_policy
+from kitchen_suite.training.ppo import Actor, Agent, Batch, adopt_policy, export_policy
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Weight of a task that always succeeds; that of one that never does is greater by 1.
@@ -135,9 +136,11 @@ def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> C
 class PPOLearner(Learner):
     """A PPO agent and the environments that it learns from.
 
+    While the agent learns from a batch, the next one is collected with the policy as it was before that update.
+
     Attributes:
       agent: the PPO agent.
-      batch: the control steps that were learned from last.
+      batch: the control steps that are learned from next.
     """
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
@@ -151,8 +154,14 @@ class PPOLearner(Learner):
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
+        self._actor = Actor(self.agent, config.noise_correlation, seed)
         self._observations = torch.empty(0)
-        self.batch = Batch(config.rollouts, config.num_envs, size, len(config.action_scale))
+        self.batch, self._next_batch = (
+            Batch(config.rollouts, config.num_envs, size, len(config.action_scale)) for _ in range(2)
+        )
+        # Metrics of the batch that is learned from next; None before the first one.
+        self._collected: dict[str, float] | None = None
+        self._updates = concurrent.futures.ThreadPoolExecutor(1)
         self._task: SuiteTask = environments.composer_task
         self._balance = TaskBalance.of(self._task)
         # Whether the standardisation of observations has been fitted.
@@ -183,6 +192,7 @@ class PPOLearner(Learner):
         The environments have seeds from `seed` on. The observations made meanwhile fit the standardisation, unless
         cloning or a checkpoint has set it.
         """
+        self._collected, self._actor = None, Actor(self.agent, self._config.noise_correlation, seed)
         environments, count = self._environments, self._environments.num_envs
         # Rewards may depend on the steps made before an interruption.
         environments.reset_statistics(total_steps=self.steps // count)
@@ -197,7 +207,7 @@ class PPOLearner(Learner):
 
     def _explore(self, starting: NDArray[np.bool_]) -> None:
         """Makes a control step without learning, then resets the environments that are `starting`."""
-        actions, _ = self.agent.explore(self._observations)
+        actions = self._actor.explore(self._observations)
         observations, *_ = self._environments.step(self._applied(actions))
         if starting.any():
             observations, _ = self._environments.reset(options={"reset_mask": starting})
@@ -217,7 +227,7 @@ class PPOLearner(Learner):
         self._standardised = True
 
     def learn(self) -> dict[str, float]:
-        """Collects a batch and updates the networks with it.
+        """Updates the networks with a batch and collects the next one at the same time.
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
         warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
@@ -226,30 +236,38 @@ class PPOLearner(Learner):
         Raises:
           DivergedError: the learning rate is too high, or rewards are too large.
         """
-        means = self._collect()
-        started = time.perf_counter()
-        means |= self.agent.update(self.batch, values_only=self.warmup_batches > 0)
-        means["time/update_milliseconds"] = 1000 * (time.perf_counter() - started)
+        self._actor.refresh()
+        if self._collected is None:
+            self._collected = self._collect(self.batch)
+        update = self._updates.submit(self._update)
+        following = self._collect(self._next_batch)
+        means = self._collected | update.result()
+        self._collected, self.batch, self._next_batch = following, self._next_batch, self.batch
         self.warmup_batches = max(self.warmup_batches - 1, 0)
         self.steps += self._config.batch_size
         self._check_finite()
         return means
 
-    def _collect(self) -> dict[str, float]:
+    def _update(self) -> dict[str, float]:
+        """Learns from the batch; returns the agent's metrics by name."""
+        started = time.perf_counter()
+        metrics = self.agent.update(self.batch, values_only=self.warmup_batches > 0)
+        return metrics | {"time/update_milliseconds": 1000 * (time.perf_counter() - started)}
+
+    def _collect(self, batch: Batch) -> dict[str, float]:
         """Makes the control steps of a batch; returns the means of the metrics of steps and ended episodes, by name."""
-        self.batch.clear()
+        batch.clear()
         collected: dict[str, list[NDArray]] = collections.defaultdict(list)
         for step in range(self._config.rollouts):
-            for name, values in self._step(step).items():
+            for name, values in self._step(batch, step).items():
                 collected[name].append(values)
-        self.batch.next_observations.copy_(self._observations)
+        batch.next_observations.copy_(self._observations)
         return {name: float(np.concatenate(parts).mean()) for name, parts in collected.items()}
 
-    def _step(self, step: int) -> dict[str, NDArray]:
-        """Makes a control step in all environments and adds it to the batch; returns its metrics."""
-        batch = self.batch
+    def _step(self, batch: Batch, step: int) -> dict[str, NDArray]:
+        """Makes a control step in all environments and adds it to a batch; returns its metrics."""
         batch.observations[step] = self._observations
-        batch.actions[step], batch.log_densities[step] = self.agent.explore(self._observations)
+        batch.actions[step] = self._actor.explore(self._observations)
         observations, rewards, terminations, truncations, infos = self._environments.step(
             self._applied(batch.actions[step])
         )

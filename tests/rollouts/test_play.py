@@ -19,6 +19,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.policies import trained as trained_policy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rendering import gl
+from kitchen_suite.rollouts import play_job
 
 COMMAND = [sys.executable, "-m", "kitchen_suite", "play"]
 OBSERVATION_SIZE, ACTION_SIZE = 25, 8
@@ -27,7 +28,7 @@ OBSERVATION_SIZE, ACTION_SIZE = 25, 8
 SMALL = ("--width=96", "--height=70")
 
 
-def write_policy(path, task_name="top_drawer", **task_kwargs):
+def write_policy(path, task_name="top_drawer", metadata=None, **task_kwargs):
     """Writes a policy whose action is constant: it moves the robot a little."""
     TrainedPolicy(
         mean=np.zeros(OBSERVATION_SIZE, np.float32),
@@ -36,7 +37,7 @@ def write_policy(path, task_name="top_drawer", **task_kwargs):
         weights=(np.zeros((ACTION_SIZE, OBSERVATION_SIZE), np.float32),),
         biases=(np.ones(ACTION_SIZE, np.float32),),
         action_scale=np.full(ACTION_SIZE, 0.01, np.float32),
-        metadata={"domain_name": "open_cabinet", "task_name": task_name, "task_kwargs": task_kwargs},
+        metadata={"domain_name": "open_cabinet", "task_name": task_name, "task_kwargs": task_kwargs, **(metadata or {})},
     ).save(path)
 
 
@@ -164,6 +165,25 @@ def test_an_unknown_shipped_policy_is_refused_with_a_list_of_those_that_exist(ru
     assert status == 2
     assert "did you mean 'top_drawer'?); choose from ['bottom_burner', " in err
     assert "'top_drawer', 'top_drawer_grasp']" in err
+
+
+def test_the_list_names_the_physics_of_training_and_of_the_success(run, tmp_path, monkeypatch):
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    trained = {"training": {"success": 0.98}}
+    write_policy(shipped / "carried_over.npz", metadata={**trained, "training_kwargs": {"physics": "fast"}})
+    write_policy(shipped / "exact.npz", metadata={**trained, "training_kwargs": None})
+    write_policy(shipped / "fast.npz", metadata=trained, physics="fast")
+    monkeypatch.setattr(play_job, "SHIPPED", shipped)
+    status, out, _ = run("--list", file=None)
+    assert status == 0
+    rows = [re.split(r"\s{2,}", line.strip()) for line in out.splitlines()]
+    assert rows[0][:4] == ["--shipped", "task", "trained in", "success"]
+    assert {name: (physics, success) for name, _, physics, success, *_ in rows[2:]} == {
+        "carried_over": ("fast", "98% in exact"),
+        "exact": ("exact", "98% in exact"),
+        "fast": ("fast", "98% in fast"),
+    }
 
 
 BAD = {

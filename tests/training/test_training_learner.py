@@ -50,12 +50,14 @@ def test_an_exported_policy_returns_the_agents_mean_actions(trained, tmp_path):
 def test_initial_exploration_has_the_scales_of_the_actions():
     import torch
 
+    from kitchen_suite.training.ppo import Actor
+
     envs = environments(SMALL["num_envs"])
     scale = [0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 2.0]
     fresh = learner(envs, action_scale=scale)
     envs.close()
     policy = fresh.agent.policy
-    actions, _ = fresh.agent.explore(torch.zeros(4000, 25))
+    actions = Actor(fresh.agent, 0.9, 0).explore(torch.zeros(4000, 25))
     np.testing.assert_allclose((actions * policy.scale).std(dim=0).numpy(), scale, rtol=0.1)
     # The first actions are almost pure exploration.
     with torch.no_grad():
@@ -66,15 +68,16 @@ def test_initial_exploration_has_the_scales_of_the_actions():
 def test_exploration_is_correlated_between_steps_with_constant_deviation(correlation):
     import torch
 
+    from kitchen_suite.training.ppo import Actor
+
     envs = environments(SMALL["num_envs"])
-    fresh = learner(envs, noise_correlation=correlation, exploration=0.5)
+    agent = learner(envs, noise_correlation=correlation, exploration=0.5).agent
     envs.close()
-    torch.manual_seed(0)
-    policy, observations = fresh.agent.policy, torch.zeros(1000, 25)
+    actor, observations = Actor(agent, correlation, 0), torch.zeros(1000, 25)
     with torch.no_grad():
-        means = policy.network(observations)
-        played = [policy.explore(observations) for _ in range(50)]
-        noise = torch.stack([actions - means for actions, _ in played]).numpy()
+        means = agent.policy.network(observations)
+    played = [actor.explore(observations) for _ in range(50)]
+    noise = torch.stack([actions - means for actions in played]).numpy()
     np.testing.assert_allclose(noise.std(axis=(1, 2)), 0.5, atol=0.03)
     for lag in (1, 5):
         products = noise[lag:] * noise[:-lag]
@@ -82,18 +85,30 @@ def test_exploration_is_correlated_between_steps_with_constant_deviation(correla
     # Environments and joints are independent of each other.
     assert abs(np.corrcoef(noise[-1], rowvar=False) - np.eye(8)).max() < 0.15
     # Another number of environments restarts the noise.
-    with torch.no_grad():
-        restarted = policy.explore(observations[:7])[0] - means[:7]
+    restarted = actor.explore(observations[:7]) - means[:7]
     assert restarted.shape == (7, 8)
     assert abs(np.corrcoef(restarted.flatten(), noise[-1, :7].flatten())[0, 1]) < 0.5
-    # The densities that an update starts from are those of the actions taken.
-    actions, densities = played[-1]
-    normal = torch.distributions.Normal(means, 0.5).log_prob(actions).sum(dim=-1)
-    constant = 4 * np.log(2 * np.pi)
-    np.testing.assert_allclose(densities.numpy(), normal.numpy() + constant, rtol=1e-4, atol=1e-4)
+    # The densities are those of normal distributions.
     with torch.no_grad():
-        again = policy.log_densities(observations, actions)
-    np.testing.assert_allclose(densities.numpy(), again.numpy(), rtol=1e-4, atol=1e-4)
+        densities = agent.policy.log_densities(observations, played[-1])
+    normal = torch.distributions.Normal(means, 0.5).log_prob(played[-1]).sum(dim=-1)
+    np.testing.assert_allclose(densities.numpy(), normal.numpy() + 4 * np.log(2 * np.pi), rtol=1e-4, atol=1e-4)
+
+
+def test_an_actor_keeps_the_policy_that_it_has_copied():
+    import torch
+
+    from kitchen_suite.training.ppo import Actor
+
+    envs = environments(SMALL["num_envs"])
+    agent = learner(envs).agent
+    envs.close()
+    observations = torch.ones(3, 25)
+    early, late = Actor(agent, 0.0, 0), Actor(agent, 0.0, 0)
+    with torch.no_grad():
+        agent.policy.network[-1].bias += 5.0
+    late.refresh()
+    np.testing.assert_allclose(late.explore(observations) - early.explore(observations), 5.0, atol=1e-5)
 
 
 def test_a_change_of_an_almost_constant_observation_is_not_clipped():
@@ -334,14 +349,14 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
         return result
 
     envs.step = recorded
-    update, samples = taught.agent.update, []
-    taught.agent.update = lambda batch, **options: (
-        samples.append(taught.agent.samples(batch)) or update(batch, **options)
-    )
+    update, learned = taught.agent.update, []
+    taught.agent.update = lambda batch, **options: learned.append(batch) or update(batch, **options)
     taught.learn()
     del envs.step
     envs.close()
-    batch = taught.batch
+    # The first of the two batches that have been collected.
+    (batch,), seen = learned, seen[: BATCH // SMALL["num_envs"]]
+    samples = taught.agent.samples(batch)
     truncations = [(t, i) for t, (_, infos) in enumerate(seen) for i in np.flatnonzero(infos.get("_final_obs", []))]
     assert len(truncations) == BATCH // 5 or len(truncations) > 8
     steps, indices, last = batch.last_observations()
@@ -349,31 +364,32 @@ def test_a_truncated_episode_is_worth_the_value_of_its_last_observation():
     for (t, i), observation in zip(truncations, last, strict=True):
         np.testing.assert_array_equal(observation, seen[t][1]["final_obs"][i].astype(np.float32))
     np.testing.assert_allclose(batch.rewards, 0.5 * np.array([rewards for rewards, _ in seen]), rtol=1e-6)
-    assert len(samples[0].actions) == BATCH
-    assert torch.isfinite(samples[0].returns).all()
+    assert len(samples.actions) == BATCH
+    assert torch.isfinite(samples.returns).all()
 
 
 def test_a_learner_finds_the_action_that_is_rewarded():
     import torch
 
     from kitchen_suite.training.hyperparameters import Hyperparameters
-    from kitchen_suite.training.ppo import Agent, Batch
+    from kitchen_suite.training.ppo import Actor, Agent, Batch
 
     torch.manual_seed(0)
     config = Hyperparameters(
         num_envs=64, rollouts=8, mini_batches=4, hidden=(16,), action_scale=(2.0,), noise_correlation=0.0, kl_target=0.0
     )
     agent = Agent(1, gymnasium.spaces.Box(-5, 5, (1,)), config)
-    batch = Batch(8, 64, 1, 1)
+    actor, batch = Actor(agent, 0.0, 0), Batch(8, 64, 1, 1)
     for _ in range(60):
         batch.clear()
         batch.observations.uniform_(-1, 1)
         batch.next_observations.uniform_(-1, 1)
         for step in range(8):
-            batch.actions[step], batch.log_densities[step] = agent.explore(batch.observations[step])
+            batch.actions[step] = actor.explore(batch.observations[step])
         batch.rewards.copy_(-(batch.actions - batch.observations).square().squeeze(-1))
         batch.ended.fill_(True)
         agent.update(batch)
+        actor.refresh()
     observations = torch.linspace(-1, 1, 21)[:, None]
     with torch.no_grad():
         errors = agent.policy.network(agent.observation_scaler(observations)) - observations

@@ -52,11 +52,11 @@ def make_run(training_environments, evaluation_environments, tmp_path):
     """Returns a function that makes runs in one folder: each has a new learner, and resumes the one before."""
     from kitchen_suite.training.seed_run import SeedRun
 
-    def make(batches, every=2, seed=0):
+    def make(batches, every=2, seed=0, episodes=2):
         schedule = Schedule(
             num_steps=batches * BATCH,
             eval_interval=every * BATCH,
-            eval_episodes=2,
+            eval_episodes=episodes,
             target_success=2.0,
             patience=0,
             min_progress=0.0,
@@ -106,6 +106,27 @@ def test_the_documented_curves_are_written(make_run, tmp_path):
     minutes = [*found["time/minutes"].values()]
     assert minutes == sorted(minutes)
     assert min(found["time/steps_per_second"].values()) > 0
+
+
+@pytest.mark.parametrize(("successes", "num_played"), [([1, 0, 1, 0, 0], 5), ([0, 0, 1, 1, 1], 2)])
+def test_where_few_of_the_first_episodes_succeed_the_others_are_not_played(
+    make_run, monkeypatch, tmp_path, successes, num_played
+):
+    from kitchen_suite.training import seed_run
+
+    played = []
+
+    def evaluate(controller, environments, seeds):
+        played.extend(seeds)
+        chosen = np.array([successes[seed - seed_run.EVALUATION_SEEDS] for seed in seeds], float)
+        return {f"episode/{name}": chosen for name in ("success", "progress", "length", "return")}
+
+    monkeypatch.setattr(seed_run, "evaluate", evaluate)
+    # One evaluation, of the policy before the first step.
+    run, _ = make_run(0, episodes=5)
+    run.run(lambda row: None)
+    assert played == [*range(seed_run.EVALUATION_SEEDS, seed_run.EVALUATION_SEEDS + num_played)]
+    assert curves(tmp_path)["evaluation/success"] == {0: pytest.approx(np.mean(successes[:num_played]))}
 
 
 def test_episodes_that_end_in_training_have_curves(make_run, tmp_path):
