@@ -51,12 +51,13 @@ KITCHEN_RECIPE = Recipe(
         "hidden": (128, 128),
         "learning_rate": 5e-4,
         "value_learning_rate": 5e-4,
-        "kl_target": 0.0,
+        "kl_target": 0.03,
         "discount": 0.98,
         "entropy_scale": 0.0,
+        "averaging": 0.9,
         "reward_scale": 10.0,
-        "exploration": 0.5,
-        "noise_correlation": 0.7,
+        "exploration": 0.2,
+        "noise_correlation": 0.85,
         "standardisation_epsilon": 0.05,
         "action_scale": (1.0,) * 9,
     },
@@ -68,7 +69,9 @@ KITCHEN_RECIPE = Recipe(
         "mini_batches": 10,
         "learning_rate": 1e-4,
         "value_learning_rate": 1e-3,
+        "kl_target": 0.0,
         "discount": 0.995,
+        "averaging": 0.0,
         "reward_scale": 1.0,
         "exploration": 0.1,
         "noise_correlation": 0.0,
@@ -81,9 +84,16 @@ KITCHEN_RECIPE = Recipe(
 # Scale of joint offsets [rad] and the gripper logit.
 OFFSET_SCALE = (*(0.01,) * 7, 2.0)
 
+# Drawers are open by a little in almost half of the episodes of training: exploration alone holds the handle of a closed
+# one, and does not pull.
+_AJAR_DRAWERS = {
+    f"cabinet/drawer_{drawer}": {"choice": (*[0.0] * 7, 0.02, 0.04, 0.06, 0.08, 0.08)} for drawer in ("top", "bottom")
+}
+
 OPEN_CABINET_RECIPE = Recipe(
     # Averaged weights: from one update to the next, the success of the policy itself swings by several percent.
     hyperparameters={"averaging": 0.95, "action_scale": OFFSET_SCALE},
+    options={"max_episode_steps": 300, "variations": _AJAR_DRAWERS},
     settings={"eval_interval": 250_000, "target_success": 0.98},
 )
 
