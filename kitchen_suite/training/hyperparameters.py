@@ -84,8 +84,8 @@ KITCHEN_RECIPE = Recipe(
 # Scale of joint offsets [rad] and the gripper logit.
 OFFSET_SCALE = (*(0.01,) * 7, 2.0)
 
-# Drawers are open by a little in almost half of the episodes of training: exploration alone holds the handle of a closed
-# one, and does not pull.
+# Drawers are open by a little in almost half of the episodes of training: exploration alone holds the handle of a
+# closed one, and does not pull.
 _AJAR_DRAWERS = {
     f"cabinet/drawer_{drawer}": {"choice": (*[0.0] * 7, 0.02, 0.04, 0.06, 0.08, 0.08)} for drawer in ("top", "bottom")
 }

@@ -37,7 +37,12 @@ def write_policy(path, task_name="top_drawer", metadata=None, **task_kwargs):
         weights=(np.zeros((ACTION_SIZE, OBSERVATION_SIZE), np.float32),),
         biases=(np.ones(ACTION_SIZE, np.float32),),
         action_scale=np.full(ACTION_SIZE, 0.01, np.float32),
-        metadata={"domain_name": "open_cabinet", "task_name": task_name, "task_kwargs": task_kwargs, **(metadata or {})},
+        metadata={
+            "domain_name": "open_cabinet",
+            "task_name": task_name,
+            "task_kwargs": task_kwargs,
+            **(metadata or {}),
+        },
     ).save(path)
 
 

@@ -82,10 +82,19 @@ def test_arguments_of_the_task_are_those_of_training_too(job_of):
         assert task_of(environments).mdp.terminate_on_tasks_completed is False
 
 
-def test_other_domains_train_in_the_environments_of_their_evaluations(job_of):
+def test_drawers_are_ajar_in_training_alone(job_of):
     job = job_of()
+    trained, evaluated = job.training.environments, job.evaluation_environments
+    openings = np.array([trained.reset(seed=s)[1]["variation_values"]["cabinet/drawer_top"] for s in range(10)])
+    assert set(openings.flatten().tolist()) > {0.0, 0.08}
+    assert "variation_values" not in evaluated.reset(seed=0)[1]
+    assert [length_of(each) for each in (trained, evaluated)] == [300, 300]
+
+
+def test_a_domain_without_a_recipe_trains_in_the_environments_of_its_evaluations(job_of):
+    job = job_of("--domain_name=microwave_table", "--task_name=open")
     assert job.metadata["training_kwargs"] == {}
-    assert length_of(job.training.environments) == suite.DOMAINS["open_cabinet"].episode_steps
+    assert length_of(job.training.environments) == suite.DOMAINS["microwave_table"].episode_steps
 
 
 BAD = {
