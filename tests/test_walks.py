@@ -11,7 +11,7 @@ CEILINGS = {
     "classes of KitchenTask": 4,
     "files of source": 170,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more.
-    "lines of source": 28_300,
+    "lines of source": 28_350,
 }
 
 
