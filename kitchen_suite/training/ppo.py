@@ -371,20 +371,20 @@ class Actor:
 
     def __init__(self, agent: Agent, correlation: float, seed: int) -> None:
         """Copies the policy; correlation and seed are of the noise."""
-        self._originals = torch.nn.ModuleList([agent.policy, agent.observation_scaler])
-        self._copies = copy.deepcopy(self._originals)
+        self._agent = agent
+        self._policy, self._scaler = copy.deepcopy(agent.policy), copy.deepcopy(agent.observation_scaler)
         self._noise = CorrelatedNoise(correlation, seed)
 
     def refresh(self) -> None:
         """Copies the policy as it is now."""
-        self._copies.load_state_dict(self._originals.state_dict())
+        self._policy.load_state_dict(self._agent.policy.state_dict())
+        self._scaler.load_state_dict(self._agent.observation_scaler.state_dict())
 
     @torch.no_grad()
     def explore(self, observations: torch.Tensor) -> torch.Tensor:
         """Returns actions `(n, k)` with exploration for observations `(n, m)`, in units of the policy's scale."""
-        policy, scaler = self._copies
-        means = policy.network(scaler(observations))
-        return means + policy.log_deviation.exp() * self._noise(means.shape)
+        means = self._policy.network(self._scaler(observations))
+        return means + self._policy.log_deviation.exp() * self._noise(means.shape)
 
 
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
