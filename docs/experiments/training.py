@@ -51,6 +51,7 @@ SEEDS = {
 
 # Flags of kitchen-train beside task, seed and folder, for the tasks that need any.
 ONE_NETWORK = {"num_envs": 128, "hidden": [256, 128], "kl_target": 0.03, "averaging": 0.9, "noise_correlation": 0.85}
+ONE_NETWORK |= {"exploration": 0.5}
 # Draws beyond the range of a door are doors that are closed.
 LITTLE_AJAR = {
     "microwave/door": {"uniform": [-0.38, 0.38]},

@@ -143,6 +143,8 @@ class PPOLearner(Learner):
       batch: the control steps that are learned from next.
     """
 
+    _actor: Actor  # From `start` on.
+
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
         """Builds the agent; the seed is of the networks and of exploration.
 
@@ -154,7 +156,6 @@ class PPOLearner(Learner):
         assert isinstance(action_space, spaces.Box)
         size = spaces.flatdim(environments.single_observation_space)
         self.agent = Agent(size, action_space, config)
-        self._actor = Actor(self.agent, config.noise_correlation, seed)
         self._observations = torch.empty(0)
         self.batch, self._next_batch = (
             Batch(config.rollouts, config.num_envs, size, len(config.action_scale)) for _ in range(2)

@@ -182,7 +182,9 @@ def test_a_seed_determines_the_learned_policy():
         envs = environments(SMALL["num_envs"])
         taught = learner(envs, seed=seed)
         taught.start(seed)
-        taught.learn()
+        # Later batches are collected while the networks change.
+        for _ in range(3):
+            taught.learn()
         envs.close()
         policies.append(torch.cat([part.flatten() for part in parameters(taught.agent.policy)]))
     assert (policies[0] == policies[1]).all()
