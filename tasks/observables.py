@@ -28,6 +28,7 @@ class ExtraObservable:
       size: number of elements.
       sensors: kind of each sensor, such as `framepos`, and the joint or site that it is for.
       of_robot: whether it belongs to the robot's part of the observation.
+      of_layout: whether it is the same throughout an episode, and in all episodes of a layout.
       combine: computes the elements `(..., size)` from the values of all sensors, end to end.
     """
 
@@ -35,6 +36,7 @@ class ExtraObservable:
     size: int
     sensors: tuple[tuple[str, mjcf.Element], ...]
     of_robot: bool = False
+    of_layout: bool = False
     combine: Callable[[NDArray[np.float64]], NDArray[np.float64]] = lambda values: values
 
 
@@ -70,7 +72,11 @@ def offered(scene: Scene) -> dict[str, ExtraObservable]:
 
 def slices(scene: Scene, names: Sequence[str]) -> dict[str, slice]:
     """Returns the slice of each extra observable among their elements, end to end in the order of observation."""
-    wanted = _checked(names, offered(scene))
+    return _slices(_checked(names, offered(scene)))
+
+
+def _slices(wanted: Mapping[str, ExtraObservable]) -> dict[str, slice]:
+    """Returns the slice of each of some quantities, end to end."""
     stops = itertools.accumulate(extra.size for extra in wanted.values())
     return {name: slice(stop - extra.size, stop) for (name, extra), stop in zip(wanted.items(), stops, strict=True)}
 
@@ -81,6 +87,7 @@ def _pose(entity: composer.Entity, owner: str) -> ExtraObservable:
         content=f"position [m] and quaternion w, x, y, z of {owner}, in the world",
         size=7,
         sensors=(("framepos", frame), ("framequat", frame)),
+        of_layout=mjcf.get_frame_freejoint(entity.mjcf_model) is None,
     )
 
 
@@ -111,7 +118,9 @@ class ExtraObservables:
     Attributes:
       by_name: an enabled observable for each, by observation key; those of the robot first.
       size: number of elements.
+      slices: of each among these, by observation key.
       of_robot: names of those that belong to the robot's part of the observation.
+      of_layout: names of those that are the same throughout an episode, and in all episodes of a layout.
       stage: stage of MuJoCo's pipeline up to which the state after a control step is evaluated before `read`.
     """
 
@@ -129,7 +138,9 @@ class ExtraObservables:
                     self._sensors.add_frame(f"{name} {number}", kind, element)
         self._wanted = wanted
         self.size = sum(extra.size for extra in wanted.values())
+        self.slices = _slices(wanted)
         self.of_robot = tuple(name for name, extra in wanted.items() if extra.of_robot)
+        self.of_layout = tuple(name for name, extra in wanted.items() if extra.of_layout)
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             (name, observable.Generic(functools.partial(self._observe, name))) for name in wanted
         )

@@ -171,6 +171,7 @@ class SuiteTask(composer.Task):
       observed: the enabled observables of the task by observation key, in order.
       extras: quantities that are observed beside the task's own; None if there are none.
       extra_observables: their observables by observation key.
+      extra_slices: slice of each among their elements, which are the last ones of the state.
       extra_size: number of their elements.
       pictures: the pictures of cameras that are observed.
       random: the random state that the environment last passed to the task.
@@ -212,7 +213,7 @@ class SuiteTask(composer.Task):
         extras = ExtraObservables(scene, extra_observables)
         self.extras = extras if extras.size else None
         self.extra_observables: dict[str, observable.Observable] = dict(extras.by_name)
-        self.extra_size = extras.size
+        self.extra_slices, self.extra_size = extras.slices, extras.size
         self.pictures = Pictures(scene.arena.mjcf_model, **pictures)
         self.observed: Mapping[str, observable.Observable] = {}
         self.scene, self.robot, self.mdp = scene, scene.robot, mdp

@@ -13,7 +13,7 @@ import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, files
 from kitchen_suite.policies.networks import ResidualNetwork, Scales, checked
 from kitchen_suite.policies.stored import StoredPolicy
 
@@ -32,7 +32,8 @@ class ImitatedPolicy(StoredPolicy):
       metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
         are predicted, `executed`, how many of them are applied before the next prediction, `state_size`, the number of
         elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
-        `state_elements`.
+        `state_elements`. The last ones are of extra observables: `extra_observables` has their sizes by name, and
+        `layout` the values in the default layout of those that are the same in all episodes there.
     """
 
     network_names: ClassVar[tuple[str, ...]]
@@ -54,6 +55,7 @@ class ImitatedPolicy(StoredPolicy):
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state and tasks have {size}")
         if self.state_elements is not None:
             _check_elements(self.state_elements, self.metadata["state_size"])
+        _check_extras(self.metadata)
         self._check_sizes()
 
     @abc.abstractmethod
@@ -79,12 +81,39 @@ class ImitatedPolicy(StoredPolicy):
         """Indices of the elements of the state among the inputs, increasing; None for all."""
         return self.metadata.get("state_elements")
 
+    @property
+    def extra_observables(self) -> Mapping[str, int] | None:
+        """Number of elements of each extra observable among the inputs, by name.
+
+        None in files of earlier versions: their policies take all that a task has.
+        """
+        return self.metadata.get("extra_observables")
+
+    @property
+    def layout(self) -> Mapping[str, list[float]]:
+        """Values in the default layout of extra observables: those that tasks in that layout need not observe."""
+        return self.metadata.get("layout", {})
+
+    def missing_observables(self, task: "SuiteTask") -> list[str]:
+        """Returns the names of the extra observables that the policy needs and that a task does not have."""
+        known = () if task.variations.layout else self.layout
+        return [name for name in self.extra_observables or {} if name not in task.extra_slices and name not in known]
+
     def select(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the inputs `(m,)` of the networks, given the whole state and which of `tasks` are requested."""
         if self.state_elements is None:
             return inputs
         state, requests = np.split(inputs, [inputs.size - len(self.tasks)])
         return np.concatenate([state[self.state_elements], requests])
+
+    def _with_extras(self, inputs: NDArray[np.float64], task: "SuiteTask") -> NDArray[np.float64]:
+        """Returns the inputs that `select` takes, given a task's state, which may have other extra observables."""
+        if self.extra_observables is None:
+            return inputs
+        size, parts = task.policy_inputs.state_size, task.extra_slices
+        own, extras, requests = np.split(inputs, [size - task.extra_size, size])
+        chosen = [extras[parts[name]] if name in parts else self.layout[name] for name in self.extra_observables]
+        return np.concatenate([own, *chosen, requests])
 
     @property
     def action_size(self) -> int:
@@ -110,14 +139,19 @@ class ImitatedPolicy(StoredPolicy):
         def act(timestep: dm_env.TimeStep) -> NDArray[np.float32]:
             if timestep.first() or not waiting:
                 observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
-                waiting[:] = self.predict(self.select(observed), generator)[: self.metadata["executed"]]
+                chosen = self.select(self._with_extras(observed, task))
+                waiting[:] = self.predict(chosen, generator)[: self.metadata["executed"]]
             return waiting.pop(0)
 
         return self._acting_in(task, act)
 
     def check_fits(self, task: "SuiteTask") -> None:
+        if missing := self.missing_observables(task):
+            raise ValueError(f"the policy needs extra_observables {missing}: {self._trained_for}")
         elements = self.state_elements
         size = task.policy_inputs.state_size
+        if self.extra_observables is not None:
+            size += sum(self.extra_observables.values()) - task.extra_size
         observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, size)
         self._check_sizes_and_mode(task, observed=observed, expected=size)
         if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
@@ -224,6 +258,14 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """Returns features `(..., 8)` of times in [0, 1], a number or `(..., 1)`: sines and cosines of four frequencies."""
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
+
+
+def _check_extras(metadata: Mapping[str, Any]) -> None:
+    """Raises a ValueError unless extra observables have sizes, and those of the layout as many values."""
+    sizes = files.parse(metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
+    layout = files.parse(metadata.get("layout", {}), dict[str, list[float]], "layout")
+    if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
+        raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
 
 
 def _check_elements(elements: Any, size: int) -> None:

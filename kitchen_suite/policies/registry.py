@@ -1,7 +1,8 @@
 """Policies by name: random, zero, expert and trained, and `module:callable` for a user's own.
 
 A policy is called with the present `dm_env.TimeStep` and returns the action. An episode starts where `timestep.first()`
-is true.
+is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
+the same after every action; recordings keep them.
 """
 
 import abc
@@ -68,8 +69,8 @@ class PolicySource(abc.ABC):
         """Returns the file that the policy is read from; None without one, or where only a task can determine it."""
         return None
 
-    def missing_observables(self, task: "SuiteTask") -> list[str]:
-        """Returns the extra observables that the policy needs and that a task does not have."""
+    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
+        """Returns the extra observables that the policy with given options needs and that a task does not have."""
         return []
 
 
@@ -115,7 +116,7 @@ class ExpertSource(PolicySource):
     def check_installed(self, name: str) -> None:
         checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
-    def missing_observables(self, task: "SuiteTask") -> list[str]:
+    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
         from kitchen_suite.policies import experts
 
         return experts.expert_class(task).missing_in(task)
@@ -157,6 +158,13 @@ class TrainedSource(PolicySource):
             return Path(file)
         return _shipped(task) if task else None
 
+    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
+        # What prevents reading the file is reported where the policy is built.
+        with contextlib.suppress(OSError, ValueError):
+            if file := self.file(options, task):
+                return self._load(file).missing_observables(task)
+        return []
+
     def _load_checked(self, path: Path) -> "StoredPolicy":
         policy = load_policy(path)
         if self._digest is not None and files.file_digest(path) != self._digest:
@@ -171,12 +179,74 @@ def _shipped(task: "SuiteTask") -> Path:
     return shipped(task)
 
 
+class Takeover:
+    """Acts by one policy first, and from a control step on by another one.
+
+    Attributes:
+      labels: `is_intervention`, whether the second policy chose the last action.
+    """
+
+    def __init__(self, first: Policy, second: Policy, step: int) -> None:
+        """Prepares for an episode; `step`, counted from 0, is the first one of the second policy."""
+        self._first, self._second, self._takeover, self._step = first, second, step, 0
+        self.labels = {"is_intervention": False}
+
+    def __call__(self, timestep: dm_env.TimeStep) -> ArrayLike:
+        self._step = 0 if timestep.first() else self._step + 1
+        self.labels = {"is_intervention": self._step >= self._takeover}
+        if self._step == self._takeover:
+            timestep = timestep._replace(step_type=dm_env.StepType.FIRST)
+        return (self._second if self._step >= self._takeover else self._first)(timestep)
+
+
+class TakeoverSource(PolicySource):
+    """A trained policy, and the scripted expert that takes over from it: demonstrations from where a policy leads.
+
+    The control step of the takeover is drawn from 0 to the option `latest`; `file` is of the trained policy as in
+    `trained`, other options are of `expert`. Source of the idea: Ross, Gordon and Bagnell, A Reduction of Imitation
+    Learning and Structured Prediction to No-Regret Online Learning (DAgger), AISTATS 2011.
+    """
+
+    takes_options = True
+
+    def __init__(self, digest: str | None = None) -> None:
+        """Prepares to read files whose SHA-256 must be `digest`, if that is given."""
+        self._trained, self._expert = TrainedSource(digest), ExpertSource()
+
+    def __call__(
+        self,
+        environment: dm_env.Environment,
+        generator: np.random.Generator,
+        *,
+        file: str | None = None,
+        latest: int = 200,
+        **options: Any,
+    ) -> Policy:
+        step = int(generator.integers(checks.integer(latest, "latest", minimum=0), endpoint=True))
+        first = self._trained(environment, generator, file=file)
+        return Takeover(first, self._expert(environment, generator, **options), step)
+
+    def check_installed(self, name: str) -> None:
+        self._expert.check_installed(name)
+
+    def for_episodes(self, digest: str | None) -> PolicyBuilder:
+        return TakeoverSource(digest)
+
+    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
+        return self._trained.file(options, task)
+
+    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
+        of_expert = self._expert.missing_observables(task, {})
+        return [*dict.fromkeys([*self._trained.missing_observables(task, options), *of_expert])]
+
+
 POLICIES: Mapping[str, PolicySource] = MappingProxyType(
     {
         "random": RandomSource(),
         "zero": ZeroSource(),
         "expert": ExpertSource(),
         "trained": TrainedSource(),
+        "takeover": TakeoverSource(),
     }
 )
 """The policies that a name alone selects, such as `random`; each is called to build one."""
@@ -203,7 +273,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
     if ":" in name and "(" not in name:
         imported = _import_policy(name)
-        return lambda environment, generator: _with_checks(imported, name, environment)
+        return lambda environment, generator: _CheckedPolicy(imported, name, environment)
     key, options = _key_and_options(name)
     try:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
@@ -220,7 +290,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
             policy = build(environment, generator, **options)
         except (OSError, TypeError, ValueError) as error:
             raise PolicyError(f"policy {checks.shown(name)} cannot be built: {error}") from error
-        return _with_checks(policy, name, environment)
+        return _CheckedPolicy(policy, name, environment)
 
     return build_with_checks
 
@@ -236,10 +306,25 @@ def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
     return POLICIES[key].file(options, task) if key in POLICIES else None
 
 
-def missing_observables(name: str, task: "SuiteTask") -> list[str]:
-    """Returns the extra observables that a named policy needs and that a task does not have."""
-    key, _ = _key_and_options(name)
-    return POLICIES[key].missing_observables(task) if key in POLICIES else []
+def missing_observables(name: str, make_task: "Callable[[], SuiteTask]") -> list[str]:
+    """Returns the extra observables that a named policy needs and that a task does not have.
+
+    Args:
+      name: of the policy.
+      make_task: returns the task; not called for policies that act in every task.
+    """
+    key, options = _key_and_options(name)
+    if key not in POLICIES or not POLICIES[key].takes_options:
+        return []
+    return POLICIES[key].missing_observables(make_task(), options)
+
+
+def labels_of(policy: Policy) -> Mapping[str, NDArray]:
+    """Returns what a policy says of its last action, by name: its `labels` as arrays, none if it has no such attribute.
+
+    A label is a number, or an array of numbers of the same shape for every action.
+    """
+    return {label: np.asarray(value) for label, value in getattr(policy, "labels", {}).items()}
 
 
 def without_file(name: str) -> str:
@@ -276,21 +361,26 @@ def _import_policy(name: str) -> Policy:
     return policy
 
 
-def _with_checks(policy: Policy, name: str, environment: dm_env.Environment) -> Policy:
-    """Wraps a policy so that it returns valid actions in fresh arrays, or raises a PolicyError that names it."""
+class _CheckedPolicy:
+    """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
 
-    def checked(timestep: dm_env.TimeStep) -> NDArray[np.float64]:
+    def __init__(self, policy: Policy, name: str, environment: dm_env.Environment) -> None:
+        self._policy, self._name, self._environment = policy, name, environment
+
+    def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float64]:
         try:
-            action = policy(timestep)
+            action = self._policy(timestep)
         except (Exception, SystemExit) as error:
             problem = f"{type(error).__name__}: {error} ({_location(error)})"
-            raise PolicyError(f"policy {checks.shown(name)} raised {problem}") from error
+            raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
-            return environment.task.checked_action(action)
+            return self._environment.task.checked_action(action)
         except (TypeError, ValueError) as error:
-            raise PolicyError(f"policy {checks.shown(name)} returned a bad action: {error}") from error
+            raise PolicyError(f"policy {checks.shown(self._name)} returned a bad action: {error}") from error
 
-    return checked
+    @property
+    def labels(self) -> Mapping[str, NDArray]:
+        return labels_of(self._policy)
 
 
 def _location(error: BaseException) -> str:

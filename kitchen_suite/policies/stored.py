@@ -62,6 +62,10 @@ class StoredPolicy(abc.ABC):
     def action_size(self) -> int:
         """Number of elements of the action."""
 
+    def missing_observables(self, task: "SuiteTask") -> list[str]:
+        """Returns the names of the extra observables that the policy needs and that a task does not have."""
+        return []
+
     @abc.abstractmethod
     def check_fits(self, task: "SuiteTask") -> None:
         """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""

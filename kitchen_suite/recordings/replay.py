@@ -74,7 +74,7 @@ def replay(
     return EpisodeArrays(
         index=recorded.index,
         seed=recorded.seed,
-        arrays={**buffer.arrays(), "action": recorded.arrays["action"]},
+        arrays={**buffer.arrays(), "action": recorded.arrays["action"], **recorded.labels},
         instruction=suite_env(environment).instruction,
     )
 

@@ -5,12 +5,14 @@ The names, for an episode of `T` control steps:
   `info/<key>`: `(T + 1, ...)`, from the reset to the last step.
   `action`: `(T, n)`, as it was applied.
   `reward`: `(T,)` float64; `termination`, `truncation`: `(T,)` bool.
+  `label/<key>`: `(T, ...)`, what the policy says of its actions, such as `is_intervention`; with most policies, none.
 """
 
 import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import dm_env
@@ -41,6 +43,7 @@ _LAYOUT = {
     "truncation": ("b", 0, 1),
     "observation": ("uif", 1, 0),
     "info": ("biuf", 1, 0),
+    "label": ("biuf", 0, 0),
 }
 
 
@@ -91,6 +94,11 @@ class EpisodeArrays:
     def last_info(self) -> dict[str, NDArray]:
         """Infos of the last step."""
         return {name.removeprefix("info/"): rows[-1] for name, rows in self.arrays.items() if name.startswith("info/")}
+
+    @property
+    def labels(self) -> dict[str, NDArray]:
+        """The arrays of the policy's labels, by the names above."""
+        return {name: rows for name, rows in self.arrays.items() if _part(name) == "label"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,17 +192,23 @@ class EpisodeBuffer:
         self.observation = observation
         self._rows = [_row(observation, info)]
         self._steps: list[Step] = []
+        self._labels: list[Mapping[str, Any]] = []
 
-    def add(self, step: Step, observation: Any, info: Mapping[str, Any]) -> None:
-        """Adds a step, and the observation and the info after it."""
+    def add(
+        self, step: Step, observation: Any, info: Mapping[str, Any], labels: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        """Adds a step with the policy's labels, and the observation and the info after it."""
         self.observation = observation
         self._rows.append(_row(observation, info))
         self._steps.append(step)
+        self._labels.append(flatten(labels, "label"))
 
-    def step(self, environment: gymnasium.Env, action: NDArray) -> None:
-        """Makes a control step, and adds it."""
+    def step(
+        self, environment: gymnasium.Env, action: NDArray, labels: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        """Makes a control step, and adds it with the policy's labels."""
         observation, reward, termination, truncation, info = environment.step(action)
-        self.add(Step(action, float(reward), termination, truncation), observation, info)
+        self.add(Step(action, float(reward), termination, truncation), observation, info, labels)
 
     @property
     def steps(self) -> int:
@@ -224,6 +238,7 @@ class EpisodeBuffer:
         return {
             **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
+            **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
 
 

@@ -7,6 +7,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import dm_env
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError
+from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, labels_of
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, flatten
 from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
@@ -55,7 +56,8 @@ class SingleRollout:
           PolicyError: the policy raised an exception, or returned a bad action.
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
-        self.buffer.step(self.environment, clipped_action(self._policy, timestep, self.environment.action_space))
+        action = clipped_action(self._policy, timestep, self.environment.action_space)
+        self.buffer.step(self.environment, action, labels_of(self._policy))
 
     def play(
         self, index: int, seed: int, watch: Callable[[EpisodeBuffer], None] = lambda buffer: None
@@ -93,7 +95,13 @@ class BatchStep(NamedTuple):
 
 
 class Controller(Protocol):
-    """Chooses the actions of all environments."""
+    """Chooses the actions of all environments.
+
+    Attributes:
+      labels: `(n, ...)` by name, what the policies say of the last actions; see `policies.labels_of`.
+    """
+
+    labels: Mapping[str, NDArray]
 
     def start(self, i: int, seed: int) -> None:
         """Prepares for an episode of a seed in environment `i`."""
@@ -111,6 +119,7 @@ class PolicyController:
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
         self._policies: dict[int, Policy] = {}
+        self.labels: Mapping[str, NDArray] = {}
 
     def start(self, i: int, seed: int) -> None:
         self._policies[i] = self._build_policy(self._environments.template_env.environment, policy_generator(seed))
@@ -121,7 +130,15 @@ class PolicyController:
         observations = self._environments.present_observation
         for i in np.flatnonzero(step.is_playing).tolist():
             actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
+        self.labels = self._present_labels(step.is_playing)
         return actions
+
+    def _present_labels(self, is_playing: NDArray[np.bool_]) -> dict[str, NDArray]:
+        """Returns the labels `(n, ...)` of the last actions; zeros where no episode is in progress."""
+        playing = np.flatnonzero(is_playing).tolist()
+        each = [labels_of(self._policies[i]) for i in playing]
+        labels = {name: np.array([one[name] for one in each]) for name in each[0]}
+        return {name: _spread(values, playing, is_playing.size) for name, values in labels.items()}
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
@@ -133,6 +150,8 @@ class PolicyController:
 
 class NetworkController:
     """Acts by a function of the observations of all environments at once."""
+
+    labels: Mapping[str, NDArray] = MappingProxyType({})
 
     def __init__(self, network: Callable[[Any], NDArray]) -> None:
         """Takes a function from vectorised observations to actions `(n, ...)`."""
@@ -251,7 +270,8 @@ class VectorRollout:
         result = self._environments.step_some(actions, is_playing)
         self._observations, self._rewards, terminations, truncations, infos = result
         diverged = infos.pop("physics_error", np.zeros(len(self._running), bool))
-        self._history.add_step(Step(actions, self._rewards, terminations, truncations), self._observations, infos)
+        step = Step(actions, self._rewards, terminations, truncations)
+        self._history.add_step(step, self._observations, infos, self._controller.labels)
         self._history.forget_before(min(running.first for running in self._running if running))
         return terminations | truncations, diverged
 
@@ -268,7 +288,7 @@ class _History:
     def __init__(self) -> None:
         # `_rows[t]` holds observations and infos at time `t`; `_steps[t]` leads from there to `_rows[t + 1]`.
         self._rows: collections.deque[dict[str, NDArray]] = collections.deque()
-        self._steps: collections.deque[Step] = collections.deque()
+        self._steps: collections.deque[dict[str, NDArray]] = collections.deque()
         self._forgotten = 0
 
     @property
@@ -289,9 +309,11 @@ class _History:
             self._rows.pop()
         self._rows.append(row)
 
-    def add_step(self, step: Step, observations: Any, infos: Mapping[str, NDArray]) -> None:
-        """Adds a step, and the observations and infos after it."""
-        self._steps.append(step)
+    def add_step(
+        self, step: Step, observations: Any, infos: Mapping[str, NDArray], labels: Mapping[str, NDArray]
+    ) -> None:
+        """Adds a step with the policies' labels, and the observations and infos after it."""
+        self._steps.append({**step._asdict(), **flatten(labels, "label")})
         self._rows.append(_named(observations, infos))
 
     def forget_before(self, first: int) -> None:
@@ -303,7 +325,7 @@ class _History:
 
     def rewards(self, i: int, first: int) -> NDArray[np.float64]:
         """Returns the rewards of environment `i` since time `first`."""
-        return np.array([step.reward[i] for step in self._since(first, self._steps)])
+        return np.array([step["reward"][i] for step in self._since(first, self._steps)])
 
     def last_info(self, i: int) -> dict[str, NDArray]:
         """Returns the present infos of environment `i`."""
@@ -312,10 +334,9 @@ class _History:
     def episode(self, i: int, first: int) -> dict[str, NDArray]:
         """Returns the arrays of environment `i` since time `first`."""
         rows, steps = self._since(first, self._rows), self._since(first, self._steps)
-        columns = zip(Step._fields, zip(*steps, strict=True), strict=True)
         return {
             **{name: np.stack([row[name][i] for row in rows]) for name in rows[0]},
-            **{name: np.stack([array[i] for array in column]) for name, column in columns},
+            **{name: np.stack([step[name][i] for step in steps]) for name in steps[0]},
         }
 
     def _since(self, first: int, column: collections.deque) -> list:
@@ -333,6 +354,13 @@ def _numbers(infos: Mapping[str, Any]) -> dict[str, Any]:
         for name, part in infos.items()
         if not name.startswith("_") and getattr(part, "dtype", None) != np.dtype(object)
     }
+
+
+def _spread(values: NDArray, rows: list[int], count: int) -> NDArray:
+    """Returns an array of `count` rows with values in some of them, and zeros in the others."""
+    spread = np.zeros((count, *values.shape[1:]), values.dtype)
+    spread[rows] = values
+    return spread
 
 
 def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:

@@ -41,7 +41,7 @@ class RolloutJob:
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
         self._settings = settings
-        self._spec = EpisodeSpec.of(settings, seeding="dm_control")
+        self._spec = EpisodeSpec.of(settings, seeding="dm_control").observing()
         self._rollout = SingleRollout(self._spec, **settings.rendering)
         self._environment = suite_env(self._rollout.environment).environment
         if settings.output:

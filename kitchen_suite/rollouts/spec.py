@@ -19,6 +19,7 @@ from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.names import EXACT
 from kitchen_suite.settings import EpisodeSettings
+from kitchen_suite.tasks.task import SuiteTask
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import installed_versions
 
@@ -243,19 +244,25 @@ class EpisodeSpec(EnvironmentSpec):
                 warnings.warn(f"the policy {path} was trained for {found}, not for {wanted}", stacklevel=2)
 
     def prepared(self) -> "EpisodeSpec":
-        """Returns the specification with what the policy needs to act, and the digest of the policy's file.
+        """Returns the specification with what the policy needs to act, and the digest of the policy's file."""
+        observing = self.observing()
+        with contextlib.closing(observing.make_environment()) as environment:
+            observing.check_policy(environment)
+            file = policies.policy_file(self.policy, suite_env(environment).composer_task)
+        return dataclasses.replace(observing, policy_sha256=files.file_digest(file) if file else None)
 
-        The expert needs extra observables where layouts vary.
-        """
-        with contextlib.closing(self.make_environment()) as environment:
-            task = suite_env(environment).composer_task
-            missing = policies.missing_observables(self.policy, task)
-            if not missing:
-                self.check_policy(environment)
-                file = policies.policy_file(self.policy, task)
-                return dataclasses.replace(self, policy_sha256=files.file_digest(file) if file else None)
-            extras = [*task.extra_observables, *missing]
-        return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras}).prepared()
+    def observing(self) -> "EpisodeSpec":
+        """Returns the specification with the extra observables that the policy needs, where layouts vary or always."""
+        with contextlib.ExitStack() as stack:
+
+            def make_task() -> SuiteTask:
+                return suite_env(stack.enter_context(contextlib.closing(self.make_environment()))).composer_task
+
+            missing = policies.missing_observables(self.policy, make_task)
+        if not missing:
+            return self
+        extras = [*(self.argument("extra_observables") or []), *missing]
+        return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
 
 
 def _policy_digest(policy: str) -> str | None:

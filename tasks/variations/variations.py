@@ -57,6 +57,7 @@ class Variations:
 
     Attributes:
       by_name: the parameters that vary with their variations, in the order in which they are drawn; may be empty.
+      layout: names of those that move furniture or the robot's base.
       split: `seen` or `held_out`.
       moves_sleepers: whether the layout varies in a scene whose objects may sleep.
       randomizer: draws and sets them; from `bind` on.
@@ -111,11 +112,11 @@ class Variations:
         self._rows = {name: row for name, row in rows.items() if name in chosen}
         self._parameters = {name: offered[name] for name in self._rows}
         self.by_name = self._rows
-        self._layout = [name for name, row in self.by_name.items() if row.group == "layout"]
+        self.layout = [name for name, row in self.by_name.items() if row.group == "layout"]
         if any(row.group == "appearance" for row in self.by_name.values()):
             scene.prepare_appearance()
-        self.moves_sleepers = bool(self._layout) and scene.sleeps
-        self._layout_check = LayoutCheck(scene, handles) if self._layout else None
+        self.moves_sleepers = bool(self.layout) and scene.sleeps
+        self._layout_check = LayoutCheck(scene, handles) if self.layout else None
 
     def bind(self, physics: mjcf.Physics) -> None:
         """Reads the default values from a compiled scene, which must have those of the built one.
@@ -229,10 +230,10 @@ class Variations:
     ) -> None:
         """Sets the values of an episode, after drawing its layout again, from a seed, while it is refused."""
         trial, defaults = request, self.randomizer.defaults
-        if not any(request.draws(name) for name in self._layout):
+        if not any(request.draws(name) for name in self.layout):
             # All values are given back: the infos count as many refusals as when they were drawn.
             trial = dataclasses.replace(request, values={})
-        redrawn = [name for name in self._layout if trial.draws(name)]
+        redrawn = [name for name in self.layout if trial.draws(name)]
         self._set(physics, start, trial.applied(drawn, defaults))
         # Starting a generator takes as long as checking a layout.
         generator: np.random.RandomState | None = None

@@ -11,11 +11,13 @@ from kitchen_suite.cli.commands import rollout
 from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Linear, ResidualNetwork, Scales, silu
+from kitchen_suite.rollouts.folder import RecordingFolder
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
 TASKS = ["kettle", "microwave", "light switch"]
 INPUTS = STATE + len(TASKS)
 LATENT, BOOKS, CODES = 4, 2, 5
+STATE_KEYS = ("franka/joint_positions", "franka/joint_velocities", "object_positions", "object_velocities")
 
 
 def linear(generator, inputs, outputs):
@@ -182,6 +184,55 @@ def test_a_policy_may_take_some_elements_of_the_state():
         policy.check_fits(kitchen("kettle").task)
 
 
+POSE = [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0]
+
+
+def observing(**changes):
+    """Returns a policy that observes two poses beside the 59 numbers, in an order of its own."""
+    names = ("microwave/pose", "franka/base_pose")
+    metadata = make("bc").metadata | {
+        "state_size": STATE + 14,
+        "extra_observables": dict.fromkeys(names, 7),
+        "layout": dict.fromkeys(names, POSE),
+        **changes,
+    }
+    inputs = INPUTS + 14
+    networks = {"network": network(np.random.default_rng(0), inputs, CHUNK * ACTION)}
+    return ClonedPolicy(scales=scales(inputs), networks=networks, metadata=metadata)
+
+
+@pytest.mark.parametrize("extras", [[], ["microwave/pose"], ["hood/pose", "microwave/pose", "franka/base_pose"]])
+def test_a_policy_finds_its_extra_observables_among_those_of_a_task(extras, monkeypatch):
+    environment, policy, seen = kitchen("kettle", extra_observables=extras), observing(), []
+    predict = ClonedPolicy.predict
+    monkeypatch.setattr(ClonedPolicy, "predict", lambda self, *args: seen.append(args[0]) or predict(self, *args))
+    timestep = environment.reset()
+    policy.episode(environment.task, np.random.default_rng(0))(timestep)
+    state = np.concatenate([np.ravel(timestep.observation[key]) for key in STATE_KEYS])
+    poses = [timestep.observation.get(name, POSE) for name in ("microwave/pose", "franka/base_pose")]
+    np.testing.assert_array_equal(seen[0], [*state, *poses[0], *poses[1], 1, 0, 0])
+    assert policy.missing_observables(environment.task) == []
+
+
+def test_a_policy_must_observe_its_extra_observables_where_layouts_vary():
+    task = kitchen("kettle", variations="layout", extra_observables=["microwave/pose"]).task
+    assert observing().missing_observables(task) == ["franka/base_pose"]
+    with refused(ValueError, "franka/base_pose", "kitchen all"):
+        observing().check_fits(task)
+    # Without values in the default layout, it must observe them in any.
+    free = observing(layout={"franka/base_pose": POSE})
+    assert free.missing_observables(kitchen("kettle").task) == ["microwave/pose"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"layout": {"franka/base_pose": POSE[1:]}}, {"layout": {"kettle": POSE}}, {"extra_observables": {"kettle": "7"}}],
+)
+def test_metadata_on_extra_observables_is_checked(changes):
+    with pytest.raises(ValueError, match=r"layout|extra_observables"):
+        observing(**changes)
+
+
 def make_nine_actions(policy):
     """Returns a policy with the eight actions of the cabinet."""
     size = ACTION - 1
@@ -198,6 +249,16 @@ def test_the_commands_play_such_policies(tmp_path, capsys):
     flags = ["--task_name=kettle", "--num_episodes=1", "--max_episode_steps=5"]
     assert rollout.main([f"--policy=trained(file={path!r})", *flags]) == 0
     assert "episodes              1" in capsys.readouterr().out
+
+
+def test_the_commands_add_the_observables_that_a_policy_needs(tmp_path, capsys):
+    observing().save(tmp_path / "policy.npz")
+    path = str(tmp_path / "policy.npz")
+    flags = ["--task_name=kettle", "--variations=layout", "--num_episodes=1", "--max_episode_steps=5"]
+    assert rollout.main([f"--policy=trained(file={path!r})", f"--output={tmp_path / 'runs'}", *flags]) == 0
+    assert "episodes              1" in capsys.readouterr().out
+    kwargs = RecordingFolder.open(tmp_path / "runs").spec.task_kwargs
+    assert kwargs["extra_observables"] == ["microwave/pose", "franka/base_pose"]
 
 
 @pytest.mark.parametrize(

@@ -117,3 +117,49 @@ def test_a_policy_that_exits_is_a_policy_error(kettle, monkeypatch):
 def test_options_that_the_expert_refuses_are_policy_errors(options, shown, kettle):
     with refused(policies.PolicyError, "expert(", *shown):
         policies.find(f"expert({options})")(kettle, np.random.default_rng(0))
+
+
+class Named:
+    """Returns its number, and counts the episodes that it starts."""
+
+    def __init__(self, number):
+        self._number, self.starts = number, 0
+
+    def __call__(self, timestep):
+        self.starts += timestep.first()
+        return np.full(2, self._number)
+
+
+@pytest.mark.parametrize("step", [0, 2, 9])
+def test_a_policy_takes_over_at_a_step_as_if_an_episode_began(step):
+    first, second = Named(1.0), Named(2.0)
+    policy, timesteps = policies.Takeover(first, second, step), [START, *[dm_env.transition(0.0, {})] * 4]
+    for _ in range(2):
+        actions, labels = [], []
+        for timestep in timesteps:
+            actions.append(policy(timestep)[0])
+            labels.append(policies.labels_of(policy)["is_intervention"])
+        assert actions == [1.0 + (number >= step) for number in range(5)]
+        np.testing.assert_array_equal(labels, np.array(actions) == 2.0)
+    assert (first.starts, second.starts) == (2 * (step > 0), 2 * (step < 5))
+
+
+def test_a_policy_without_labels_says_nothing():
+    assert policies.labels_of(build("zero", -1, 1)) == {}
+
+
+def test_the_expert_takes_over_from_a_trained_policy_at_a_step_of_the_seed():
+    environment = suite.load("kitchen", "kettle", {"random": 0, "visuals": False})
+    taken = []
+    for seed in (1, 1, 2):
+        policy = policies.find("takeover(latest=6, speed=0.9)")(environment, np.random.default_rng(seed))
+        timestep, labels = environment.reset(), []
+        for _ in range(8):
+            timestep = environment.step(policy(timestep))
+            labels.append(bool(policies.labels_of(policy)["is_intervention"]))
+        assert labels == sorted(labels)
+        assert labels[-1]
+        taken.append(labels.index(True))
+    assert taken[0] == taken[1] != taken[2]
+    with pytest.raises(policies.PolicyError, match="latest"):
+        policies.find("takeover(latest=-1)")(environment, np.random.default_rng(0))

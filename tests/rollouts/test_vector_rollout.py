@@ -17,6 +17,7 @@ class Jerks:
     """Moves the arm of episodes with odd seeds too fast, which terminates them, and of the others not at all."""
 
     def __init__(self, num_envs):
+        self.labels = {"is_fast": np.arange(num_envs) % 2}
         self._actions = np.zeros((num_envs, 8))
 
     def start(self, i, seed):

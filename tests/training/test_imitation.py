@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.human_files import write_d4rl
 
+from kitchen_suite import suite
 from kitchen_suite.cli.commands import convert, evaluate, record, train
 from kitchen_suite.policies import load_policy
 
@@ -222,6 +223,53 @@ def test_episodes_that_failed_are_left_out(recording):
     shown = load_recording(folder, opened.spec, ["kettle"])
     assert len(shown.actions) == sum(len(opened.load(index).arrays["action"]) for index in successful)
     assert {*shown.inputs[:, -1].tolist()} <= {0.0, 1.0}
+
+
+def test_only_interventions_are_learned_from(tmp_path, capsys):
+    from kitchen_suite.rollouts.folder import RecordingFolder
+    from kitchen_suite.training.imitation.demonstrations import load_recording, load_to_clone
+
+    folder = tmp_path / "runs"
+    flags = ["--task_name=kettle", "--num_episodes=4", "--num_threads=1", "--policy=takeover(latest=9)"]
+    assert record.main([f"--output={folder}", "--variations=start", *flags]) == 0
+    opened = RecordingFolder.open(folder)
+    episodes = [opened.load(index).arrays for index in opened.indices]
+    assert all(opened.load_stats(index).metrics["success"] for index in opened.indices)
+    taught = [arrays["label/is_intervention"] for arrays in episodes]
+    assert any(labels.argmax() > 0 for labels in taught)
+    expected = np.concatenate([arrays["action"][labels] for arrays, labels in zip(episodes, taught, strict=True)])
+    shown = load_recording(folder, opened.spec, ["kettle"])
+    np.testing.assert_array_equal(shown.actions, expected)
+    lengths = [int(labels.sum()) for labels in taught]
+    np.testing.assert_array_equal(shown.last, np.repeat(np.cumsum(lengths) - 1, lengths))
+    np.testing.assert_array_equal(load_to_clone(folder, opened.spec)[1], expected)
+
+
+def test_chunks_end_where_an_intervention_does():
+    from kitchen_suite.training.imitation.demonstrations import _last_of_stretches
+
+    taught = [np.array(labels, bool) for labels in ([0, 1, 1, 0, 1], [1, 1, 0], [0, 0], [1])]
+    np.testing.assert_array_equal(_last_of_stretches(taught), [1, 1, 2, 4, 4, 5])
+
+
+def test_a_policy_names_its_extra_observables_and_the_default_layout(tmp_path, capsys):
+    folder, run = tmp_path / "runs", tmp_path / "run"
+    names = ["franka/base_pose", "microwave/pose", "microwave/handle_positions"]
+    shared = ["--task_name=kettle", f"--task_kwargs={json.dumps({'extra_observables': names})}"]
+    assert (
+        record.main([f"--output={folder}", "--variations=layout", "--policy=expert", "--num_episodes=3", *shared]) == 0
+    )
+    quick = ["--num_steps=100", "--eval_interval=100", "--eval_episodes=1", "--algorithm=bc"]
+    hyperparameters = f"--hyperparameters={json.dumps(SMALL)}"
+    arguments = [f"--demonstrations={folder}", f"--output={run}", "--variations=layout"]
+    assert train.main(["--domain_name=kitchen", *shared, *arguments, *quick, hyperparameters]) == 0
+    policy = load_policy(run / "policy.npz")
+    assert policy.extra_observables == {"franka/base_pose": 7, "microwave/pose": 7, "microwave/handle_positions": 3}
+    with suite.load("kitchen", "kettle", {"visuals": False, "extra_observables": names}) as environment:
+        observed = environment.reset().observation
+    assert policy.layout.keys() == {"franka/base_pose", "microwave/pose"}
+    for name, values in policy.layout.items():
+        np.testing.assert_array_equal(values, observed[name])
 
 
 def test_episodes_that_are_not_finite_are_refused(recording, tmp_path):

@@ -72,13 +72,13 @@ class Expert(abc.ABC):
         mode = task.mdp.action_mode
         settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
         expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
-        expert.check_observes(_varied_layout(task))
+        expert.check_observes(task.variations.layout)
         return expert
 
     @classmethod
     def missing_in(cls, task: Any) -> list[str]:
         """Returns the names of the extra observables that the expert needs in a task and that the task lacks."""
-        return cls(**cls._task_settings(task)).missing_observables(_varied_layout(task))
+        return cls(**cls._task_settings(task)).missing_observables(task.variations.layout)
 
     @classmethod
     @abc.abstractmethod
@@ -169,11 +169,6 @@ class Expert(abc.ABC):
 
         The first call of an episode must return one.
         """
-
-
-def _varied_layout(task: Any) -> list[str]:
-    """Returns the names of the parameters of the layout that a task varies."""
-    return [name for name, each in task.variations.by_name.items() if each.group == "layout"]
 
 
 def make(task: composer.Task, **options: Any) -> Expert:

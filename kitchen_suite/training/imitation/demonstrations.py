@@ -4,7 +4,7 @@ import contextlib
 import itertools
 import json
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ class Demonstrations(NamedTuple):
     Attributes:
       inputs: `(m, n)`, float32: the state, or some of its elements, and which of the policy's tasks are requested.
       actions: `(m, k)`, float32, taken on them.
-      last: `(m,)`, index of the last step of each step's episode.
+      last: `(m,)`, index of the last step of each step's episode, or of the intervention that it belongs to.
       state_elements: elements of the state among the inputs; None for all.
     """
 
@@ -100,18 +100,37 @@ def load_recording(
     with recording.spec.make_environment() as environment:
         task = suite_env(environment).composer_task
     episodes = [recording.load(index).arrays for index in indices]
-    lengths = [len(arrays["action"]) for arrays in episodes]
+    taught = [_taught(arrays) for arrays in episodes]
+    chosen = np.concatenate(taught)
+    if not chosen.any():
+        raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
     observations = (unflatten(arrays, "observation") for arrays in episodes)
     inputs = np.concatenate([task.policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
     elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
     if elements is not None:
         inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
     return Demonstrations(
-        inputs=_finite(inputs, folder),
-        actions=_finite(np.concatenate([arrays["action"] for arrays in episodes]), folder),
-        last=np.repeat(np.cumsum(lengths) - 1, lengths),
+        inputs=_finite(inputs[chosen], folder),
+        actions=_finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
+        last=_last_of_stretches(taught),
         state_elements=elements,
     )
+
+
+def _taught(arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:
+    """Returns which actions `(T,)` of an episode are a demonstrator's: interventions; all where none are labelled."""
+    return arrays.get("label/is_intervention", np.ones(len(arrays["action"]), np.bool_))
+
+
+def _last_of_stretches(taught: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]:
+    """Returns, for each true element of arrays, the number of the last one of its stretch among all true elements."""
+    lengths = [
+        len(stretch)
+        for each in taught
+        for stretch in np.split(each, np.flatnonzero(np.diff(each)) + 1)
+        if stretch.any()
+    ]
+    return np.repeat(np.cumsum(lengths) - 1, lengths)
 
 
 def _finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
@@ -152,8 +171,9 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     episodes = [recording.load(index).arrays for index in recording.indices]
     with spec.make_environment() as environment:
         flatten = suite_env(environment).composer_task.policy_inputs.flatten
-    observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])
-    actions = np.concatenate([arrays["action"] for arrays in episodes])
+    taught = np.concatenate([_taught(arrays) for arrays in episodes])
+    observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])[taught]
+    actions = np.concatenate([arrays["action"] for arrays in episodes])[taught]
     return _finite(observations, folder), _finite(actions, folder)
 
 

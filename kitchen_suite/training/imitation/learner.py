@@ -1,8 +1,10 @@
 """Training by imitation: the demonstrations, and the learners from them."""
 
+import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -41,6 +43,7 @@ class ImitationLearner(Learner):
         num_steps: int,
         seed: int,
         tasks: Sequence[str] = (),
+        extras: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
         """Builds the networks.
 
@@ -51,9 +54,10 @@ class ImitationLearner(Learner):
           num_steps: steps of the optimiser in the whole run, over which the learning rate falls.
           seed: of networks and batches.
           tasks: names of the tasks whose request is an input.
+          extras: metadata of the policy on extra observables.
         """
         torch.manual_seed(seed)
-        self._config, self._num_steps, self._tasks = config, num_steps, tuple(tasks)
+        self._config, self._num_steps, self._tasks, self._extras = config, num_steps, tuple(tasks), extras
         self._state_elements = demonstrations.state_elements
         self._scales = _scales(demonstrations, config.standardisation_epsilon)
         self._inputs = torch.as_tensor(self._scales.inputs(demonstrations.inputs))
@@ -109,6 +113,7 @@ class ImitationLearner(Learner):
             "state_size": self._inputs.shape[1] - len(self._tasks),
             "tasks": [*self._tasks],
             **({} if self._state_elements is None else {"state_elements": [*self._state_elements]}),
+            **self._extras,
             **method.settings(),
         }
         return policy_class(
@@ -158,9 +163,28 @@ class ImitationTraining(Training):
         self._num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
             self._tasks = suite_env(environment).composer_task.requests.drawn_tasks
+        self._extras = _extras(spec)
         self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
 
     def make_learner(self, seed: int) -> ImitationLearner:
         return ImitationLearner(
-            self._demonstrations, self._method, self.config, num_steps=self._num_steps, seed=seed, tasks=self._tasks
+            self._demonstrations,
+            self._method,
+            self.config,
+            num_steps=self._num_steps,
+            seed=seed,
+            tasks=self._tasks,
+            extras=self._extras,
         )
+
+
+def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
+    """Returns the metadata of a policy on the extra observables of environments; see `ImitatedPolicy`."""
+    arguments = {name: value for name, value in spec.task_kwargs.items() if name != "variations"}
+    with dataclasses.replace(spec, task_kwargs=arguments).make_environment() as environment:
+        environment.reset(seed=0)
+        task = suite_env(environment).composer_task
+        values, fixed = (task.extras.values, task.extras.of_layout) if task.extras else ([], [])
+        layout = {name: values[task.extra_slices[name]].tolist() for name in fixed}
+    sizes = {name: part.stop - part.start for name, part in task.extra_slices.items()}
+    return {"extra_observables": sizes, "layout": layout}
