@@ -1,5 +1,8 @@
 """Measures how fast the drawer is trained, and what takes the time; writes results/training_speed.json.
 
+The shares of the time in which environments step and in which networks are updated can add up to more than one: an
+update runs while the next batch is collected.
+
 `python docs/experiments/training_speed.py` measures the present hyperparameters and earlier ones, with one thread and
 with two that step the environments, in alternating rounds; the medians of the rounds are written. It needs the extra
 `train`. `docs/scripts/tables.py` makes the tables.

@@ -233,12 +233,14 @@ class ParameterVariation:
       group: one of `GROUPS`.
       seen: distribution for training.
       held_out: distribution for evaluation, of values that `seen` does not draw if the parameter has more than two.
+      limits: least and greatest value that a user's own distribution may have, where it may leave these two.
     """
 
     name: str
     group: str
     seen: Distribution
     held_out: Distribution
+    limits: tuple[ArrayLike, ArrayLike] | None = None
 
     def distribution(self, split: str) -> Distribution:
         """Returns the distribution of a split, one of `SPLITS`."""
@@ -249,10 +251,11 @@ class ParameterVariation:
         return dataclasses.replace(self, seen=self.seen.about(default), held_out=self.held_out.about(default))
 
     def range(self, default: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Returns the least and the greatest value of each element, over both distributions and a default value."""
+        """Returns the least and the greatest value of each element: over both distributions, limits and a default."""
         both = self.about(default)
-        low = np.minimum.reduce([default, both.seen.low, both.held_out.low])
-        return low, np.maximum.reduce([default, both.seen.high, both.held_out.high])
+        low, high = self.limits or (default, default)
+        low = np.minimum.reduce([default, both.seen.low, both.held_out.low, np.asarray(low, float)])
+        return low, np.maximum.reduce([default, both.seen.high, both.held_out.high, np.asarray(high, float)])
 
 
 def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> ParameterVariation:
@@ -269,12 +272,12 @@ def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> Pa
     )
 
 
-def between(name: str, group: str, *, seen: Any, held_out: Any) -> ParameterVariation:
+def between(name: str, group: str, *, seen: Any, held_out: Any, limits: Any = None) -> ParameterVariation:
     """Returns the variation within an interval `(low, high)`; held out, within others, which have the same probability.
 
-    Bounds are numbers, or arrays with one for each element.
+    Bounds are numbers, or arrays with one for each element; so are those of `limits`, see `ParameterVariation`.
     """
-    return ParameterVariation(name=name, group=group, seen=Bands([seen]), held_out=Bands(held_out))
+    return ParameterVariation(name=name, group=group, seen=Bands([seen]), held_out=Bands(held_out), limits=limits)
 
 
 def one_of(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> ParameterVariation:

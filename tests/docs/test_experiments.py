@@ -97,8 +97,9 @@ def test_the_speed_of_training_is_measured_with_its_parts(tmp_path, monkeypatch)
     assert [(row["settings"], row["threads"]) for row in rows] == [("small", 1), ("small", 2)]
     for row in rows:
         assert row["steps_per_second"] > 0
+        # The networks are updated while the environments step.
         assert 0 < row["environments"] < 1
-        assert 0 < row["update"] < 1 - row["environments"]
+        assert 0 < row["update"] < 1
 
 
 @pytest.mark.clients

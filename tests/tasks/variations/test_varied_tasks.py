@@ -348,6 +348,20 @@ def test_draws_beyond_the_range_are_moved_to_its_end():
 
 
 @pytest.mark.parametrize(
+    ("task", "displacement", "angle"), [("left_hinge_cabinet", -0.7, -0.7), ("close_left_hinge_cabinet", 0.7, -0.55)]
+)
+def test_doors_may_start_further_open_than_groups_draw(task, displacement, angle):
+    environment = load(task=task, variations={"hinge_cabinet/doors": [displacement, 0.0]})
+    environment.reset()
+    (joint,) = GOALS[task.replace("_", " ")].joints_in(environment.task.scene)
+    np.testing.assert_allclose(environment.physics.bind(joint).qpos, angle, atol=0.01)
+    drawn = load(task=task, variations=["start"])
+    for _ in range(20):
+        drawn.reset()
+        assert -0.15 <= drawn.task.variations.values["hinge_cabinet/doors"][0] <= 0.0
+
+
+@pytest.mark.parametrize(
     ("options", "error", "shown"),
     [
         ({"variations": "strat"}, ValueError, ["'start'"]),
@@ -356,6 +370,7 @@ def test_draws_beyond_the_range_are_moved_to_its_end():
         ({"variations": ["start", 3]}, TypeError, ["3"]),
         ({"variations": {"kettle/mas": 1.0}}, ValueError, ["'kettle/mass'"]),
         ({"variations": {"kettle/mass": 7.0}}, ValueError, ["kettle/mass", "0.4", "1.5", "7.0"]),
+        ({"variations": {"hinge_cabinet/doors": [-0.9, 0.0]}}, ValueError, ["hinge_cabinet/doors", "-0.8", "-0.9"]),
         ({"variations": {"kettle/mass": {"unifrom": [0, 1]}}}, ValueError, ["'uniform'"]),
         ({"variations": {"kettle/pose": [0.0, 0.0]}}, ValueError, ["kettle/pose", "(3,)"]),
         ({"variations": "start", "variation_split": "test"}, ValueError, ["variation_split", "'test'"]),
