@@ -69,8 +69,8 @@ class PolicySource(abc.ABC):
         """Returns the file that the policy is read from; None without one, or where only a task can determine it."""
         return None
 
-    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
-        """Returns the extra observables that the policy with given options needs and that a task does not have."""
+    def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
+        """Returns the extra observables that the policy with given options needs and that a task, once made, lacks."""
         return []
 
 
@@ -116,9 +116,10 @@ class ExpertSource(PolicySource):
     def check_installed(self, name: str) -> None:
         checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
-    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
+    def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         from kitchen_suite.policies import experts
 
+        task = make_task()
         return experts.expert_class(task).missing_in(task)
 
 
@@ -158,8 +159,9 @@ class TrainedSource(PolicySource):
             return Path(file)
         return _shipped(task) if task else None
 
-    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
+    def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         # What prevents reading the file is reported where the policy is built.
+        task = make_task()
         with contextlib.suppress(OSError, ValueError):
             if file := self.file(options, task):
                 return self._load(file).missing_observables(task)
@@ -235,9 +237,10 @@ class TakeoverSource(PolicySource):
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         return self._trained.file(options, task)
 
-    def missing_observables(self, task: "SuiteTask", options: Mapping[str, Any]) -> list[str]:
-        of_expert = self._expert.missing_observables(task, {})
-        return [*dict.fromkeys([*self._trained.missing_observables(task, options), *of_expert])]
+    def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
+        task = make_task()
+        sources: tuple[PolicySource, ...] = (self._trained, self._expert)
+        return [*dict.fromkeys(name for each in sources for name in each.missing_observables(lambda: task, options))]
 
 
 POLICIES: Mapping[str, PolicySource] = MappingProxyType(
@@ -314,9 +317,7 @@ def missing_observables(name: str, make_task: "Callable[[], SuiteTask]") -> list
       make_task: returns the task; not called for policies that act in every task.
     """
     key, options = _key_and_options(name)
-    if key not in POLICIES or not POLICIES[key].takes_options:
-        return []
-    return POLICIES[key].missing_observables(make_task(), options)
+    return POLICIES[key].missing_observables(make_task, options) if key in POLICIES else []
 
 
 def labels_of(policy: Policy) -> Mapping[str, NDArray]:

@@ -17,13 +17,14 @@ class Jerks:
     """Moves the arm of episodes with odd seeds too fast, which terminates them, and of the others not at all."""
 
     def __init__(self, num_envs):
-        self.labels = {"is_fast": np.arange(num_envs) % 2}
+        self.labels = {"is_fast": np.zeros(num_envs, bool)}
         self._actions = np.zeros((num_envs, 8))
 
     def start(self, i, seed):
         self._actions[i] = 4.0 * (seed % 2)
 
     def act(self, step):
+        self.labels = {"is_fast": self._actions.any(axis=1)}
         return self._actions
 
 
@@ -42,7 +43,10 @@ def play(num_envs, monkeypatch):
     with contextlib.closing(environments):
         waiting = collections.deque(enumerate(range(EPISODES)))
         episodes = VectorRollout(environments, Jerks(num_envs)).play(waiting)
-        rewards = {index: episode.collect().arrays["reward"] for index, episode in episodes}
+        arrays = {index: episode.collect().arrays for index, episode in episodes}
+    for index, each in arrays.items():
+        np.testing.assert_array_equal(each["label/is_fast"], np.full(len(each["reward"]), index % 2 == 1))
+    rewards = {index: each["reward"] for index, each in arrays.items()}
     return rewards, np.array(masks)
 
 
