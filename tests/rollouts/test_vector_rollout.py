@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from kitchen_suite.rollouts.rollout import VectorRollout
+from kitchen_suite.rollouts.rollout import SingleRollout, VectorRollout, play_many
+from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import FrankaOpenCabinetVectorEnv
 
 EPISODES, LIMIT = 5, 12
@@ -60,3 +61,16 @@ def test_environments_without_an_episode_are_not_simulated(monkeypatch, num_envs
     lengths = [len(rewards[index]) for index in range(EPISODES)]
     assert max(lengths[1::2]) < LIMIT == min(lengths[::2])
     assert masks.sum() == sum(lengths) < masks.size
+
+
+def test_labels_of_policies_are_those_of_episodes_played_alone():
+    spec = EnvironmentSpec.make(domain_name="kitchen", task_name="kettle", task_kwargs={}, max_episode_steps=LIMIT)
+    episodes = spec.episodes(policy="takeover(latest=8)", seed=0, seeding="gymnasium")
+    alone = SingleRollout(episodes)
+    played = dict(play_many(episodes, collections.deque(enumerate(range(EPISODES))), 3, 1))
+    for index, episode in played.items():
+        expected = alone.play(index, index)
+        assert episode.labels.keys() == {"label/is_intervention"}
+        np.testing.assert_array_equal(episode.labels["label/is_intervention"], expected.arrays["label/is_intervention"])
+        np.testing.assert_array_equal(episode.arrays["action"], expected.arrays["action"].astype(np.float32))
+    assert len({int(episode.labels["label/is_intervention"].sum()) for episode in played.values()}) > 1
