@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.tasks.mdp import MDP, Simulation
+from kitchen_suite.tasks.pushes import Push, Pusher
 
 ACTION_DELAY = "sensing/action_delay"
 
@@ -71,6 +72,7 @@ class EpisodeState(NamedTuple):
       mdp_state: state of the task's MDP; None before the first reset.
       command: memory of the control mode from earlier actions, such as a commanded pose; None if it has none.
       sensing: variation of sensing in the episode; None if there is none.
+      push: push of the episode; None if there is none.
       variation: infos on the variation of the episode; empty if nothing varies.
       action: `(..., k)`, action of the last control step; None before the first.
       target: `(..., 9)`, targets of the actuators that follow from it [rad, m].
@@ -79,6 +81,7 @@ class EpisodeState(NamedTuple):
     mdp_state: Any = None
     command: Any = None
     sensing: Sensing | None = None
+    push: Push | None = None
     variation: Mapping[str, Any] = {}
     action: NDArray[np.float64] | None = None
     target: NDArray[np.float64] | None = None
@@ -89,13 +92,17 @@ class EpisodeState(NamedTuple):
 
     def memory(self) -> dict[str, dict[str, Any]]:
         """Returns what a saved state holds beside the MDP's state: fresh arrays by part and field."""
-        parts = {"command": self.command, "sensing": self.sensing}
-        return {name: map_arrays(np.array, part._asdict()) for name, part in parts.items() if part is not None}
+        return {name: map_arrays(np.array, part._asdict()) for name, part in self._parts.items() if part is not None}
 
     def with_memory(self, saved: Mapping[str, Any]) -> Self:
         """Returns the state with what `memory` returned, among which there may be other entries."""
-        parts = {"command": self.command, "sensing": self.sensing}
-        return self._replace(**{name: part._replace(**saved[name]) for name, part in parts.items() if part is not None})
+        parts = {name: part for name, part in self._parts.items() if part is not None}
+        return self._replace(**{name: part._replace(**saved[name]) for name, part in parts.items()})
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        """The parts that a saved state holds beside the MDP's state."""
+        return {"command": self.command, "sensing": self.sensing, "push": self.push}
 
     def persisting(self, names: Sequence[str], before: Any, where: NDArray[np.bool_] | bool) -> Self:
         """Returns the state with fields of an earlier state of the MDP, where a mask `(...)` is True."""
@@ -125,10 +132,12 @@ class Stepper:
     Attributes:
       mdp: the task's settings and mathematics.
       simulation: the physics of one episode or of many.
+      pusher: makes the pushes of episodes that have any.
     """
 
     mdp: MDP
     simulation: Simulation
+    pusher: Pusher
 
     def act(
         self, state: EpisodeState, action: NDArray[np.float64], draw: NDArray[np.float64] | float
@@ -144,11 +153,16 @@ class Stepper:
         sensing, ctrl = state.sensing, target
         if sensing is not None:
             ctrl, sensing = sensing.delayed(target), sensing._replace(target=target)
+        push = state.push
+        if push is not None:
+            # After control has read the physics: only a single simulation is evaluated anew, a batch as it steps.
+            push = self.pusher.push(self.simulation, push, state.mdp_state)
         # `_replace` takes twice as long, here and below.
         return EpisodeState(
             mdp_state=state.mdp_state,
             command=command,
             sensing=sensing,
+            push=push,
             variation=state.variation,
             action=action,
             target=target,
@@ -171,6 +185,7 @@ class Stepper:
             mdp_state=after,
             command=state.command,
             sensing=state.sensing,
+            push=state.push,
             variation=state.variation,
             action=state.action,
             target=state.target,

@@ -62,6 +62,9 @@ class Simulation(Protocol):
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
         """Sets columns `(..., k)` of a field."""
 
+    def evaluate(self) -> None:
+        """Evaluates what the next physics step takes from positions and velocities, after these have been set."""
+
 
 def as_columns(indices: NDArray[np.int64]) -> Columns:
     """Returns consecutive indices as a slice, which reads several times as fast, and others as they are."""
@@ -73,13 +76,16 @@ class PhysicsSimulation:
     """The physics of a composer environment, while its model stays compiled; no leading axis."""
 
     def __init__(self, physics: mjcf.Physics) -> None:
-        self._data = physics.data.ptr
+        self._model, self._data = physics.model.ptr, physics.data.ptr
 
     def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
         return getattr(self._data, field)[columns]
 
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
         getattr(self._data, field)[columns] = values
+
+    def evaluate(self) -> None:
+        mujoco.mj_step1(self._model, self._data)
 
 
 class BatchSimulation:
@@ -97,6 +103,9 @@ class BatchSimulation:
 
     def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
         self._field(field)[:, columns] = values
+
+    def evaluate(self) -> None:
+        """Does nothing: a batch evaluates everything in its step."""
 
     def _field(self, name: str) -> NDArray[np.float64]:
         """A field `(n, ...)` over all simulations; a live view."""
@@ -375,6 +384,14 @@ class MDP(abc.ABC, Generic[Reading, State]):
     @abc.abstractmethod
     def terminates(self, state: State) -> NDArray[np.bool_]:
         """Returns whether `(...)` the last step terminated the episode."""
+
+    def task_joints(self, scene: Scene) -> Sequence[Sequence[mjcf.Element]]:
+        """Returns the joints that each of the `n` tasks moves, which can be undone; by default there are none."""
+        return ()
+
+    def complete(self, state: State) -> NDArray[np.bool_]:
+        """Returns which tasks `(..., n)` have been completed and still are; `n` as of `task_joints`."""
+        return np.zeros(0, bool)
 
     def truncates(self, state: State) -> NDArray[np.bool_] | bool:
         """Returns whether `(...)` the last step truncated the episode, whatever its time limit; by default never."""

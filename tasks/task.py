@@ -22,6 +22,7 @@ from kitchen_suite.tasks.episode import EpisodeState, Sensing, Stepper, sensing_
 from kitchen_suite.tasks.goals import checked_instructions
 from kitchen_suite.tasks.mdp import MDP, MEDIAN, ActionMode, PhysicsSimulation, RewardTerm, as_columns
 from kitchen_suite.tasks.observables import ExtraObservables, Pictures
+from kitchen_suite.tasks.pushes import PARAMETERS, Pusher
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation
 from kitchen_suite.tasks.variations.variations import Variations
 
@@ -174,6 +175,7 @@ class SuiteTask(composer.Task):
       extra_slices: slice of each among their elements, which are the last ones of the state.
       extra_size: number of their elements.
       pictures: the pictures of cameras that are observed.
+      pusher: makes the pushes of episodes; from the compilation on.
       random: the random state that the environment last passed to the task.
       episode: state of the present episode; arrays without leading axes, not to be written to.
       truncates: whether the last step truncated the episode, whatever the environment's time limit.
@@ -188,6 +190,7 @@ class SuiteTask(composer.Task):
 
     variations: Variations
     policy_inputs: PolicyInputs
+    pusher: Pusher
     random: np.random.RandomState
 
     def __init__(
@@ -234,10 +237,10 @@ class SuiteTask(composer.Task):
 
         Args:
           handles: sites that the hand must reach in every layout.
-          parameters: those of the task, beside the parameters of sensing.
+          parameters: those of the task, beside the parameters of sensing and of pushes.
           **arguments: further ones of `Variations`.
         """
-        own = (*sensing_parameters(self.mdp.noise_parts), *parameters)
+        own = (*sensing_parameters(self.mdp.noise_parts), *PARAMETERS, *parameters)
         self.variations = Variations(
             self.scene, self.varied, *self._requested_variations, handles=handles, parameters=own, **arguments
         )
@@ -399,7 +402,8 @@ class SuiteTask(composer.Task):
     def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         self.random = random_state
         mdp, self._simulation = self.mdp, PhysicsSimulation(physics)
-        self._stepper = Stepper(mdp, self._simulation)
+        self.pusher = Pusher.make(physics, self.scene, mdp)
+        self._stepper = Stepper(mdp, self._simulation, self.pusher)
         mdp.sensors.bind(physics)
         mdp.action_mode.bind(physics, self.robot, self.control_timestep)
         self.variations.bind(physics)
@@ -462,8 +466,11 @@ class SuiteTask(composer.Task):
         mdp, before = self.mdp, self.episode.mdp_state
         mdp.sensors.refresh(physics)
         positions = np.array(self._simulation.read("qpos", self._joint_columns))
+        values = self.variations.randomizer.values
         start = EpisodeState(
-            sensing=Sensing.start(self.variations.randomizer.values, mdp, positions), variation=self.variations.info
+            sensing=Sensing.start(values, mdp, positions),
+            push=self.pusher.start(values, self._simulation),
+            variation=self.variations.info,
         )
         episode = start._replace(mdp_state=self.initial_state(start.scaled(draws)))
         self._set_episode(episode if before is None else episode.persisting(mdp.persistent, before, True), physics)

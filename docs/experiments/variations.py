@@ -30,12 +30,13 @@ from tqdm import tqdm
 
 from kitchen_suite import policies, suite
 from kitchen_suite.environment import Environment
-from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
+from kitchen_suite.evaluation.protocols import SHIFT_GROUPS
+from kitchen_suite.tasks.variations.distributions import SPLITS
 
 RESULTS = Path(__file__).parent / "results"
 
 TASKS = (("kitchen", "complete"), ("open_cabinet", "top_drawer"), ("open_cabinet", "bottom_drawer"))
-GROUP_SETS = ("start", "dynamics", "sensing", "start,dynamics,sensing", "layout", ",".join(GROUPS))
+GROUP_SETS = ("start", "dynamics", "sensing", "start,dynamics,sensing", "layout", ",".join(SHIFT_GROUPS))
 # Extra observables that show the expert what layouts move.
 POSES = (
     "franka/base_pose",
@@ -115,7 +116,7 @@ def measure_speed(rounds: str = str(ROUNDS)) -> None:
     for domain, (steps, amplitude) in EPISODES_PLAYED.items():
         with contextlib.ExitStack() as stack:
             made = []
-            for options in ({}, {"variations": list(GROUPS)}):
+            for options in ({}, {"variations": list(SHIFT_GROUPS)}):
                 one = gymnasium.make_vec(suite.DOMAINS[domain].env_id, NUM_ENVS, num_threads=1, **options)
                 made.append(stack.enter_context(contextlib.closing(one)))
             ratios = []
@@ -124,7 +125,7 @@ def measure_speed(rounds: str = str(ROUNDS)) -> None:
                 order = made if number % 2 else made[::-1]
                 seconds = {id(each): run(each, number, steps, amplitude) for each in order}
                 ratios += [seconds[id(made[0])] / seconds[id(made[1])]] if number else []
-        row = {"domain": domain, "groups": ",".join(GROUPS), "median": statistics.median(ratios)}
+        row = {"domain": domain, "groups": ",".join(SHIFT_GROUPS), "median": statistics.median(ratios)}
         rows.append({**row, "quartiles": statistics.quantiles(ratios)[::2]})
     write("variations_speed", rows)
 
@@ -144,7 +145,7 @@ def measure_soak() -> None:
     """Steps random actions under all groups, and counts numbers that are not finite, warnings and refused layouts."""
     rows = []
     for (domain, task), split in itertools.product((("kitchen", "all"), ("open_cabinet", "top_drawer")), SPLITS):
-        options = {**suite.task_arguments(domain, task), "variations": list(GROUPS), "variation_split": split}
+        options = {**suite.task_arguments(domain, task), "variations": list(SHIFT_GROUPS), "variation_split": split}
         environments = gymnasium.make_vec(suite.DOMAINS[domain].env_id, SOAK_ENVS, max_episode_steps=100, **options)
         generator = np.random.default_rng(FIRST_SEED)
         environments.reset(seed=FIRST_SEED)
@@ -171,7 +172,9 @@ def measure_starts() -> None:
     """Measures how much deeper objects stand in each other at the start than in the default layout [m]."""
     rows = []
     for split in SPLITS:
-        environment = suite.load("kitchen", "all", {"visuals": False, "variations": GROUPS, "variation_split": split})
+        environment = suite.load(
+            "kitchen", "all", {"visuals": False, "variations": SHIFT_GROUPS, "variation_split": split}
+        )
         environment.random_state.seed(FIRST_SEED)
         environment.reset()
         task = environment.task

@@ -29,7 +29,7 @@ from kitchen_suite.entities import KITCHEN_FRANKA, PANDA, Franka
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.props import BURNERS
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, domain_protocols
-from kitchen_suite.tasks import DEFAULT_TASKS, GOALS
+from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, pushes
 from kitchen_suite.tasks.episode import sensing_parameters
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.variations import DONE, done_parameter
@@ -419,7 +419,8 @@ def parameter_rows(domain: str) -> dict[str, tuple[str, ...]]:
     """Returns group, unit, default, seen and held-out values of the parameters that a domain's groups vary, by name."""
     options = {"visuals": False, **_NOISY.get(domain, {})}
     task = suite.load(domain, suite.default_task(domain), options | {"variations": GROUPS}).task
-    units = {each.name: each.unit for each in (*task.scene.parameters, *sensing_parameters(task.mdp.noise_parts))}
+    own = (*sensing_parameters(task.mdp.noise_parts), *pushes.PARAMETERS)
+    units = {each.name: each.unit for each in (*task.scene.parameters, *own)}
     if DONE in task.variations.by_name:
         units[DONE] = done_parameter(task.scene, dict).unit
     return {
@@ -452,6 +453,10 @@ def parameter_table(groups: Sequence[str]) -> str:
     return markdown(header, [(", ".join(names[row]), *row) for row in rows])
 
 
+# Longer lists of values are of consecutive integers.
+_MOST_LISTED = 20
+
+
 def _described(surfaces: Sequence[Surface], name: str, default: NDArray[np.float64], distribution: Distribution) -> str:
     if isinstance(distribution, Bands):
         return _bands(distribution.intervals, default)
@@ -459,6 +464,9 @@ def _described(surfaces: Sequence[Surface], name: str, default: NDArray[np.float
     if name.endswith("color"):
         return _colors(distribution.values)
     labels = _labels(surfaces, name)
+    if len(distribution.values) > _MOST_LISTED:
+        low, high = distribution.values[[0, -1]]
+        return f"integers from {low:g} to {high:g}"
     numbers = (f"{value:g}" for value in distribution.values)
     return ", ".join(f"{number} {labels[int(number)]}" if labels else number for number in numbers)
 

@@ -88,7 +88,7 @@ class BatchEpisodes:
         self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
         keep_alive_across_fork(self.batch)
         self._simulation = BatchSimulation(self.batch)
-        self._stepper = Stepper(self._mdp, self._simulation)
+        self._stepper = Stepper(self._mdp, self._simulation, self._task.pusher)
         model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:

@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from dm_control import mjcf
 from numpy.typing import NDArray
 
+from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
@@ -201,6 +203,12 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
 
     def terminates(self, state: KitchenState) -> NDArray[np.bool_]:
         return self.all_completed(state) & self.terminate_on_tasks_completed
+
+    def task_joints(self, scene: Scene) -> list[tuple[mjcf.Element, ...]]:
+        return [goal.joints_in(scene) for goal in self.goals.goals]
+
+    def complete(self, state: KitchenState) -> NDArray[np.bool_]:
+        return state.progress.within & state.progress.completed
 
     def truncates(self, state: KitchenState) -> NDArray[np.bool_] | bool:
         if self.max_task_steps is None:

@@ -10,6 +10,7 @@ from kitchen_suite.entities.parameters import Elements, Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import Bands, ParameterVariation, around, between, one_of
 
@@ -160,4 +161,4 @@ APPEARANCE = (
 
 CAMERA = appearance.cameras("overview", "workspace", "left", "right", "franka/wrist", "franka/hand")
 
-VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA, *PUSH)

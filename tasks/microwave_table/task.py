@@ -24,6 +24,7 @@ from kitchen_suite.tasks.microwave_table.mdp import (
     SIZE,
     MicrowaveTableMDP,
 )
+from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.task import Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations import appearance
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, around, between, one_of
@@ -61,7 +62,7 @@ APPEARANCE = (
 
 CAMERA = appearance.cameras("overview", "left", "right", "franka/wrist", "franka/hand")
 
-VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA, *PUSH)
 
 
 GOAL = Goal(prop="microwave", value=(OPEN_ANGLE,), instructions=OPEN_MICROWAVE)

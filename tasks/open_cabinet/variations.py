@@ -12,6 +12,7 @@ from kitchen_suite.entities import OpenCabinetScene
 from kitchen_suite.entities import parameters as kinds
 from kitchen_suite.entities.cabinet import DOORS, DRAWERS
 from kitchen_suite.entities.parameters import ParameterType
+from kitchen_suite.tasks.pushes import PUSH
 from kitchen_suite.tasks.variations import appearance, distributions
 from kitchen_suite.tasks.variations.distributions import ParameterVariation, Variation, around, between, one_of
 from kitchen_suite.tasks.variations.randomizer import Draw
@@ -61,7 +62,7 @@ APPEARANCE = (
 
 CAMERA = appearance.cameras("overview", "handle", "franka/wrist", "franka/hand")
 
-VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA)
+VARIED: tuple[ParameterVariation, ...] = (*START, *LAYOUT, *DYNAMICS, *SENSING, *APPEARANCE, *CAMERA, *PUSH)
 
 
 # Kind and name of the parameter of each attribute of `Randomization`, in the order in which they are drawn.

@@ -19,7 +19,7 @@ from kitchen_suite.entities.parameters import ParameterType
 Variation = Any
 
 # In the order in which tables list them.
-GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
+GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera", "push")
 
 SPLITS = ("seen", "held_out")
 

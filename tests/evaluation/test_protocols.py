@@ -53,7 +53,7 @@ LITERAL = {
             ("random_4", {}),
             *(
                 ("random_4", {"variations": list(groups), "variation_split": split})
-                for groups in (*((group,) for group in GROUPS), GROUPS)
+                for groups in (*((group,) for group in SHIFT_GROUPS), SHIFT_GROUPS)
                 for split in SPLITS
             ),
         ],
@@ -71,7 +71,7 @@ def plan(**settings):
 
 def test_the_table_here_has_every_protocol():
     assert list(LITERAL) == list(PROTOCOLS)
-    assert SHIFT_GROUPS == GROUPS
+    assert (*SHIFT_GROUPS, "push") == GROUPS
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
@@ -134,7 +134,7 @@ def test_diffusion_policys_episodes_are_those_of_its_code():
 
 def test_the_conditions_of_shift_have_names():
     names = [condition.name for condition in PROTOCOLS["shift"].conditions]
-    assert names == ["none", *(f"{group} {split}" for group in (*GROUPS, "all") for split in SPLITS)]
+    assert names == ["none", *(f"{group} {split}" for group in (*SHIFT_GROUPS, "all") for split in SPLITS)]
 
 
 @pytest.mark.clients

@@ -1,0 +1,155 @@
+"""Pushes: in the middle of an episode the arm is displaced, or a completed task undone, and the policy has to go on.
+
+A push takes no time: positions change at the start of a control step, and velocities there become zero.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.entities.parameters import Parameter, ParameterType
+from kitchen_suite.entities.scenes import Scene
+from kitchen_suite.tasks.mdp import MDP, Columns, Simulation
+from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
+
+GROUP = "push"
+
+# Joints of the arm, without the fingers.
+_ARM = 7
+
+_STEP, _UNDOES, _WHICH, _OFFSETS = "push/step", "push/undoes", "push/which", "push/joint_offsets"
+
+
+def _either(name: str, distribution: Bands | Choice) -> ParameterVariation:
+    """Returns a variation that is the same for training and for evaluation."""
+    return ParameterVariation(name=name, group=GROUP, seen=distribution, held_out=distribution)
+
+
+# After 20 to 120 control steps, one in two undoes a completed task; all others, and those before which none has been
+# completed, displace each joint of the arm by up to 0.3 rad.
+PUSH = (
+    _either(_STEP, Choice(np.arange(20.0, 121.0))),
+    _either(_UNDOES, Choice(np.array([0.0, 1.0]))),
+    _either(_WHICH, Bands([(0.0, 1.0)])),
+    _either(_OFFSETS, Bands([(np.full(_ARM, -0.3), np.full(_ARM, 0.3))])),
+)
+
+
+def _parameter(name: str, unit: str, *shape: int, non_negative: bool = True) -> Parameter:
+    """Returns a parameter that no field of the physics has; the task reads it."""
+    kind = ParameterType(
+        read=lambda *_: np.zeros(shape), write=lambda *_: None, model_fields=(), shape=shape, non_negative=non_negative
+    )
+    return Parameter(name=name, unit=unit, type=kind, elements=())
+
+
+PARAMETERS = (
+    _parameter(_STEP, "control steps"),
+    _parameter(_UNDOES, "0 or 1"),
+    _parameter(_WHICH, "1"),
+    _parameter(_OFFSETS, "rad", _ARM, non_negative=False),
+)
+
+
+class Push(NamedTuple):
+    """The push of an episode.
+
+    Attributes:
+      steps: `(...)`, control steps made so far.
+      due: `(...)`, number of control steps after which it comes; 0 for no push.
+      undoes: `(...)`, whether it undoes a completed task, if there is one, and does not displace the arm.
+      which: `(...)`, in [0, 1], which of the completed tasks: the first ones for low numbers.
+      offsets: `(..., 7)`, displacements of the arm's joints [rad].
+      start: `(..., k)`, positions of the tasks' joints at the reset, task by task [rad, m, quaternion].
+    """
+
+    steps: NDArray[np.int64]
+    due: NDArray[np.float64]
+    undoes: NDArray[np.bool_]
+    which: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    start: NDArray[np.float64]
+
+
+class _Joints(NamedTuple):
+    """Columns of some joints in qpos and in qvel."""
+
+    qpos: Columns
+    qvel: Columns
+
+    def move(self, simulation: Simulation, where: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
+        """Sets positions `(..., k)`, at rest, where a mask `(...)` is True."""
+        for field, columns, values in (("qpos", self.qpos, positions), ("qvel", self.qvel, 0.0)):
+            present = simulation.read(field, columns)
+            simulation.write(field, columns, np.where(where[..., np.newaxis], values, present))
+
+
+@dataclasses.dataclass(frozen=True)
+class Pusher:
+    """Pushes robot and objects of a compiled scene.
+
+    Attributes:
+      arm: the arm's joints.
+      low: `(7,)`, lower ends of their ranges [rad].
+      high: `(7,)`, upper ends [rad].
+      tasks: joints of each of `n` tasks that can be undone.
+      complete: returns which of these `(..., n)` are complete in a state of the MDP.
+    """
+
+    arm: _Joints
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    tasks: Sequence[_Joints]
+    complete: Callable[[Any], NDArray[np.bool_]]
+
+    @classmethod
+    def make(cls, physics: mjcf.Physics, scene: Scene, mdp: MDP) -> Self:
+        """Looks up joints in a compiled scene; those of its robot begin with the arm's."""
+        arm = scene.robot.joints[:_ARM]
+        low, high = np.array(physics.bind(arm).range).T
+        tasks = [_Joints(*addresses(physics, joints)) for joints in mdp.task_joints(scene)]
+        return cls(_Joints(*addresses(physics, arm)), low, high, tasks, mdp.complete)
+
+    def start(self, values: Mapping[str, NDArray[np.float64]], simulation: Simulation) -> Push | None:
+        """Returns the push of an episode that starts with values of parameters; None if none of its own varies."""
+        own = {parameter.name: values.get(parameter.name, np.zeros(parameter.type.shape)) for parameter in PARAMETERS}
+        if own.keys().isdisjoint(values):
+            return None
+        starts = [simulation.read("qpos", joints.qpos) for joints in self.tasks]
+        return Push(
+            steps=np.array(0),
+            due=own[_STEP],
+            undoes=own[_UNDOES] > 0.5,
+            which=own[_WHICH],
+            offsets=own[_OFFSETS],
+            start=np.concatenate([*starts, np.zeros(0)]),
+        )
+
+    def push(self, simulation: Simulation, push: Push, state: Any) -> Push:
+        """Makes the pushes that are due before a control step from a state of the MDP; returns the push after it."""
+        is_due = (push.due > 0) & (push.steps == np.floor(push.due))
+        if is_due.any():
+            undoes = self._undo(simulation, push, is_due & push.undoes, state)
+            positions = simulation.read("qpos", self.arm.qpos) + push.offsets
+            self.arm.move(simulation, is_due & ~undoes, np.clip(positions, self.low, self.high))
+            simulation.evaluate()
+        return push._replace(steps=push.steps + 1)
+
+    def _undo(self, simulation: Simulation, push: Push, where: NDArray[np.bool_], state: Any) -> NDArray[np.bool_]:
+        """Undoes one completed task where a mask `(...)` is True; returns where there was one."""
+        if not self.tasks:
+            return np.zeros_like(where)
+        complete = self.complete(state)
+        count = complete.sum(axis=-1)
+        number = np.minimum(np.floor(push.which * count), count - 1)
+        chosen = complete & (complete.cumsum(axis=-1) - 1 == number[..., np.newaxis]) & where[..., np.newaxis]
+        sizes = [np.size(joints.qpos) for joints in self.tasks]
+        starts = np.split(push.start, np.cumsum(sizes)[:-1], axis=-1)
+        for place, (joints, start) in enumerate(zip(self.tasks, starts, strict=True)):
+            joints.move(simulation, chosen[..., place], start)
+        return where & (count > 0)

@@ -1,0 +1,159 @@
+"""Pushes: when they come, what they move, and that single and vectorised episodes have the same."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+
+from kitchen_suite import suite
+from kitchen_suite.entities.joints import addresses
+from kitchen_suite.tasks import GOALS
+
+ARM = slice(0, 7)
+# The second joint starts at the lower end of its range.
+OFFSETS = [0.05, 0.1, 0.1, -0.15, 0.2, 0.25, -0.3]
+
+# Doors and kettle count as done where they start, so that a push can undo them.
+EASY = {"tasks_to_complete": ["microwave", "kettle"], "threshold": 3.0, "terminate_on_tasks_completed": False}
+
+
+def load(domain="kitchen", push=None, random=0, **options):
+    task = next(iter(suite.DOMAINS[domain].tasks))
+    variations = {f"push/{name}": value for name, value in (push or {}).items()} or ["push"]
+    return suite.load(domain, task, {"random": random, "visuals": False, "variations": variations, **options})
+
+
+def positions_before_physics(environment, action, step):
+    """Makes control steps; returns the robot's positions at the start of the last one, before its physics."""
+    physics, seen = environment.physics, []
+    write, simulation = type(environment.task._simulation).write, environment.task._simulation
+
+    def recording(self, field, columns, values):
+        if field == "ctrl":
+            seen.append(np.array(physics.data.qpos))
+        write(self, field, columns, values)
+
+    type(simulation).write = recording
+    try:
+        for _ in range(step):
+            environment.step(action)
+    finally:
+        type(simulation).write = write
+    return seen[-1]
+
+
+@pytest.mark.parametrize("domain", suite.DOMAINS)
+def test_the_arm_is_displaced_at_the_start_of_one_control_step(domain):
+    pushed, plain = load(domain, {"step": 2, "joint_offsets": OFFSETS}), load(domain, {"step": 0})
+    for environment in (pushed, plain):
+        environment.reset()
+    action = np.zeros(pushed.action_spec().shape)
+    columns = pushed.physics.bind(pushed.task.robot.joints).qposadr
+    for _ in range(2):
+        before = [positions_before_physics(environment, action, 1) for environment in (pushed, plain)]
+        np.testing.assert_array_equal(*before)
+    moved, unmoved = (positions_before_physics(environment, action, 1)[columns] for environment in (pushed, plain))
+    np.testing.assert_allclose(moved[ARM] - unmoved[ARM], OFFSETS, atol=1e-12)
+    np.testing.assert_array_equal(moved[7:], unmoved[7:])
+    # Only once.
+    velocity = np.abs(positions_before_physics(pushed, action, 2)[columns][ARM] - moved[ARM])
+    assert velocity.max() < 0.3
+
+
+def test_joints_stay_within_their_ranges():
+    environment = load(push={"step": 1, "joint_offsets": {"choice": [[0.3] * 7]}})
+    environment.reset()
+    joints = environment.physics.bind(environment.task.robot.joints[:7])
+    high = np.array(joints.range)[:, 1]
+    environment.physics.data.qpos[ARM] = high - 0.1
+    environment.step(np.zeros(9))
+    np.testing.assert_array_equal(positions_before_physics(environment, np.zeros(9), 1)[ARM], high)
+
+
+@pytest.mark.parametrize(
+    ("which", "undone"), [(0.0, "microwave"), (0.49, "microwave"), (0.51, "kettle"), (1.0, "kettle")]
+)
+def test_one_of_the_completed_tasks_is_undone(which, undone):
+    environment = load(push={"step": 2, "undoes": 1, "which": which, "joint_offsets": OFFSETS}, **EASY)
+    environment.reset()
+    task, physics = environment.task, environment.physics
+    columns = {name: addresses(physics, GOALS[name].joints_in(task.scene))[0] for name in task.goals}
+    start = np.array(physics.data.qpos)
+    physics.data.qpos[columns["microwave"]] = -0.4
+    physics.data.qpos[columns["kettle"][:2]] += 0.1
+    for _ in range(2):
+        environment.step(np.zeros(9))
+    assert task.episode_task_completions == ["microwave", "kettle"]
+    arm = np.array(physics.data.qpos[ARM])
+    qpos = positions_before_physics(environment, np.zeros(9), 1)
+    for name, indices in columns.items():
+        assert np.array_equal(qpos[indices], start[indices]) == (name == undone)
+    np.testing.assert_array_equal(qpos[ARM], arm)
+
+
+def test_the_arm_is_displaced_where_nothing_has_been_completed():
+    environment = load(push={"step": 1, "undoes": 1, "joint_offsets": OFFSETS})
+    environment.reset()
+    environment.step(np.zeros(9))
+    before = np.array(environment.physics.data.qpos[ARM])
+    np.testing.assert_allclose(positions_before_physics(environment, np.zeros(9), 1)[ARM] - before, OFFSETS, atol=1e-12)
+
+
+def test_the_group_draws_from_the_episodes_stream():
+    environment, same = load(random=3), load(random=3)
+    drawn = []
+    for _ in range(60):
+        values = [each.task.variations.values for each in (environment, same) if each.reset() is not None]
+        assert data_equivalence(*values, exact=True)
+        drawn.append(values[0])
+    steps = np.array([values["push/step"] for values in drawn])
+    assert steps.min() >= 20
+    assert steps.max() <= 120
+    assert len(np.unique(steps)) > 30
+    assert {float(values["push/undoes"]) for values in drawn} == {0.0, 1.0}
+    offsets = np.array([values["push/joint_offsets"] for values in drawn])
+    assert 0.28 < np.abs(offsets).max() <= 0.3
+    assert not np.array_equal(offsets[0], offsets[1])
+
+
+@pytest.mark.parametrize(
+    ("domain", "settings"),
+    [
+        ("kitchen", {}),
+        ("kitchen", {"physics": "fast", "reward": "dense_gain", **EASY}),
+        ("kitchen", {"control_mode": "ee_delta_pose", **EASY}),
+        ("open_cabinet", {}),
+        ("microwave_table", {"control_mode": "ee_delta_pose"}),
+    ],
+)
+def test_vectorised_episodes_have_the_pushes_of_single_ones(domain, settings):
+    push = {
+        "push/step": {"choice": [1, 2, 3, 4]},
+        "push/undoes": {"choice": [0, 1]},
+        "push/which": {"uniform": [0, 1]},
+        "push/joint_offsets": {"uniform": [-0.3, 0.3]},
+    }
+    options = {"variations": push, "max_episode_steps": 7, **settings}
+    env_id, same_step = suite.DOMAINS[domain].env_id, gymnasium.vector.AutoresetMode.SAME_STEP
+    ours = gymnasium.make_vec(env_id, 3, vectorization_mode="vector_entry_point", autoreset_mode=same_step, **options)
+    kwargs = {"vector_kwargs": {"autoreset_mode": same_step}, **options}
+    theirs = gymnasium.make_vec(env_id, 3, vectorization_mode="sync", **kwargs)
+    assert data_equivalence(ours.reset(seed=5), theirs.reset(seed=5), exact=True)
+    for step in range(16):
+        actions = np.random.default_rng(step).uniform(-0.05, 0.05, ours.action_space.shape)
+        assert data_equivalence(ours.step(actions), theirs.step(actions), exact=True)
+
+
+@pytest.mark.parametrize("saved_after", [1, 4])
+def test_a_saved_state_holds_the_push(saved_after):
+    push = {"step": 3, "undoes": 0, "joint_offsets": OFFSETS}
+    environment, other = load(push=push), load(push=push, random=1)
+    environment.reset()
+    other.reset()
+    for _ in range(saved_after):
+        environment.step(np.zeros(9))
+    other.set_state(environment.get_state())
+    for _ in range(4):
+        steps = environment.step(np.zeros(9)), other.step(np.zeros(9))
+        for key, value in steps[0].observation.items():
+            np.testing.assert_array_equal(value, steps[1].observation[key])
