@@ -1,18 +1,21 @@
-"""Trains a network on sequences of tasks, and measures it beside the network for one task at a time.
+"""Trains networks on sequences of tasks, and measures them beside the network for one task at a time.
 
 python docs/experiments/sequences.py FOLDER
 
-Episodes of training ask for one to three tasks, each where the one before has ended (`tasks_in_turn`).
-`kitchen-evaluate` plays sequences of four and of seven tasks with this policy, `sequences`, and with `seven_in_turn`,
-`single`; its JSON is written to results/sequences/. FOLDER keeps the run and the finished episodes: the same command
-continues after an interrupt. It needs the extra `train`. `docs/scripts/tables.py` makes a table of the results.
+Episodes of training ask for several tasks, each where the one before has ended (`tasks_in_turn`). There are three
+approaches: `exact`, one to three tasks in the exact physics; `fast`, one to seven in fast physics; and `continued`,
+the same, from the network for one task at a time, `single`. `kitchen-evaluate` plays sequences of four and of seven
+tasks with each policy; its JSON is written to results/sequences/, and what is there is skipped. FOLDER keeps runs and
+finished episodes: the same command continues after an interrupt. It needs the extra `train`. `docs/scripts/tables.py`
+makes a table of the results.
 """
 
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from training import LITTLE_AJAR, ONE_NETWORK
 
@@ -31,41 +34,64 @@ IN_TURN = {"tasks_in_turn": True}
 LENGTHS = (4, 7)
 EPISODES = 200
 
-# Each object whose task is not asked has been moved to its goal or not, as in later parts of a longer sequence; an
-# episode ends where the network is stuck.
+# Each object whose task is not asked has been moved to its goal or not, as in later parts of a longer sequence.
 EITHER = {"choice": [0.0, 1.0]}
-STARTS = {
-    "max_episode_steps": 300,
-    "max_task_steps": 100,
-    "variations": {"tasks/done": [EITHER] * len(DEFAULT_TASKS), **LITTLE_AJAR},
+VARIATIONS = {"tasks/done": [EITHER] * len(DEFAULT_TASKS), **LITTLE_AJAR}
+LONG = {"max_episode_steps": 560, "max_task_steps": 80, "variations": VARIATIONS}
+
+
+class Approach(NamedTuple):
+    """A way to train a network on sequences.
+
+    Attributes:
+      tasks: least and greatest number of tasks that an episode asks for.
+      training_kwargs: of its environments; an episode ends where the network is stuck.
+      exploration: initial standard deviation of the actions.
+      num_steps: control steps.
+      policy: file of the policy that it starts from; None for training from scratch.
+    """
+
+    tasks: tuple[int, int]
+    training_kwargs: Mapping[str, Any]
+    exploration: float
+    num_steps: int
+    policy: Path | None = None
+
+    @property
+    def flags(self) -> list[str]:
+        """Flags of `kitchen-train`."""
+        return [
+            *("--domain_name=kitchen", "--task_name=all"),
+            f"--task_kwargs={json.dumps({'tasks_per_episode': self.tasks, **IN_TURN})}",
+            f"--training_kwargs={json.dumps(self.training_kwargs)}",
+            f"--hyperparameters={json.dumps({**ONE_NETWORK, 'exploration': self.exploration})}",
+            f"--num_steps={self.num_steps}",
+            *("--eval_interval=250000", "--eval_episodes=100"),
+            # Never reached: the longer it trains, the longer sequences it completes.
+            "--target_success=1.1",
+            *([] if self.policy is None else [f"--initial_policy={self.policy}"]),
+        ]
+
+
+EXACT = {"max_episode_steps": 300, "max_task_steps": 100, "physics": "exact", "variations": VARIATIONS}
+APPROACHES = {
+    "exact": Approach((1, 3), EXACT, 0.5, 4_500_000),
+    "fast": Approach((1, 7), LONG, 0.5, 3_500_000),
+    "continued": Approach((1, 7), LONG, 0.3, 5_000_000, SINGLE),
 }
-TRAINING = (
-    "--domain_name=kitchen",
-    "--task_name=all",
-    f"--task_kwargs={json.dumps({'tasks_per_episode': [1, 3], **IN_TURN})}",
-    f"--training_kwargs={json.dumps(STARTS)}",
-    f"--hyperparameters={json.dumps(ONE_NETWORK)}",
-    "--num_steps=4500000",
-    "--eval_interval=250000",
-    "--eval_episodes=100",
-    # Never reached: the longer it trains, the longer sequences it completes.
-    "--target_success=1.1",
-)
 
 
-def train(folder: Path) -> Path:
+def train(folder: Path, name: str) -> Path:
     """Trains on sequences, or continues; returns the file of the policy."""
-    output = folder / "sequences"
+    output = folder / name
     resume = ["--resume"] if (output / "training.json").exists() else []
-    call("train", f"--output={output}", f"--seed={SEED}", "--restarts=0", *TRAINING, *resume)
+    call("train", f"--output={output}", f"--seed={SEED}", "--restarts=0", *APPROACHES[name].flags, *resume)
     return output / "policy.npz"
 
 
 def evaluate(folder: Path, name: str, policy: Path, length: int) -> None:
-    """Evaluates a policy in sequences of some length, unless that has been done."""
-    written, output = RESULTS / f"{name}_{length}.json", folder / f"{name}_{length}"
-    if written.exists():
-        return
+    """Evaluates a policy in sequences of some length, or continues."""
+    output = folder / f"{name}_{length}"
     resume = ["--resume"] if (output / DESCRIPTION_FILE).exists() else []
     call(
         "evaluate",
@@ -75,7 +101,7 @@ def evaluate(folder: Path, name: str, policy: Path, length: int) -> None:
         f"--task_kwargs={json.dumps(IN_TURN)}",
         f"--num_episodes={EPISODES}",
         f"--output={output}",
-        f"--json={written}",
+        f"--json={RESULTS / f'{name}_{length}.json'}",
         *resume,
     )
 
@@ -92,11 +118,11 @@ def main(arguments: Sequence[str]) -> int:
         return 2
     folder = Path(arguments[0])
     RESULTS.mkdir(exist_ok=True)
-    for length in LENGTHS:
-        evaluate(folder, "single", SINGLE, length)
-    policy = train(folder)
-    for length in LENGTHS:
-        evaluate(folder, "sequences", policy, length)
+    for name in ("single", *APPROACHES):
+        missing = [length for length in LENGTHS if not (RESULTS / f"{name}_{length}.json").exists()]
+        policy = SINGLE if name == "single" else train(folder, name) if missing else None
+        for length in missing:
+            evaluate(folder, name, policy, length)
     return 0
 
 

@@ -117,7 +117,12 @@ _NAMED, _SAME_STEPS = 3, 3
 _RATES = tuple(f"p{number}" for number in range(1, 8))
 
 # Networks that `docs/experiments/sequences.py` has measured.
-_TRAINED_ON = {"single": "one task at a time", "sequences": "sequences"}
+_TRAINED_ON = {
+    "single": "one task at a time",
+    "exact": "one to three tasks",
+    "fast": "one to seven tasks, in fast physics",
+    "continued": "one task at a time, then one to seven, in fast physics",
+}
 
 
 def _measures(row: dict[str, Any]) -> Iterable[str]:

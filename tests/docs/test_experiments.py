@@ -185,15 +185,16 @@ def sequences(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(script, "RESULTS", tmp_path / "results")
     monkeypatch.setattr(script, "EPISODES", 2)
-    monkeypatch.setattr(script, "TRAINING", (*script.TRAINING, *shorter))
+    flags = script.Approach.flags
+    monkeypatch.setattr(script.Approach, "flags", property(lambda self: [*flags.fget(self), *shorter]))
     return script
 
 
 @pytest.mark.clients
-def test_both_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_path, monkeypatch):
+def test_all_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_path, monkeypatch):
     assert sequences.main([str(tmp_path / "runs")]) == 0
     results = {path.stem: json.loads(path.read_text("utf-8")) for path in sequences.RESULTS.iterdir()}
-    assert sorted(results) == ["sequences_4", "sequences_7", "single_4", "single_7"]
+    assert {*results} == {f"{name}_{length}" for name in ("single", *sequences.APPROACHES) for length in (4, 7)}
     for name, result in results.items():
         assert result["num_episodes"] == 2
         assert result["task_kwargs"]["tasks_in_turn"] is True
@@ -203,14 +204,18 @@ def test_both_networks_are_evaluated_in_sequences_and_only_once(sequences, tmp_p
     # The network for one task at a time completes the first task that is asked.
     assert results["single_4"]["p1"] == results["single_7"]["p1"] == 1.0
     digests = {name: result["policy_sha256"] for name, result in results.items()}
-    assert digests["single_4"] == digests["single_7"] != digests["sequences_4"] == digests["sequences_7"]
+    assert all(digests[name] == digests[f"{name[:-1]}4"] for name in digests)
+    assert len({*digests.values()}) == 4
 
-    # A second run trains no further, and evaluates nothing again.
+    # A second run trains no further, and evaluates nothing again; one of which a result is missing goes on.
     commands = []
     monkeypatch.setattr(subprocess, "run", lambda command, check: commands.append(command))
     assert sequences.main([str(tmp_path / "runs")]) == 0
-    (command,) = commands
-    assert command[-1] == "--resume"
+    assert not commands
+    (sequences.RESULTS / "fast_7.json").unlink()
+    assert sequences.main([str(tmp_path / "runs")]) == 0
+    training, evaluation = commands
+    assert training[-1] == evaluation[-1] == "--resume"
 
 
 @pytest.mark.clients
@@ -305,3 +310,66 @@ def test_the_page_explains_every_field(tmp_path, capsys):
         for rates in result.get("task_rates", {}).values():
             assert rates.keys() <= named
     capsys.readouterr()
+
+
+@pytest.fixture
+def kitchen_policy(tmp_path, monkeypatch):
+    script = load_script("experiments/kitchen_policy")
+    few = [
+        each._replace(episodes=2, steps=120)
+        for each in (script.Recording("exact", "", 0), script.Recording("fast", "start", 0))
+    ]
+    monkeypatch.setattr(script, "RESULTS", tmp_path / "results.json")
+    for name in ("DEMONSTRATIONS", "CORRECTIONS"):
+        monkeypatch.setattr(script, name, few)
+    small = (
+        "--num_steps=20",
+        "--eval_interval=20",
+        "--eval_episodes=1",
+        '--hyperparameters={"width": 8, "batch_size": 8}',
+    )
+    monkeypatch.setattr(script, "TRAINING", (*script.TRAINING, *small))
+    monkeypatch.setattr(script, "ROUNDS", 1)
+    monkeypatch.setattr(script, "LATEST", 5)
+    monkeypatch.setattr(script, "EPISODES", 1)
+    monkeypatch.setattr(script, "CONDITIONS", {name: script.CONDITIONS[name] for name in ("all", "random 4, fast")})
+    monkeypatch.setattr(
+        script,
+        "environment_kwargs",
+        lambda physics: {
+            "tasks_per_episode": 1,
+            "extra_observables": script.POSES,
+            **({} if physics == "exact" else {"physics": physics}),
+        },
+    )
+    return script
+
+
+@pytest.mark.clients
+def test_the_kitchens_policy_is_corrected_in_rounds_and_measured(kitchen_policy, tmp_path, monkeypatch):
+    folder = tmp_path / "runs"
+    assert kitchen_policy.main([str(folder), "train"]) == 0
+    assert {path.name for path in (folder / "corrections_1").iterdir()} == {"exact_original", "fast_start"}
+    # What has been made is not made again; an interrupted training goes on.
+    (folder / "policy_1" / "complete").unlink()
+    commands = []
+    with monkeypatch.context() as context:
+        context.setattr(subprocess, "run", lambda command, check: commands.append(command))
+        assert kitchen_policy.main([str(folder), "train"]) == 0
+    (command,) = commands
+    assert command[-1] == "--resume"
+    assert sum("corrections_1" in flag for flag in command) == 1
+    assert kitchen_policy.last_policy(folder) == folder / "policy_1" / "policy.npz"
+
+    assert kitchen_policy.main([str(folder), "evaluate"]) == 0
+    results = json.loads(kitchen_policy.RESULTS.read_text("utf-8"))
+    assert {name: result["task_kwargs"].get("physics") for name, result in results.items()} == {
+        "all": None,
+        "random 4, fast": "fast",
+    }
+
+
+@pytest.mark.clients
+def test_other_arguments_print_the_usage_of_the_kitchens_policy(kitchen_policy, capsys):
+    assert kitchen_policy.main(["runs"]) == 2
+    assert "docs/experiments/kitchen_policy.py FOLDER record" in capsys.readouterr().err
