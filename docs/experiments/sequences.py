@@ -48,6 +48,7 @@ class Approach(NamedTuple):
       training_kwargs: of its environments; an episode ends where the network is stuck.
       exploration: initial standard deviation of the actions.
       num_steps: control steps.
+      eval_interval: control steps from one evaluation to the next.
       policy: file of the policy that it starts from; None for training from scratch.
     """
 
@@ -55,6 +56,7 @@ class Approach(NamedTuple):
     training_kwargs: Mapping[str, Any]
     exploration: float
     num_steps: int
+    eval_interval: int
     policy: Path | None = None
 
     @property
@@ -66,7 +68,7 @@ class Approach(NamedTuple):
             f"--training_kwargs={json.dumps(self.training_kwargs)}",
             f"--hyperparameters={json.dumps({**ONE_NETWORK, 'exploration': self.exploration})}",
             f"--num_steps={self.num_steps}",
-            *("--eval_interval=250000", "--eval_episodes=100"),
+            *(f"--eval_interval={self.eval_interval}", "--eval_episodes=100"),
             # Never reached: the longer it trains, the longer sequences it completes.
             "--target_success=1.1",
             *([] if self.policy is None else [f"--initial_policy={self.policy}"]),
@@ -75,9 +77,9 @@ class Approach(NamedTuple):
 
 EXACT = {"max_episode_steps": 300, "max_task_steps": 100, "physics": "exact", "variations": VARIATIONS}
 APPROACHES = {
-    "exact": Approach((1, 3), EXACT, 0.5, 4_500_000),
-    "fast": Approach((1, 7), LONG, 0.5, 3_500_000),
-    "continued": Approach((1, 7), LONG, 0.3, 5_000_000, SINGLE),
+    "exact": Approach((1, 3), EXACT, 0.5, 4_500_000, 250_000),
+    "fast": Approach((1, 7), LONG, 0.5, 3_500_000, 500_000),
+    "continued": Approach((1, 7), LONG, 0.3, 5_500_000, 500_000, SINGLE),
 }
 
 

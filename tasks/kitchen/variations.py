@@ -1,5 +1,6 @@
 """Variations of the kitchen's parameters by groups, in the order in which they are drawn."""
 
+import dataclasses
 from collections.abc import Callable, Collection
 
 import numpy as np
@@ -76,7 +77,11 @@ START = (
         limits=((-0.8, 0.0), (0.8, 1.0)),
     ),
     between("microwave/door", "start", seen=(-0.25, 0.0), held_out=[(-0.38, -0.25)]),
-    around("kettle/pose", "start", seen=(0.02, 0.02, 0.15), held_out=(0.03, 0.03, 0.3)),
+    dataclasses.replace(
+        around("kettle/pose", "start", seen=(0.02, 0.02, 0.15), held_out=(0.03, 0.03, 0.3)),
+        # Anywhere on the hob, whose burners are up to 0.45 m apart.
+        limits=((-0.03, -0.03, -0.5), (0.5, 0.5, 0.5)),
+    ),
     # Each with a probability of 1/4; held out, of 1/2.
     ParameterVariation(
         name=DONE,
