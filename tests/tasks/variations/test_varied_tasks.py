@@ -45,6 +45,26 @@ def test_nothing_varies_by_default(domain):
     np.testing.assert_equal(*streams)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "beyond"),
+    [
+        ("kettle/pose", [0.4, 0.1, 0.2], [0.51, 0.1, 0.2]),
+        ("hinge_cabinet/doors", [-0.6, 0.9], [-0.6, 1.01]),
+    ],
+)
+def test_distributions_of_ones_own_may_leave_those_of_the_groups(name, value, beyond):
+    environment, default = load(task="kettle", variations={name: value}), load(task="kettle")
+    environment.reset()
+    default.reset()
+    prop = environment.task.scene.props[name.partition("/")[0]]
+    joints = default.task.scene.props[name.partition("/")[0]].joints
+    moved = qpos(environment, prop.joints)[: len(value)] - qpos(default, joints)[: len(value)]
+    count = 2
+    np.testing.assert_allclose(moved[:count], value[:count], atol=1e-12)
+    with refused(ValueError, f"variation's {name} must be within"):
+        load(task="kettle", variations={name: beyond})
+
+
 @pytest.mark.parametrize("domain", suite.DOMAINS)
 def test_each_group_varies_what_it_names(domain):
     for group in GROUPS:
