@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.entities.parameters import Parameter, ParameterType
 from kitchen_suite.entities.scenes import Scene
-from kitchen_suite.tasks.mdp import MDP, Columns, Simulation
+from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
 
 GROUP = "push"
@@ -79,8 +79,8 @@ class Push(NamedTuple):
 class _Joints(NamedTuple):
     """Columns of some joints in qpos and in qvel."""
 
-    qpos: Columns
-    qvel: Columns
+    qpos: NDArray[np.int64]
+    qvel: NDArray[np.int64]
 
     def move(self, simulation: Simulation, where: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
         """Sets positions `(..., k)`, at rest, where a mask `(...)` is True."""
@@ -148,7 +148,7 @@ class Pusher:
         count = complete.sum(axis=-1)
         number = np.minimum(np.floor(push.which * count), count - 1)
         chosen = complete & (complete.cumsum(axis=-1) - 1 == number[..., np.newaxis]) & where[..., np.newaxis]
-        sizes = [np.size(joints.qpos) for joints in self.tasks]
+        sizes = [joints.qpos.size for joints in self.tasks]
         starts = np.split(push.start, np.cumsum(sizes)[:-1], axis=-1)
         for place, (joints, start) in enumerate(zip(self.tasks, starts, strict=True)):
             joints.move(simulation, chosen[..., place], start)
