@@ -30,9 +30,9 @@ POSES = [
     *(f"{prop}/pose" for prop in ("hood", "hinge_cabinet", "microwave", "slide_cabinet")),
 ]
 
-# Options of the expert. On the way to the hinge cabinet's handle its hand brushes against the cabinet, which costs it
-# the grasp in fast physics, unless it moves more slowly.
-NOISE = {"exact": "action_noise=0.1, jitter=0.01", "fast": "action_noise=0.1, jitter=0.01, speed=0.9"}
+# On the way to the hinge cabinet's handle the expert's hand brushes against the cabinet, which costs it the grasp in fast
+# physics, unless it moves more slowly.
+EXPERT = "action_noise=0.1, jitter=0.01, speed=0.9"
 
 
 class Recording(NamedTuple):
@@ -133,7 +133,7 @@ def demonstrations(folder: Path) -> list[Path]:
     """Records the expert's demonstrations, or what is missing of them; returns their folders."""
     seeds = range(0, ROUND_SEEDS, ROUND_SEEDS // 100)
     return [
-        record(folder / "demonstrations", each, f"expert({NOISE[each.physics]})", seed)
+        record(folder / "demonstrations", each, f"expert({EXPERT})", seed)
         for each, seed in zip(DEMONSTRATIONS, seeds, strict=False)
     ]
 
@@ -143,7 +143,7 @@ def corrections(folder: Path, number: int) -> list[Path]:
     policy = f"file={str(run_folder(folder, number - 1) / 'policy.npz')!r}, latest={LATEST}"
     seeds = range(number * ROUND_SEEDS, (number + 1) * ROUND_SEEDS, ROUND_SEEDS // 100)
     return [
-        record(folder / f"corrections_{number}", each, f"takeover({policy}, {NOISE[each.physics]})", seed)
+        record(folder / f"corrections_{number}", each, f"takeover({policy}, {EXPERT})", seed)
         for each, seed in zip(CORRECTIONS, seeds, strict=False)
     ]
 
