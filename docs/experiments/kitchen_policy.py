@@ -30,8 +30,8 @@ POSES = [
     *(f"{prop}/pose" for prop in ("hood", "hinge_cabinet", "microwave", "slide_cabinet")),
 ]
 
-# On the way to the hinge cabinet's handle the expert's hand brushes against the cabinet, which costs it the grasp in fast
-# physics, unless it moves more slowly.
+# On the way to the hinge cabinet's handle the expert's hand brushes against the cabinet, which costs it the grasp in
+# fast physics, unless it moves more slowly.
 EXPERT = "action_noise=0.1, jitter=0.01, speed=0.9"
 
 
