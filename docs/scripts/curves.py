@@ -34,6 +34,9 @@ PROGRESS = {
 }
 TIMES = {"steps": "control steps [million]", "minutes": "time of training [min]"}
 
+# Characters of a legend as wide as the figure.
+LEGEND_WIDTH = 110
+
 _TAGS = ("time/minutes", "evaluation/success", "evaluation/progress")
 
 
@@ -117,7 +120,9 @@ def draw(curves: Sequence[tuple[str, Curve]], out: Path, progress: str) -> None:
             _format_axis(axis, time_title, title)
     lines, texts = axes[0, 0].get_legend_handles_labels()
     first = [lines[texts.index(label)] for label in labels]
-    figure.legend(first, labels, loc="outside upper center", ncols=min(len(labels), 5))
+    # Columns that fit the width: a line is as long as some eight characters.
+    columns = LEGEND_WIDTH // (8 + max(map(len, labels)))
+    figure.legend(first, labels, loc="outside upper center", ncols=max(1, min(len(labels), columns)))
     figure.savefig(out, dpi=150)
     pyplot.close(figure)
 
