@@ -87,6 +87,20 @@ class Parameter:
         self.type.write(physics, self.elements, value)
 
 
+def task_parameter(
+    name: str, unit: str, *, default: float = 0.0, shape: tuple[int, ...] = (), non_negative: bool = True
+) -> Parameter:
+    """Returns a parameter that no field of the physics has: the task reads its value."""
+    kind = ParameterType(
+        read=lambda *_: np.full(shape, default),
+        write=lambda *_: None,
+        model_fields=(),
+        shape=shape,
+        non_negative=non_negative,
+    )
+    return Parameter(name=name, unit=unit, type=kind, elements=())
+
+
 def pose_parameters(entity: composer.Entity) -> tuple[Parameter, ...]:
     """Returns the offset and the yaw of an entity that stands upright, attached without a free joint."""
     owner, frame = entity.mjcf_model.model, (mjcf.get_attachment_frame(entity.mjcf_model),)

@@ -12,21 +12,17 @@ import numpy as np
 import tree
 from numpy.typing import NDArray
 
-from kitchen_suite.entities.parameters import Parameter, ParameterType
+from kitchen_suite.entities.parameters import Parameter, task_parameter
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.pushes import Push, Pusher
 
 ACTION_DELAY = "sensing/action_delay"
 
-# No field of the physics has these values; the task reads them.
-_SCALE = ParameterType(read=lambda *_: 1.0, write=lambda *_: None, model_fields=(), non_negative=True)
-_DELAY = ParameterType(read=lambda *_: 0.0, write=lambda *_: None, model_fields=(), non_negative=True)
-
 
 def sensing_parameters(noise_parts: Mapping[str, slice]) -> tuple[Parameter, ...]:
     """Returns factors of parts of the observation noise, and whether actions are delayed by a control step, 0 or 1."""
-    scales = tuple(Parameter(name=f"sensing/{part}", unit="1", type=_SCALE, elements=()) for part in noise_parts)
-    return (*scales, Parameter(name=ACTION_DELAY, unit="control steps", type=_DELAY, elements=()))
+    scales = (task_parameter(f"sensing/{part}", "1", default=1.0) for part in noise_parts)
+    return (*scales, task_parameter(ACTION_DELAY, "control steps"))
 
 
 class Sensing(NamedTuple):

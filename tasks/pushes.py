@@ -12,7 +12,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.joints import addresses
-from kitchen_suite.entities.parameters import Parameter, ParameterType
+from kitchen_suite.entities.parameters import task_parameter
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.mdp import MDP, Simulation
 from kitchen_suite.tasks.variations.distributions import Bands, Choice, ParameterVariation
@@ -40,19 +40,11 @@ PUSH = (
 )
 
 
-def _parameter(name: str, unit: str, *shape: int, non_negative: bool = True) -> Parameter:
-    """Returns a parameter that no field of the physics has; the task reads it."""
-    kind = ParameterType(
-        read=lambda *_: np.zeros(shape), write=lambda *_: None, model_fields=(), shape=shape, non_negative=non_negative
-    )
-    return Parameter(name=name, unit=unit, type=kind, elements=())
-
-
 PARAMETERS = (
-    _parameter(_STEP, "control steps"),
-    _parameter(_UNDOES, "0 or 1"),
-    _parameter(_WHICH, "1"),
-    _parameter(_OFFSETS, "rad", _ARM, non_negative=False),
+    task_parameter(_STEP, "control steps"),
+    task_parameter(_UNDOES, "0 or 1"),
+    task_parameter(_WHICH, "1"),
+    task_parameter(_OFFSETS, "rad", shape=(_ARM,), non_negative=False),
 )
 
 

@@ -85,7 +85,7 @@ TRAINING = (f"--num_steps={STEPS}", f"--eval_interval={STEPS}", "--eval_episodes
 ROUND_SEEDS = 1_000_000
 FIRST_SEED, EPISODES = 400_000_000, 200
 
-# Conditions by name: task, arguments of the environment, further flags.
+# Conditions by name: task, and arguments of the environment.
 CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "all": ("all", {"variations": []}),
     "all, start": ("all", {"variations": ["start"]}),

@@ -1,6 +1,5 @@
 """Variations of the kitchen's parameters by groups, in the order in which they are drawn."""
 
-import dataclasses
 from collections.abc import Callable, Collection
 
 import numpy as np
@@ -77,8 +76,11 @@ START = (
         limits=((-0.8, 0.0), (0.8, 1.0)),
     ),
     between("microwave/door", "start", seen=(-0.25, 0.0), held_out=[(-0.38, -0.25)]),
-    dataclasses.replace(
-        around("kettle/pose", "start", seen=(0.02, 0.02, 0.15), held_out=(0.03, 0.03, 0.3)),
+    around(
+        "kettle/pose",
+        "start",
+        seen=(0.02, 0.02, 0.15),
+        held_out=(0.03, 0.03, 0.3),
         # Anywhere on the hob, whose burners are up to 0.45 m apart.
         limits=((-0.03, -0.03, -0.5), (0.5, 0.5, 0.5)),
     ),

@@ -258,10 +258,11 @@ class ParameterVariation:
         return low, np.maximum.reduce([default, both.seen.high, both.held_out.high, np.asarray(high, float)])
 
 
-def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> ParameterVariation:
+def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike, limits: Any = None) -> ParameterVariation:
     """Returns the variation by up to `seen` to both sides of the default; held out, by `seen` to `held_out`.
 
-    Half widths are numbers, or one for each element; an element of half widths 0 does not vary.
+    Half widths are numbers, or one for each element; an element of half widths 0 does not vary. `limits` are
+    values, see `ParameterVariation`.
     """
     inner, outer = (np.asarray(part, float) for part in np.broadcast_arrays(seen, held_out))
     return ParameterVariation(
@@ -269,6 +270,7 @@ def around(name: str, group: str, *, seen: ArrayLike, held_out: ArrayLike) -> Pa
         group=group,
         seen=Offsets([(-inner, inner)]),
         held_out=Offsets([(-outer, -inner), (inner, outer)]),
+        limits=limits,
     )
 
 

@@ -8,6 +8,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from kitchen_suite import suite
 from kitchen_suite.entities.joints import addresses
 from kitchen_suite.tasks import GOALS
+from kitchen_suite.tasks.mdp import PhysicsSimulation
 
 ARM = slice(0, 7)
 # The second joint starts at the lower end of its range.
@@ -25,20 +26,17 @@ def load(domain="kitchen", push=None, random=0, **options):
 
 def positions_before_physics(environment, action, step):
     """Makes control steps; returns the robot's positions at the start of the last one, before its physics."""
-    physics, seen = environment.physics, []
-    write, simulation = type(environment.task._simulation).write, environment.task._simulation
+    physics, seen, write = environment.physics, [], PhysicsSimulation.write
 
     def recording(self, field, columns, values):
         if field == "ctrl":
             seen.append(np.array(physics.data.qpos))
         write(self, field, columns, values)
 
-    type(simulation).write = recording
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PhysicsSimulation, "write", recording)
         for _ in range(step):
             environment.step(action)
-    finally:
-        type(simulation).write = write
     return seen[-1]
 
 
