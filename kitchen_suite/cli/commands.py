@@ -28,16 +28,20 @@ from kitchen_suite.settings import (
 )
 
 
-def _renders_by_default(settings: PlaySettings) -> bool:
-    """Returns whether `kitchen-play` makes a video: one that is asked for, or the default one where it can be made."""
-    if settings.list or settings.novideo:
+def _renders_by_default(settings: PlaySettings) -> bool | None:
+    """Returns whether `kitchen-play` makes a video: one that is asked for, or the default one where it can be made.
+
+    Where it makes none the result is None, since the policy may observe pictures.
+    """
+    if settings.list:
         return False
-    if settings.video or settings.web:
-        return settings.video is not None
-    with contextlib.suppress(OSError):
-        gl.find_library()
+    if settings.video:
         return True
-    return False
+    if not (settings.novideo or settings.web):
+        with contextlib.suppress(OSError):
+            gl.find_library()
+            return True
+    return None
 
 
 def _protocol_lines() -> str:
@@ -155,7 +159,7 @@ interrupted.
 """,
     settings=TrainSettings,
     job="kitchen_suite.training.train_job:TrainJob",
-    renders=lambda settings: settings.video is not None,
+    renders=lambda settings: settings.video is not None or settings.observes_pictures,
     needs=(("tensorboard", "torch"), "train"),
 )
 

@@ -186,6 +186,12 @@ class Observations:
         kinds = {"agent_pos": self._robot, "environment_state": self._rest}
         return {kind: [names[i] for i in indices.tolist()] for kind, indices in kinds.items()}
 
+    @property
+    def robot_elements(self) -> list[int]:
+        """Indices of the elements of `agent_pos` in the flat observation."""
+        elements: list[int] = self._robot.tolist()
+        return elements
+
     def flat(self, observation: Mapping[str, NDArray]) -> NDArray:
         """Returns the flat observation `(m,)` in one of the suite's own, in a fresh array."""
         parts = [observation[key] for key in self._slices]

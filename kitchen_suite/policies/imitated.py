@@ -1,12 +1,13 @@
 """Policies learned by imitation, which act with numpy alone, in chunks: several control steps are predicted at once.
 
 The input of a policy is the state that it observes, without goals, and which of its tasks are requested. It therefore
-acts in every task that asks for some of them, whatever goals the observation has.
+acts in every task that asks for some of them, whatever goals the observation has. A policy that sees has the robot's
+part of the state alone, and the pictures of some cameras.
 """
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import dm_env
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies.networks import ResidualNetwork, Scales, checked
+from kitchen_suite.policies.networks import PictureEncoder, ResidualNetwork, Scales, checked
 from kitchen_suite.policies.stored import StoredPolicy
 
 if TYPE_CHECKING:
@@ -29,11 +30,13 @@ class ImitatedPolicy(StoredPolicy):
       scales: of inputs and actions.
       networks: by name.
       tables: further arrays by name.
+      encoders: of the pictures of its cameras, whose features are further inputs of the first network.
       metadata: JSON-compatible; beside what every stored policy has, `algorithm`, `chunk`, the number of actions that
         are predicted, `executed`, how many of them are applied before the next prediction, `state_size`, the number of
         elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
         `state_elements`. The last ones are of extra observables: `extra_observables` has their sizes by name, and
-        `layout` the values in the default layout of those that are the same in all episodes there.
+        `layout` the values in the default layout of those that are the same in all episodes there. If it sees,
+        `cameras` has the names, and `image_size` height and width of the pictures.
     """
 
     network_names: ClassVar[tuple[str, ...]]
@@ -42,6 +45,7 @@ class ImitatedPolicy(StoredPolicy):
     scales: Scales
     networks: Mapping[str, ResidualNetwork]
     tables: Mapping[str, NDArray[np.float32]] = dataclasses.field(default_factory=dict)
+    encoders: tuple[PictureEncoder, ...] = ()
     metadata: Mapping[str, Any]
 
     def __post_init__(self) -> None:
@@ -56,6 +60,7 @@ class ImitatedPolicy(StoredPolicy):
         if self.state_elements is not None:
             _check_elements(self.state_elements, self.metadata["state_size"])
         _check_extras(self.metadata)
+        _check_cameras(self.metadata, self.encoders)
         self._check_sizes()
 
     @abc.abstractmethod
@@ -64,7 +69,17 @@ class ImitatedPolicy(StoredPolicy):
 
     @abc.abstractmethod
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
-        """Returns the standardised actions `(chunk * k,)` of a chunk for standardised inputs `(m,)`."""
+        """Returns the standardised actions `(chunk * k,)` of a chunk for standardised inputs and features `(m,)`."""
+
+    @property
+    def num_inputs(self) -> int:
+        """Number of the inputs and features that the first network takes."""
+        return self.scales.input_mean.size + sum(encoder.features for encoder in self.encoders)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras whose pictures it takes."""
+        return tuple(self.metadata.get("cameras", ()))
 
     @property
     def chunk(self) -> int:
@@ -124,9 +139,15 @@ class ImitatedPolicy(StoredPolicy):
         main = self.networks[self.network_names[0]]
         return [main.inputs, *(block.first.bias.size for block in main.blocks), main.outputs]
 
-    def predict(self, inputs: NDArray, generator: np.random.Generator) -> NDArray[np.float32]:
-        """Returns the actions `(chunk, k)` that follow inputs `(m,)`; randomness comes from the generator."""
-        values = self._predict(self.scales.inputs(inputs), generator)
+    def predict(
+        self, inputs: NDArray, generator: np.random.Generator, pictures: Sequence[NDArray[np.uint8]] = ()
+    ) -> NDArray[np.float32]:
+        """Returns the actions `(chunk, k)` that follow inputs `(m,)`, and pictures `(h, w, 3)` of its cameras.
+
+        Randomness comes from the generator.
+        """
+        features = [encoder(picture) for encoder, picture in zip(self.encoders, pictures, strict=True)]
+        values = self._predict(np.concatenate([self.scales.inputs(inputs), *features]), generator)
         return self.scales.actions(values.reshape(self.chunk, self.action_size))
 
     def episode(
@@ -140,7 +161,8 @@ class ImitatedPolicy(StoredPolicy):
             if timestep.first() or not waiting:
                 observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
                 chosen = self.select(self._with_extras(observed, task))
-                waiting[:] = self.predict(chosen, generator)[: self.metadata["executed"]]
+                pictures = [timestep.observation[camera] for camera in self.cameras]
+                waiting[:] = self.predict(chosen, generator, pictures)[: self.metadata["executed"]]
             return waiting.pop(0)
 
         return self._acting_in(task, act)
@@ -154,6 +176,11 @@ class ImitatedPolicy(StoredPolicy):
             size += sum(self.extra_observables.values()) - task.extra_size
         observed = self.metadata["state_size"] if elements is None else max(elements[-1] + 1, size)
         self._check_sizes_and_mode(task, observed=observed, expected=size)
+        for camera in self.cameras:
+            taken = task.pictures.by_name.get(camera)
+            if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
+                height, width = self.metadata["image_size"]
+                raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
         if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
@@ -162,7 +189,12 @@ class ImitatedPolicy(StoredPolicy):
         networks = {
             f"{name}.{key}": array for name, each in self.networks.items() for key, array in each.arrays.items()
         }
-        return {**vars(self.scales), **networks, **self.tables}
+        encoders = {
+            f"encoders.{number}.{key}": array
+            for number, each in enumerate(self.encoders)
+            for key, array in each.arrays.items()
+        }
+        return {**vars(self.scales), **networks, **self.tables, **encoders}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
@@ -175,9 +207,11 @@ class ImitatedPolicy(StoredPolicy):
         scales = Scales.take(arrays)
         networks = {name: ResidualNetwork.take(arrays, name) for name in cls.network_names}
         tables = {name: checked(arrays.pop(name), name) for name in cls.table_names}
+        cameras = files.parse(metadata.get("cameras", []), list[str], "cameras")
+        encoders = tuple(PictureEncoder.take(arrays, f"encoders.{number}") for number in range(len(cameras)))
         if arrays:
             raise ValueError(f"unknown arrays {sorted(arrays)}")
-        return cls(scales=scales, networks=networks, tables=tables, metadata=metadata)
+        return cls(scales=scales, networks=networks, tables=tables, encoders=encoders, metadata=metadata)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -188,7 +222,7 @@ class ClonedPolicy(ImitatedPolicy):
     network_names = ("network",)
 
     def _check_sizes(self) -> None:
-        _check_network(self.networks["network"], self.scales.input_mean.size, self.chunk * self.action_size)
+        _check_network(self.networks["network"], self.num_inputs, self.chunk * self.action_size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         return self.networks["network"](inputs)
@@ -207,7 +241,7 @@ class FlowPolicy(ImitatedPolicy):
     def _check_sizes(self) -> None:
         checks.integer(self.metadata.get("flow_steps"), "flow_steps", minimum=1)
         size = self.chunk * self.action_size
-        _check_network(self.networks["network"], self.scales.input_mean.size + size + len(time_features(0.0)), size)
+        _check_network(self.networks["network"], self.num_inputs + size + len(time_features(0.0)), size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         count: int = self.metadata["flow_steps"]
@@ -236,7 +270,7 @@ class TokenPolicy(ImitatedPolicy):
             raise ValueError(f"codebooks must have three axes, not shape {books.shape}")
         count, codes, latent = books.shape
         _check_network(self.networks["decoder"], latent, size)
-        _check_network(self.networks["network"], self.scales.input_mean.size, count * codes * (1 + size))
+        _check_network(self.networks["network"], self.num_inputs, count * codes * (1 + size))
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         books, size = self.tables["codebooks"], self.chunk * self.action_size
@@ -266,6 +300,17 @@ def _check_extras(metadata: Mapping[str, Any]) -> None:
     layout = files.parse(metadata.get("layout", {}), dict[str, list[float]], "layout")
     if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
         raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
+
+
+def _check_cameras(metadata: Mapping[str, Any], encoders: Sequence[PictureEncoder]) -> None:
+    """Raises a ValueError unless each camera has an encoder of its pictures."""
+    cameras = files.parse(metadata.get("cameras", []), list[str], "cameras")
+    if len(cameras) != len(encoders):
+        raise ValueError(f"there are {len(encoders)} encoders for the cameras {cameras}")
+    if cameras:
+        height, width = files.parse(metadata.get("image_size"), tuple[int, int], "image_size")
+        for encoder in encoders:
+            encoder.check_takes(height, width)
 
 
 def _check_elements(elements: Any, size: int) -> None:

@@ -1,4 +1,4 @@
-"""Residual networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
+"""Networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -128,6 +128,91 @@ class ResidualNetwork(NamedTuple):
         for block in self.blocks:
             values = block(values)
         return values
+
+
+class Convolution(NamedTuple):
+    """A convolution that halves height and width, with rectified outputs.
+
+    Attributes:
+      weight: `(n, m, s, s)`, with an odd size `s`; zeros surround the values.
+      bias: `(n,)`.
+    """
+
+    weight: NDArray[np.float32]
+    bias: NDArray[np.float32]
+
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns `(n, (h + 1) // 2, (w + 1) // 2)` for values `(m, h, w)`."""
+        count, _, size, _ = self.weight.shape
+        margin = (size // 2, size // 2)
+        padded = np.pad(values, ((0, 0), margin, margin))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size), axis=(1, 2))[:, ::2, ::2]
+        _, height, width, _, _ = windows.shape
+        columns = windows.transpose(1, 2, 0, 3, 4).reshape(height * width, -1)
+        outputs = columns @ self.weight.reshape(count, -1).T + self.bias
+        return np.maximum(outputs.T.reshape(count, height, width), 0)
+
+
+class PictureEncoder(NamedTuple):
+    """Convolutions, and an affine map of all that the last one returns.
+
+    Attributes:
+      convolutions: the first one from the three channels of a picture.
+      output: to `n` features.
+    """
+
+    convolutions: tuple[Convolution, ...]
+    output: Linear
+
+    @classmethod
+    def take(cls, arrays: dict[str, NDArray], name: str) -> Self:
+        """Removes the arrays of an encoder, such as `<name>.convolutions.0.weight`, from others; returns the encoder.
+
+        Raises a ValueError if an array is missing or unknown, or does not fit the others.
+        """
+        own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+        count = sum(key.startswith(f"{name}.convolutions.") and key.endswith(".weight") for key in own)
+        parts = [f"{name}.{part}" for part in (*(f"convolutions.{i}" for i in range(count)), "output")]
+        if odd := sorted(own.keys() ^ {f"{part}.{kind}" for part in parts for kind in Linear._fields}):
+            raise ValueError(f"missing or unknown arrays {odd}")
+        layers = [(checked(own[f"{part}.weight"], part), checked(own[f"{part}.bias"], part)) for part in parts]
+        channels = 3
+        for weight, bias in layers[:-1]:
+            if weight.ndim != 4 or weight.shape != (bias.size, channels, *weight.shape[2:3] * 2):
+                raise ValueError(f"{name} has a convolution of shape {weight.shape} after {channels} channels")
+            if bias.ndim != 1 or not weight.shape[2] % 2:
+                raise ValueError(f"{name} has a convolution with {bias.shape} biases and a size of {weight.shape[2]}")
+            channels = bias.size
+        output = Linear(*layers[-1])
+        if output.bias.ndim != 1 or output.weight.ndim != 2 or len(output.weight) != output.bias.size:
+            raise ValueError(f"{name} has outputs of shapes {output.weight.shape} and {output.bias.shape}")
+        return cls(tuple(Convolution(*layer) for layer in layers[:-1]), output)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """Its arrays by name, such as `convolutions.0.weight`."""
+        parts = {**{f"convolutions.{i}": each for i, each in enumerate(self.convolutions)}, "output": self.output}
+        return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
+
+    @property
+    def features(self) -> int:
+        """Number of features."""
+        return self.output.bias.size
+
+    def check_takes(self, height: int, width: int) -> None:
+        """Raises a ValueError unless pictures of a size [pixels] are what the encoder takes."""
+        for _ in self.convolutions:
+            height, width = (height + 1) // 2, (width + 1) // 2
+        channels = self.convolutions[-1].bias.size if self.convolutions else 3
+        if self.output.weight.shape[1] != channels * height * width:
+            raise ValueError("an encoder does not take pictures of this size")
+
+    def __call__(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Returns the features `(n,)` of a picture `(h, w, 3)`."""
+        values = picture.transpose(2, 0, 1).astype(np.float32) / np.float32(255) - np.float32(0.5)
+        for convolution in self.convolutions:
+            values = convolution(values)
+        return self.output(values.ravel())
 
 
 def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:

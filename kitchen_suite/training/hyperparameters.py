@@ -267,6 +267,9 @@ class ImitationHyperparameters:
       input_noise: standard deviation of normal noise on the inputs in training, in units of their standard deviations.
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
         positive.
+      features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
+      shift: greatest displacement of pictures in training [pixels].
+      tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
     """
 
     width: int = 384
@@ -279,6 +282,9 @@ class ImitationHyperparameters:
     averaging: float = 0.999
     input_noise: float = 0.0
     standardisation_epsilon: float = 0.01
+    features: int = 128
+    shift: int = 3
+    tint: float = 0.2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

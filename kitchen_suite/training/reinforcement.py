@@ -311,11 +311,12 @@ def make_spec(
         task_kwargs=task_kwargs,
         max_episode_steps=max_episode_steps,
     )
-    default = spec.env_class.obs_types[0]
-    if spec.task_kwargs.get("obs_type") not in (None, default):
+    default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
+    learned = (default,) if settings.algorithm == "ppo" else (default, seeing)
+    if spec.task_kwargs.get("obs_type", default) not in learned:
         raise ValueError(
-            f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on here: policies take the domain's "
-            f"default, {default!r}; leave obs_type out, or learn from pictures as in docs/guide/tutorial.md"
+            f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on with {settings.algorithm!r}: policies "
+            f"take the domain's default, {default!r}; those of imitation also {seeing!r}"
         )
     spec.make_environment().close()
     return spec

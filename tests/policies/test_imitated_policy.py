@@ -10,7 +10,7 @@ from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
 from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
-from kitchen_suite.policies.networks import Block, Linear, ResidualNetwork, Scales, silu
+from kitchen_suite.policies.networks import Block, Convolution, Linear, PictureEncoder, ResidualNetwork, Scales, silu
 from kitchen_suite.rollouts.folder import RecordingFolder
 
 STATE, ACTION, CHUNK, WIDTH = 59, 9, 3, 6
@@ -75,6 +75,28 @@ def make(algorithm, **changes):
 
 ALGORITHMS = ("bc", "flow", "vqbet")
 
+CAMERAS = ["workspace", "franka/hand"]
+SEEING = {"state_size": 18, "state_elements": [*range(18)], "cameras": CAMERAS, "image_size": [9, 12]}
+
+
+def make_seeing(**changes):
+    """Returns a policy with random weights that takes pictures of two cameras, and the robot's part of the state."""
+    generator, features = np.random.default_rng(0), 4
+
+    def encoder():
+        weight = 0.1 * generator.standard_normal((2, 3, 3, 3), np.float32)
+        convolution = Convolution(weight, generator.standard_normal(2, np.float32))
+        return PictureEncoder((convolution,), linear(generator, 2 * 5 * 6, features))
+
+    blind = make("bc")
+    inputs = SEEING["state_size"] + len(TASKS)
+    return ClonedPolicy(
+        scales=scales(inputs),
+        networks={"network": network(generator, inputs + 2 * features, CHUNK * ACTION)},
+        encoders=(encoder(), encoder()),
+        metadata={**blind.metadata, **SEEING, **changes},
+    )
+
 
 @pytest.fixture(params=ALGORITHMS)
 def policy(request):
@@ -108,8 +130,8 @@ def test_only_the_first_actions_of_a_chunk_are_applied(policy, monkeypatch):
     environment, predicted = kitchen(tasks_to_complete=TASKS), []
     predict = type(policy).predict
 
-    def spy(self, inputs, generator):
-        predicted.append(predict(self, inputs, generator))
+    def spy(self, inputs, generator, pictures):
+        predicted.append(predict(self, inputs, generator, pictures))
         return predicted[-1]
 
     monkeypatch.setattr(type(policy), "predict", spy)
@@ -307,3 +329,98 @@ def test_silu_of_large_values():
     values = np.array([-1e30, -100.0, 0.0, 100.0, 1e30], np.float32)
     with np.errstate(all="raise", under="ignore"):
         np.testing.assert_allclose(silu(values), [0.0, 0.0, 0.0, 100.0, 1e30], atol=1e-30)
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (6, 5), (1, 2)])
+@pytest.mark.parametrize("size", [1, 3, 5])
+def test_a_convolution_is_the_rectified_sum_of_weighted_neighbours_of_every_second_pixel(shape, size):
+    generator = np.random.default_rng(0)
+    values = generator.standard_normal((2, *shape), np.float32)
+    layer = Convolution(
+        generator.standard_normal((3, 2, size, size), np.float32), generator.standard_normal(3, np.float32)
+    )
+    expected = np.zeros((3, (shape[0] + 1) // 2, (shape[1] + 1) // 2))
+    for n, row, column in np.ndindex(*expected.shape):
+        total = float(layer.bias[n])
+        for m, i, j in np.ndindex(2, size, size):
+            y, x = 2 * row + i - size // 2, 2 * column + j - size // 2
+            if 0 <= y < shape[0] and 0 <= x < shape[1]:
+                total += float(layer.weight[n, m, i, j]) * float(values[m, y, x])
+        expected[n, row, column] = max(total, 0.0)
+    np.testing.assert_allclose(layer(values), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_policy_that_sees_is_loaded_unchanged(tmp_path):
+    policy, path = make_seeing(), tmp_path / "policy.npz"
+    policy.save(path)
+    loaded, pictures = load_policy(path), np.random.default_rng(1).integers(0, 256, (2, 9, 12, 3), np.uint8)
+    actions = [each.predict(np.ones(18 + len(TASKS)), np.random.default_rng(0), pictures) for each in (policy, loaded)]
+    np.testing.assert_array_equal(*actions)
+    other = policy.predict(np.ones(18 + len(TASKS)), np.random.default_rng(0), 255 - pictures)
+    assert np.abs(other - actions[0]).max() > 1e-4
+
+
+@pytest.mark.rendering
+def test_a_policy_that_sees_takes_the_pictures_and_the_robots_part_of_the_state(monkeypatch):
+    policy, seen = make_seeing(), []
+    monkeypatch.setattr(
+        ClonedPolicy, "predict", lambda self, *arguments: seen.append(arguments) or np.zeros((CHUNK, ACTION))
+    )
+    with suite.load("kitchen", "kettle", {"cameras": CAMERAS, "image_size": [9, 12]}) as environment:
+        timestep = environment.reset()
+        policy.episode(environment.task, np.random.default_rng(0))(timestep)
+    ((inputs, _, pictures),) = seen
+    robot = [timestep.observation[f"franka/joint_{kind}"] for kind in ("positions", "velocities")]
+    np.testing.assert_array_equal(inputs, np.concatenate([*robot, [1.0, 0.0, 0.0]]))
+    for picture, camera in zip(pictures, CAMERAS, strict=True):
+        np.testing.assert_array_equal(picture, timestep.observation[camera])
+
+
+@pytest.mark.parametrize(
+    "arguments", [{}, {"cameras": CAMERAS[:1], "image_size": [9, 12]}, {"cameras": CAMERAS, "image_size": [12, 9]}]
+)
+def test_pictures_of_other_cameras_or_sizes_are_refused(arguments):
+    environment = suite.load("kitchen", "kettle", {"visuals": bool(arguments), **arguments})
+    with refused(ValueError, "pictures of", "12x9"):
+        make_seeing().check_fits(environment.task)
+
+
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({"cameras": CAMERAS[:1]}, ["encoders"]),
+        ({"cameras": "workspace"}, ["cameras"]),
+        ({"image_size": [9]}, ["image_size"]),
+        ({"image_size": [9, 15]}, ["size"]),
+        ({"image_size": None}, ["image_size"]),
+    ],
+    ids=str,
+)
+def test_metadata_on_cameras_are_checked(changes, shown):
+    with refused(ValueError, *shown):
+        make_seeing(**changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "shown"),
+    [
+        (lambda arrays: arrays.pop("encoders.1.output.bias"), ["encoders.1.output.bias"]),
+        (lambda arrays: arrays.update({"encoders.0.extra": np.ones(2, np.float32)}), ["encoders.0.extra"]),
+        (lambda arrays: arrays["encoders.0.output.bias"].fill(np.inf), ["finite"]),
+        (
+            lambda arrays: arrays.update({"encoders.0.convolutions.0.weight": np.ones((2, 3, 3, 2), np.float32)}),
+            ["(2, 3, 3, 2)"],
+        ),
+        (
+            lambda arrays: arrays.update({"encoders.0.convolutions.0.weight": np.ones((2, 3, 2, 2), np.float32)}),
+            ["size of 2"],
+        ),
+        (lambda arrays: arrays.update({"encoders.0.output.weight": np.ones(60, np.float32)}), ["(60,)"]),
+    ],
+)
+def test_arrays_of_encoders_that_do_not_fit_are_refused(change, shown):
+    policy = make_seeing()
+    arrays = {name: array.copy() for name, array in policy.arrays.items()}
+    change(arrays)
+    with refused(ValueError, *shown):
+        ClonedPolicy.from_arrays(arrays, policy.metadata)

@@ -9,7 +9,7 @@ import pytest
 from helpers.human_files import write_d4rl
 
 from kitchen_suite import suite
-from kitchen_suite.cli.commands import convert, evaluate, record, train
+from kitchen_suite.cli.commands import convert, evaluate, play, record, rollout, train
 from kitchen_suite.policies import load_policy
 
 pytestmark = pytest.mark.clients
@@ -20,20 +20,35 @@ QUICK = {"bc": {}, "flow": {"flow_steps": 5}, "vqbet": {"quantizer_steps": 100, 
 INPUTS, ACTION = 5, 2
 
 
-def demonstrations(count=20, length=30):
-    """Returns made-up demonstrations, whose actions are smooth functions of the inputs."""
+# Height and width of made-up pictures; odd, so that halves are rounded.
+HEIGHT, SIDE = 15, 18
+
+
+def demonstrations(count=20, length=30, *, cameras=()):
+    """Returns made-up demonstrations, whose actions are smooth functions of the inputs, or are shown in pictures."""
     from kitchen_suite.training.imitation.demonstrations import Demonstrations
 
     inputs = np.random.default_rng(0).uniform(-1.0, 1.0, (count, length, INPUTS)).cumsum(axis=1).astype(np.float32)
     actions = np.tanh(inputs[..., :ACTION] / 3.0)
+    if cameras:
+        inputs = np.zeros_like(inputs)
     return Demonstrations(
+        pictures={camera: drawn(actions.reshape(-1, ACTION)[:, number]) for number, camera in enumerate(cameras)},
         inputs=inputs.reshape(-1, INPUTS),
         actions=actions.reshape(-1, ACTION),
         last=np.repeat(np.arange(count) * length + length - 1, length),
     )
 
 
-def learner(algorithm, num_steps=300, seed=0, **changes):
+def drawn(values):
+    """Returns pictures `(m, h, w, 3)` of rows as high as values `(m,)` in [-1, 1] say, in one colour."""
+    rows = np.arange(HEIGHT) < (1.0 + values[:, np.newaxis]) * HEIGHT / 2.0
+    pictures = np.zeros((len(values), HEIGHT, SIDE, 3), np.uint8)
+    pictures[..., 1] = 255 * rows[:, :, np.newaxis]
+    return pictures
+
+
+def learner(algorithm, num_steps=300, seed=0, cameras=(), **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import checked_changes
@@ -43,7 +58,8 @@ def learner(algorithm, num_steps=300, seed=0, **changes):
     torch.set_num_threads(1)
     method = METHODS[algorithm]
     config = checked_changes(method.hyperparameters(), {**SMALL, **QUICK[algorithm], **changes})
-    return ImitationLearner(demonstrations(), method, config, num_steps=num_steps, seed=seed)
+    shown = demonstrations(cameras=cameras)
+    return ImitationLearner(shown, method, config, num_steps=num_steps, seed=seed)
 
 
 def errors(policy):
@@ -77,6 +93,64 @@ def test_an_exported_network_is_that_of_the_learner(algorithm):
         with torch.no_grad():
             expected = getattr(averaged, name)(torch.as_tensor(values)).numpy()
         np.testing.assert_allclose(network(values), expected, rtol=1e-4, atol=1e-5)
+
+
+CAMERAS = ("workspace", "franka/hand")
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_policies_learn_from_pictures_alone(algorithm):
+    taught = learner(algorithm, num_steps=800, cameras=CAMERAS, averaging=0.9, features=16, shift=1, tint=0.1)
+    while taught.steps < 800:
+        taught.learn()
+    policy, shown = taught.export(METADATA), demonstrations(cameras=CAMERAS)
+    assert policy.metadata["cameras"] == [*CAMERAS]
+    assert policy.metadata["image_size"] == [HEIGHT, SIDE]
+    generator = np.random.default_rng(0)
+    predicted = np.array(
+        [
+            policy.predict(shown.inputs[i], generator, [each[i] for each in shown.pictures.values()])[0]
+            for i in range(0, len(shown.inputs), 7)
+        ]
+    )
+    actions = shown.actions[::7]
+    # The best that a policy could do that does not see.
+    blind = np.abs(actions - np.median(actions, axis=0)).mean()
+    assert np.abs(predicted - actions).mean() < 0.6 * blind
+
+
+def test_an_exported_encoder_is_that_of_the_learner():
+    import torch
+
+    taught = learner("bc", cameras=CAMERAS, features=16)
+    taught.learn()
+    for encoder, exported in zip(taught.averaged.encoders, taught.export(METADATA).encoders, strict=True):
+        pictures = np.random.default_rng(0).integers(0, 256, (3, HEIGHT, SIDE, 3), np.uint8)
+        with torch.no_grad():
+            expected = encoder(torch.as_tensor(pictures) / 255).numpy()
+        np.testing.assert_allclose([exported(each) for each in pictures], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_pictures_are_displaced_and_tinted_within_limits():
+    import torch
+
+    from kitchen_suite.training.hyperparameters import ImitationHyperparameters
+    from kitchen_suite.training.imitation.methods import augmented
+
+    torch.manual_seed(0)
+    pictures = torch.zeros((200, 9, 11, 3), dtype=torch.uint8)
+    pictures[:, 4, 5] = 200
+    moved = augmented(pictures, ImitationHyperparameters(shift=2, tint=0.0))
+    _, rows, columns = np.nonzero(moved[..., 0].numpy())
+    assert {*rows.tolist()} == {2, 3, 4, 5, 6}
+    assert {*columns.tolist()} == {3, 4, 5, 6, 7}
+    assert set(moved.unique().tolist()) == {0.0, np.float32(200 / 255).item()}
+    tinted = augmented(pictures + 100, ImitationHyperparameters(shift=1, tint=0.1))
+    change = tinted[:, 0, 0] - np.float32(100 / 255)
+    # Of contrast 0.1 of the distance from the middle, and of brightness half of 0.1.
+    assert change.abs().max() < 0.1 * abs(100 / 255 - 0.5) + 0.05
+    assert change.std(dim=0).min() > 0.01
+    assert (change[:, 0] - change[:, 1]).abs().max() > 0.01
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -345,3 +419,40 @@ def test_reinforcement_learning_refuses_converted_demonstrations(tmp_path, monke
     arguments = ["--domain_name=kitchen", "--task_name=all", f"--task_kwargs={kwargs}", "--demonstrations=human"]
     assert train.main([*arguments, "--output=run"]) == 2
     assert "human was made by kitchen-convert" in capsys.readouterr().err
+
+
+PIXELS = {"obs_type": "pixels_agent_pos", "cameras": ["workspace"], "image_size": [24, 32], "render_quality": "fast"}
+
+
+@pytest.mark.rendering
+def test_a_run_learns_from_recorded_pictures(tmp_path, capsys):
+    from kitchen_suite.rollouts.spec import EnvironmentSpec
+    from kitchen_suite.training.imitation.demonstrations import load_demonstrations
+
+    folder, output = tmp_path / "pictures", tmp_path / "run"
+    task = ["--domain_name=kitchen", "--task_name=light_switch", f"--task_kwargs={json.dumps(PIXELS)}"]
+    assert record.main([f"--output={folder}", *task, "--policy=expert", "--num_episodes=2", "--num_envs=2"]) == 0
+    spec = EnvironmentSpec.make(domain_name="kitchen", task_name="light_switch", task_kwargs=PIXELS)
+    shown = load_demonstrations([folder], spec, (), ())
+    assert shown.state_elements == tuple(range(18))
+    assert shown.pictures["workspace"].shape == (len(shown.actions), 24, 32, 3)
+    with np.load(folder / "episode_000000.npz") as episode:
+        np.testing.assert_array_equal(shown.pictures["workspace"][:2], episode["observation/pixels"][:2])
+        np.testing.assert_array_equal(shown.inputs[:2], episode["observation/agent_pos"][:2].astype(np.float32))
+    flags = ["--algorithm=bc", f"--demonstrations={folder}", "--num_steps=5", "--eval_interval=5", "--eval_episodes=1"]
+    small = '--hyperparameters={"width": 8, "batch_size": 8, "features": 4}'
+    assert train.main([*task, f"--output={output}", *flags, small]) == 0
+    policy = output / "policy.npz"
+    assert load_policy(policy).cameras == ("workspace",)
+    assert play.main([f"--policy_file={policy}", "--novideo", "--num_episodes=1", "--max_episode_steps=3"]) == 0
+    named = f"--policy=trained(file={str(policy)!r})"
+    assert rollout.main([named, "--task_name=light_switch", "--num_episodes=1", "--max_episode_steps=3"]) == 2
+    assert "the policy needs pictures of workspace, 32x24" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("algorithm", "obs_type"), [("ppo", "pixels_agent_pos"), ("bc", "pixels")])
+def test_observations_that_no_policy_takes_are_refused(algorithm, obs_type, tmp_path, capsys):
+    kwargs = json.dumps({"obs_type": obs_type, "image_size": [8, 8]})
+    flags = [f"--task_kwargs={kwargs}", f"--algorithm={algorithm}", f"--demonstrations={tmp_path}"]
+    assert train.main([f"--output={tmp_path / 'run'}", "--domain_name=kitchen", "--task_name=kettle", *flags]) == 2
+    assert f"obs_type {obs_type!r} cannot be trained on with {algorithm!r}" in capsys.readouterr().err

@@ -1,11 +1,13 @@
 """Recorded demonstrations, as observations and actions that PPO clones, or as inputs and chunks of actions."""
 
 import contextlib
+import dataclasses
 import itertools
 import json
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +15,11 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.observations import picture_key
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.tasks.task import SuiteTask
 
 # Arguments of all domains on which the meaning of observed numbers depends.
 OBSERVATION_OPTIONS = ("obs_type", "extra_observables")
@@ -32,12 +36,14 @@ class Demonstrations(NamedTuple):
       actions: `(m, k)`, float32, taken on them.
       last: `(m,)`, index of the last step of each step's episode, or of the intervention that it belongs to.
       state_elements: elements of the state among the inputs; None for all.
+      pictures: `(m, h, w, 3)`, uint8, of each camera.
     """
 
     inputs: NDArray[np.float32]
     actions: NDArray[np.float32]
     last: NDArray[np.int64]
     state_elements: tuple[int, ...] | None = None
+    pictures: Mapping[str, NDArray[np.uint8]] = MappingProxyType({})
 
     def chunks(self, length: int) -> NDArray[np.int64]:
         """Returns the indices `(m, length)` of the actions that follow each input; the last ones repeat at the end."""
@@ -68,6 +74,7 @@ def load_demonstrations(
         actions=np.concatenate([part.actions for part in parts]),
         last=np.concatenate([part.last + start for part, start in zip(parts, starts, strict=True)]),
         state_elements=parts[0].state_elements,
+        pictures={camera: np.concatenate([part.pictures[camera] for part in parts]) for camera in parts[0].pictures},
     )
 
 
@@ -98,14 +105,19 @@ def load_recording(
     if len(indices) < (count or 1):
         raise ValueError(f"{folder} holds {len(indices)} successful episodes, not {count or 'one or more'}")
     with recording.spec.make_environment() as environment:
-        task = suite_env(environment).composer_task
+        single = suite_env(environment)
+        task, robot, sees = single.composer_task, single.observations.robot_elements, single.observations.has_pictures
     episodes = [recording.load(index).arrays for index in indices]
     taught = [_taught(arrays) for arrays in episodes]
     chosen = np.concatenate(taught)
     if not chosen.any():
         raise ValueError(f"{folder} holds no actions of a demonstrator: its policy never intervened")
-    observations = (unflatten(arrays, "observation") for arrays in episodes)
-    inputs = np.concatenate([task.policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
+    observations = [unflatten(arrays, "observation") for arrays in episodes]
+    policy_inputs = task.policy_inputs
+    if sees:
+        # Of the state they have the robot's part alone.
+        policy_inputs = dataclasses.replace(policy_inputs, state_size=len(robot))
+    inputs = np.concatenate([policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
     elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
     if elements is not None:
         inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
@@ -113,8 +125,23 @@ def load_recording(
         inputs=_finite(inputs[chosen], folder),
         actions=_finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
         last=_last_of_stretches(taught),
-        state_elements=elements,
+        state_elements=tuple(robot) if sees else elements,
+        pictures=_pictures(observations, task, chosen) if sees else {},
     )
+
+
+def _pictures(
+    observations: Sequence[Mapping[str, Any]], task: SuiteTask, chosen: NDArray[np.bool_]
+) -> dict[str, NDArray[np.uint8]]:
+    """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
+    found = {}
+    for picture in task.pictures.pictures:
+        if picture.kind == "pixels":
+            arrays = (each["pixels"] for each in observations)
+            key = picture_key(picture.camera)
+            taken = [each[key] if isinstance(each, Mapping) else each for each in arrays]
+            found[picture.camera] = np.concatenate([each[:-1] for each in taken])[chosen]
+    return found
 
 
 def _taught(arrays: Mapping[str, NDArray]) -> NDArray[np.bool_]:

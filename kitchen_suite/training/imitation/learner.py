@@ -20,7 +20,7 @@ from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, checked_changes
 from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
-from kitchen_suite.training.imitation.methods import METHODS, Method
+from kitchen_suite.training.imitation.methods import METHODS, Method, TorchEncoder, augmented
 from kitchen_suite.training.learner import Learner, Training
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -64,7 +64,12 @@ class ImitationLearner(Learner):
         actions = (demonstrations.actions - self._scales.action_mean) / self._scales.action_deviation
         self._actions = torch.as_tensor(actions)
         self._chunks = torch.as_tensor(demonstrations.chunks(config.chunk))
-        self._method = method(self._inputs.shape[1], config.chunk * self._actions.shape[1], config)
+        self._pictures = {camera: torch.as_tensor(each) for camera, each in demonstrations.pictures.items()}
+        size = self._inputs.shape[1] + config.features * len(self._pictures)
+        self._method = method(size, config.chunk * self._actions.shape[1], config)
+        if self._pictures:
+            sizes = [each.shape[1:3] for each in self._pictures.values()]
+            self._method.encoders = torch.nn.ModuleList(TorchEncoder(*size, config.features) for size in sizes)
         self._average = AveragedModel(self._method, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         self._optimizer = torch.optim.AdamW(
             self._method.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
@@ -94,7 +99,8 @@ class ImitationLearner(Learner):
         inputs, chunks = self._inputs[indices], self._actions[self._chunks[indices]].flatten(1)
         if self._config.input_noise:
             inputs = (inputs + self._config.input_noise * torch.randn_like(inputs)).clamp(-CLIP, CLIP)
-        loss = self._method.loss(inputs, chunks, self.steps)
+        pictures = [augmented(each[indices], self._config) for each in self._pictures.values()]
+        loss = self._method.loss(self._method.see(inputs, pictures), chunks, self.steps)
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
@@ -113,6 +119,7 @@ class ImitationLearner(Learner):
             "state_size": self._inputs.shape[1] - len(self._tasks),
             "tasks": [*self._tasks],
             **({} if self._state_elements is None else {"state_elements": [*self._state_elements]}),
+            **self._sight,
             **self._extras,
             **method.settings(),
         }
@@ -120,8 +127,17 @@ class ImitationLearner(Learner):
             scales=self._scales,
             networks={name: getattr(method, name).export() for name in policy_class.network_names},
             tables=method.tables(),
+            encoders=tuple(encoder.export() for encoder in method.encoders) if self._pictures else (),
             metadata={**metadata, **own},
         )
+
+    @property
+    def _sight(self) -> dict[str, Any]:
+        """The metadata that only policies that see have."""
+        if not self._pictures:
+            return {}
+        first = next(iter(self._pictures.values()))
+        return {"cameras": [*self._pictures], "image_size": [*first.shape[1:3]]}
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         return PolicyController(

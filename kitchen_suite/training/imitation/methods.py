@@ -1,7 +1,7 @@
 """Losses of the algorithms of imitation, on standardised inputs `(b, m)` and chunks `(b, n)`."""
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -59,6 +59,48 @@ class TorchNetwork(torch.nn.Module):
         return networks.ResidualNetwork.take(arrays, "network")
 
 
+# Sizes and channels of the convolutions of pictures.
+_CONVOLUTIONS = ((5, 16), (3, 32), (3, 32))
+
+
+class TorchEncoder(torch.nn.Module):
+    """Convolutions of a picture that halve its height and width, and an affine map to features."""
+
+    def __init__(self, height: int, width: int, features: int) -> None:
+        """Builds the encoder of pictures of a size [pixels]."""
+        super().__init__()
+        self.convolutions = torch.nn.ModuleList()
+        channels = 3
+        for size, outputs in _CONVOLUTIONS:
+            self.convolutions.append(torch.nn.Conv2d(channels, outputs, size, stride=2, padding=size // 2))
+            channels, height, width = outputs, (height + 1) // 2, (width + 1) // 2
+        self.output = torch.nn.Linear(channels * height * width, features)
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """Returns features `(b, n)` of pictures `(b, h, w, 3)`, float32 in [0, 1]."""
+        values = pictures.permute(0, 3, 1, 2) - 0.5
+        for convolution in self.convolutions:
+            values = torch.nn.functional.relu(convolution(values))
+        return self.output(values.flatten(1))
+
+    def export(self) -> networks.PictureEncoder:
+        """Returns the encoder as it is now, in numpy."""
+        arrays = {f"encoder.{name}": tensor.detach().clone().numpy() for name, tensor in self.state_dict().items()}
+        return networks.PictureEncoder.take(arrays, "encoder")
+
+
+def augmented(pictures: torch.Tensor, config: ImitationHyperparameters) -> torch.Tensor:
+    """Returns pictures `(b, h, w, 3)`, uint8, displaced and tinted at random, as float32 in [0, 1]."""
+    count, height, width, _ = pictures.shape
+    rows, columns = (
+        (torch.arange(size) + torch.randint(-config.shift, config.shift + 1, (count, 1))).clamp(0, size - 1)
+        for size in (height, width)
+    )
+    moved = pictures[torch.arange(count)[:, None, None], rows[:, :, None], columns[:, None, :]].float() / 255
+    gain, offset = (config.tint * (2 * torch.rand(count, 1, 1, 3) - 1) for _ in range(2))
+    return ((moved - 0.5) * (1 + gain) + 0.5 + offset / 2).clamp(0, 1)
+
+
 class Method(torch.nn.Module, abc.ABC):
     """Networks of an algorithm, and its loss.
 
@@ -67,6 +109,7 @@ class Method(torch.nn.Module, abc.ABC):
       policy_class: class of the policies that it exports.
       hyperparameters: class of its hyperparameters.
       network: that predicts from inputs.
+      encoders: of the pictures of each camera, whose features are the last inputs; set by the learner where it sees.
     """
 
     title: ClassVar[str]
@@ -74,6 +117,14 @@ class Method(torch.nn.Module, abc.ABC):
     hyperparameters: ClassVar[type[ImitationHyperparameters]]
 
     network: TorchNetwork
+    encoders: torch.nn.ModuleList
+
+    def see(self, inputs: torch.Tensor, pictures: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Returns inputs `(b, m)` with the features of pictures `(b, h, w, 3)` of each camera, in [0, 1]."""
+        if not pictures:
+            return inputs
+        features = [encoder(each) for encoder, each in zip(self.encoders, pictures, strict=True)]
+        return torch.cat([inputs, *features], dim=1)
 
     @abc.abstractmethod
     def loss(self, inputs: torch.Tensor, chunks: torch.Tensor, step: int) -> torch.Tensor:
