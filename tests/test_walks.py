@@ -11,8 +11,8 @@ CEILINGS = {
     "classes of KitchenTask": 4,
     "files of source": 170,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
-    # an expert that takes over from a policy, and pushes.
-    "lines of source": 28_850,
+    # an expert that takes over from a policy, pushes, and policies from pictures.
+    "lines of source": 29_200,
 }
 
 

@@ -3,7 +3,6 @@
 python docs/experiments/imitation.py FOLDER                 all that have no result yet
 python docs/experiments/imitation.py FOLDER bc:fixed_order:19:1   some of them: algorithm, set, demonstrations, seed
 python docs/experiments/imitation.py FOLDER digests         records the sets, and writes their digests
-python docs/experiments/imitation.py FOLDER kitchen         trains the shipped policy of the whole kitchen
 python docs/experiments/imitation.py FOLDER shift           evaluates under `shift` what was learned from most
                                                         goal_conditioned demonstrations
 
@@ -15,7 +14,6 @@ the extras `experts` and `train`. `docs/scripts/tables.py` makes the tables.
 
 import json
 import platform
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -23,7 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
-from kitchen_suite.policies.trained import SHIPPED
 from kitchen_suite.versions import installed_versions
 
 RESULTS = Path(__file__).parent / "results" / "imitation"
@@ -80,10 +77,6 @@ CELLS = (
     *(Cell(algorithm, "random_order", COUNTS[-1], seed) for seed in (2, 3) for algorithm in ALGORITHMS),
 )
 
-# The policy of the whole kitchen has the default networks, and more demonstrations than a cell.
-KITCHEN = Cell("bc", "goal_conditioned", 1500, 1)
-KITCHEN_TRAINING = ("--num_steps=24000", "--eval_interval=8000", "--eval_episodes=50")
-
 
 def call(command: str, *flags: str) -> str:
     """Runs a command of the suite; returns its output."""
@@ -116,7 +109,7 @@ def write_digests(folder: Path) -> None:
     DIGESTS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
-def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Path, float]:
+def train(folder: Path, cell: Cell) -> tuple[Path, float]:
     """Trains a cell, or continues; returns the file of the policy, and the minutes."""
     from kitchen_suite.training import checkpoints
 
@@ -129,7 +122,7 @@ def train(folder: Path, cell: Cell, flags: Sequence[str] = TRAINING) -> tuple[Pa
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--num_demonstrations={cell.count}"),
         *(f"--seed={cell.seed}", "--restarts=0", "--num_threads=1"),
     ]
-    call("train", *run, *flags, *(["--resume"] if (output / "training.json").exists() else []))
+    call("train", *run, *TRAINING, *(["--resume"] if (output / "training.json").exists() else []))
     last = checkpoints.load_last(output / f"seed_{cell.seed}")
     assert last
     return output / "policy.npz", last.processor_seconds / 60
@@ -165,12 +158,6 @@ def evaluate_shift(folder: Path) -> None:
             evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
 
 
-def ship(folder: Path) -> None:
-    """Trains the policy of the whole kitchen, and copies it to the package."""
-    policy, _ = train(folder, KITCHEN, KITCHEN_TRAINING)
-    shutil.copyfile(policy, SHIPPED / "kitchen.npz")
-
-
 def cells_of(names: Sequence[str]) -> list[Cell]:
     """Returns the cells that arguments name; all without arguments.
 
@@ -184,7 +171,7 @@ def cells_of(names: Sequence[str]) -> list[Cell]:
 
 
 # What the command does instead of training and evaluating cells.
-OTHERS = {"digests": write_digests, "kitchen": ship, "shift": evaluate_shift}
+OTHERS = {"digests": write_digests, "shift": evaluate_shift}
 
 
 def main(arguments: Sequence[str]) -> int:

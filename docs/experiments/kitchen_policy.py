@@ -1,34 +1,59 @@
-"""Trains and measures the policy of the whole kitchen that comes with the package.
+"""Trains and measures policies of the whole kitchen, of which `kitchen` comes with the package.
 
-python docs/experiments/kitchen_policy.py FOLDER record     demonstrations of the expert
-python docs/experiments/kitchen_policy.py FOLDER train      what is missing, then a policy in rounds of corrections
-python docs/experiments/kitchen_policy.py FOLDER evaluate   the last policy, or --policy=FILE, in all conditions
-python docs/experiments/kitchen_policy.py FOLDER ship       copies the last policy to the package
+python docs/experiments/kitchen_policy.py kitchen FOLDER record     demonstrations of the expert
+python docs/experiments/kitchen_policy.py kitchen FOLDER train      what is missing, then a policy in each round
+python docs/experiments/kitchen_policy.py kitchen FOLDER evaluate   the last policy, or --policy=FILE, in all conditions
+python docs/experiments/kitchen_policy.py kitchen FOLDER ship       copies the last policy to the package
+python docs/experiments/kitchen_policy.py kitchen_strict FOLDER ... the same for strict success
+python docs/experiments/kitchen_policy.py pixels FOLDER ...         the same from pictures of two cameras
 
-The first policy is cloned from the expert's demonstrations. In each round the expert takes over from the last policy
-wherever that has led by some control step (`--policy=takeover`), and the next policy is cloned from all recordings so
-far. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt. Results are
-written to results/kitchen_policy.json. It needs the extras `experts` and `train`.
+The first policy is cloned from the expert's demonstrations. In each later round the expert takes over from the last
+policy wherever that has led by some control step (`--policy=takeover`), and the next policy is cloned from all
+recordings so far. FOLDER keeps recordings, runs and finished episodes: the same command continues after an interrupt.
+Results are written to results/kitchen_policy.json. It needs the extras `experts` and `train`.
 """
 
+import itertools
 import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from kitchen_suite import suite
+from kitchen_suite.entities.props import BURNER_DISPLACEMENTS
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.policies.trained import SHIPPED
+from kitchen_suite.tasks import DEFAULT_TASKS
+from kitchen_suite.tasks.kitchen.variations import DONE
+from kitchen_suite.tasks.variations.distributions import Bands, Choice
 
 RESULTS = Path(__file__).parent / "results" / "kitchen_policy.json"
+
+TASKS_PER_EPISODE: int | list[int] = [1, 7]
 
 # What the expert needs to see where furniture and robot stand elsewhere.
 POSES = [
     "franka/base_pose",
     *(f"{prop}/pose" for prop in ("hood", "hinge_cabinet", "microwave", "slide_cabinet")),
 ]
+
+# Arguments of the environments by what policies are for: the threshold, strict success, or pictures instead of objects.
+KINDS: dict[str, dict[str, Any]] = {
+    "original": {"extra_observables": POSES},
+    "strict": {"extra_observables": POSES, "success": "strict"},
+    "pixels": {
+        "obs_type": "pixels_agent_pos",
+        "cameras": ["workspace", "franka/hand"],
+        "image_size": [64, 64],
+        "render_quality": "fast",
+    },
+}
 
 # On the way to the hinge cabinet's handle the expert's hand brushes against the cabinet, which costs it the grasp in
 # fast physics, unless it moves more slowly.
@@ -40,20 +65,60 @@ class Recording(NamedTuple):
 
     Attributes:
       physics: `exact` or `fast`.
-      variations: groups that vary.
+      variations: groups that vary; or one of `RINGS`, see `ring_variations`.
       episodes: their number.
       steps: control steps after which an episode fails.
+      kind: one of `KINDS`.
     """
 
     physics: str
     variations: str
     episodes: int
     steps: int = 280
+    kind: str = "original"
 
     @property
     def name(self) -> str:
         """Name of its folder."""
         return "_".join((self.physics, *(self.variations or "original").split(",")))
+
+    @property
+    def environment_kwargs(self) -> dict[str, Any]:
+        """Arguments of the environments."""
+        return {
+            "tasks_per_episode": TASKS_PER_EPISODE,
+            **KINDS[self.kind],
+            **({} if self.physics == "exact" else {"physics": self.physics}),
+        }
+
+
+# Distances of the kettle from the burner on which it stands in held-out layouts [m]. It is never on that burner, where
+# it would be evaluated.
+RINGS = {"hob": (0.06, 0.15), "burner": (0.025, 0.1)}
+# Its greatest turn there [rad], and the number of its places.
+TURN, PLACES = 0.2, 400
+
+
+def ring_variations(name: str) -> dict[str, Any]:
+    """Returns the seen starts and layouts with the kettle around another burner, and with more tasks done."""
+    task = suite.load("kitchen", "all", {"visuals": False, "variations": ["start", "layout"]}).task
+    seen = {name: described(row.seen) for name, row in task.variations.by_name.items() if name != DONE}
+    generator = np.random.default_rng(0)
+    ends = (RINGS[name], (0.0, 2 * np.pi), (-TURN, TURN))
+    distances, angles, turns = (generator.uniform(*each, PLACES) for each in ends)
+    x, y = BURNER_DISPLACEMENTS[2, :2]
+    places = np.stack([x + distances * np.cos(angles), y + distances * np.sin(angles), turns], axis=1)
+    chosen = places[(places[:, :2] < 0.5).all(axis=1)].round(3)
+    half = [{"choice": [0.0, 1.0]}] * len(DEFAULT_TASKS)
+    return {**seen, "kettle/burner": 0.0, "kettle/pose": {"choice": chosen.tolist()}, DONE: half}
+
+
+def described(distribution: Bands | Choice) -> dict[str, Any]:
+    """Returns a distribution of a group with one interval, or with choices, as JSON describes it."""
+    if isinstance(distribution, Choice):
+        return {"choice": distribution.values.tolist()}
+    (interval,) = distribution.intervals
+    return {"uniform": interval.tolist()}
 
 
 DEMONSTRATIONS = (
@@ -62,41 +127,79 @@ DEMONSTRATIONS = (
     Recording("exact", "start,push", 300),
     Recording("exact", "start,layout", 800),
     Recording("exact", "start,layout,push", 500),
+    Recording("exact", "hob", 700),
     Recording("fast", "", 300),
     Recording("fast", "start", 400),
     Recording("fast", "start,layout", 500),
 )
 
-# Of each round: where the last policy leads, and the expert goes on.
+# Where the last policy leads, and the expert goes on.
 CORRECTIONS = (
     Recording("exact", "", 150, 560),
     Recording("exact", "start", 200, 560),
     Recording("exact", "start,layout", 500, 560),
     Recording("exact", "start,layout,push", 250, 560),
+    Recording("exact", "hob", 300, 560),
     Recording("fast", "start,layout", 200, 560),
 )
-ROUNDS = 2
 LATEST = 180
 
-STEPS = 24_000
-TRAINING = (f"--num_steps={STEPS}", f"--eval_interval={STEPS}", "--eval_episodes=50", "--restarts=0")
+# Recordings by policy and by round; the first round has demonstrations alone.
+ROUNDS: dict[str, tuple[tuple[Recording, ...], ...]] = {
+    "kitchen": (DEMONSTRATIONS, CORRECTIONS, (*CORRECTIONS, Recording("exact", "burner", 900, 560))),
+    "kitchen_strict": (
+        (Recording("exact", "start", 600, 560, "strict"),),
+        (Recording("exact", "start", 600, 800, "strict"),),
+    ),
+    "pixels": (
+        (
+            Recording("exact", "start", 700, kind="pixels"),
+            Recording("exact", "start,appearance,camera", 500, kind="pixels"),
+        ),
+    ),
+}
+
+# Sets that are recorded side by side, and threads of each.
+PROCESSES, THREADS = 2, 1
+
+# Steps of the optimiser, and further flags of training.
+STEPS = {"kitchen": 24_000, "kitchen_strict": 24_000, "pixels": 16_000}
+TRAINING = {
+    "kitchen": (),
+    "kitchen_strict": (),
+    "pixels": ('--hyperparameters={"batch_size": 128}',),
+}
 
 # Recordings have their own first seeds, and evaluations seeds that no recording and no training uses.
 ROUND_SEEDS = 1_000_000
 FIRST_SEED, EPISODES = 400_000_000, 200
 
-# Conditions by name: task, and arguments of the environment.
-CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
-    "all": ("all", {"variations": []}),
-    "all, start": ("all", {"variations": ["start"]}),
-    "complete, layout": ("complete", {"variations": ["layout"]}),
-    "complete, layout held out": ("complete", {"variations": ["layout"], "variation_split": "held_out"}),
-    "random 4": ("random_4", {"variations": ["start"]}),
-    "random 4, start held out": ("random_4", {"variations": ["start"], "variation_split": "held_out"}),
-    "random 4, push": ("random_4", {"variations": ["push"]}),
-    "random 4, undisturbed": ("random_4", {"variations": []}),
-    "all, fast": ("all", {"variations": [], "physics": "fast"}),
-    "random 4, fast": ("random_4", {"variations": ["start"], "physics": "fast"}),
+# Conditions by policy and name: task, control steps, and arguments of the environment.
+CONDITIONS: dict[str, dict[str, tuple[str, int, dict[str, Any]]]] = {
+    "kitchen": {
+        "all": ("all", 280, {"variations": []}),
+        "all, start": ("all", 280, {"variations": ["start"]}),
+        "complete, layout": ("complete", 280, {"variations": ["layout"]}),
+        "complete, layout held out": ("complete", 280, {"variations": ["layout"], "variation_split": "held_out"}),
+        "random 4": ("random_4", 280, {"variations": ["start"]}),
+        "random 4, start held out": ("random_4", 280, {"variations": ["start"], "variation_split": "held_out"}),
+        "random 4, push": ("random_4", 280, {"variations": ["push"]}),
+        "random 4, undisturbed": ("random_4", 280, {"variations": []}),
+        "all, fast": ("all", 280, {"variations": [], "physics": "fast"}),
+        "random 4, fast": ("random_4", 280, {"variations": ["start"], "physics": "fast"}),
+    },
+    "kitchen_strict": {"random 4": ("random_4", 400, {"variations": ["start"], "success": "strict"})},
+    "pixels": {
+        name: (task, 280, {"variations": variations.split(","), "variation_split": split, **KINDS["pixels"]})
+        for name, task, variations, split in (
+            ("complete", "complete", "start", "seen"),
+            ("random 4", "random_4", "start", "seen"),
+            ("random 4, appearance", "random_4", "start,appearance", "seen"),
+            ("random 4, appearance held out", "random_4", "start,appearance", "held_out"),
+            ("random 4, camera", "random_4", "start,camera", "seen"),
+            ("random 4, camera held out", "random_4", "start,camera", "held_out"),
+        )
+    },
 }
 
 
@@ -105,86 +208,75 @@ def call(command: str, *flags: str) -> None:
     subprocess.run([sys.executable, "-m", "kitchen_suite", command, *flags], check=True)
 
 
-def environment_kwargs(physics: str) -> dict[str, Any]:
-    """Returns the arguments of the environments that are recorded."""
-    kwargs: dict[str, Any] = {"tasks_per_episode": [1, 7], "extra_observables": POSES}
-    return kwargs if physics == "exact" else {**kwargs, "physics": physics}
-
-
 def record(folder: Path, recording: Recording, policy: str, seed: int) -> Path:
     """Records a set, or completes it; returns its folder, which has a file `complete` from then on."""
     output = folder / recording.name
     if not (output / "complete").exists():
-        varied = [f"--variations={recording.variations}"] if recording.variations else []
+        ring = recording.variations in RINGS
+        variations = json.dumps(ring_variations(recording.variations)) if ring else recording.variations
         call(
             "record",
             f"--output={output}",
             *("--domain_name=kitchen", "--task_name=all"),
-            f"--task_kwargs={json.dumps(environment_kwargs(recording.physics))}",
+            f"--task_kwargs={json.dumps(recording.environment_kwargs)}",
             *(f"--policy={policy}", f"--seed={seed}", f"--num_episodes={recording.episodes}"),
-            f"--max_episode_steps={recording.steps}",
-            *varied,
+            *(f"--max_episode_steps={recording.steps}", f"--num_threads={THREADS}"),
+            *([f"--variations={variations}"] if variations else []),
         )
         (output / "complete").touch()
     return output
 
 
-def demonstrations(folder: Path) -> list[Path]:
-    """Records the expert's demonstrations, or what is missing of them; returns their folders."""
-    seeds = range(0, ROUND_SEEDS, ROUND_SEEDS // 100)
-    return [
-        record(folder / "demonstrations", each, f"expert({EXPERT})", seed)
-        for each, seed in zip(DEMONSTRATIONS, seeds, strict=False)
-    ]
-
-
-def corrections(folder: Path, number: int) -> list[Path]:
-    """Records the corrections of a round, or what is missing of them; returns their folders."""
-    policy = f"file={str(run_folder(folder, number - 1) / 'policy.npz')!r}, latest={LATEST}"
-    seeds = range(number * ROUND_SEEDS, (number + 1) * ROUND_SEEDS, ROUND_SEEDS // 100)
-    return [
-        record(folder / f"corrections_{number}", each, f"takeover({policy}, {EXPERT})", seed)
-        for each, seed in zip(CORRECTIONS, seeds, strict=False)
-    ]
+def record_round(name: str, folder: Path, number: int) -> list[Path]:
+    """Records the sets of a round side by side, or what is missing of them; returns their folders."""
+    policy, output = f"expert({EXPERT})", folder / "demonstrations"
+    if number:
+        file = run_folder(folder, number - 1) / "policy.npz"
+        policy = f"takeover(file={str(file)!r}, latest={LATEST}, {EXPERT})"
+        output = folder / f"corrections_{number}"
+    seeds = itertools.count(number * ROUND_SEEDS, ROUND_SEEDS // 100)
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        return [*pool.map(lambda each, seed: record(output, each, policy, seed), ROUNDS[name][number], seeds)]
 
 
 def run_folder(folder: Path, number: int) -> Path:
-    """Returns the folder of the training of a round; round 0 has the demonstrations alone."""
+    """Returns the folder of the training of a round."""
     return folder / f"policy_{number}"
 
 
-def train(folder: Path) -> None:
+def train(name: str, folder: Path) -> None:
     """Trains the policies of all rounds, and records what they learn from; continues where it was interrupted."""
-    recordings = demonstrations(folder)
-    for number in range(ROUNDS + 1):
+    recordings: list[Path] = []
+    for number, (first, *_) in enumerate(ROUNDS[name]):
+        recordings += record_round(name, folder, number)
         output = run_folder(folder, number)
-        if number:
-            recordings += corrections(folder, number)
         if (output / "complete").exists():
             continue
         call(
             "train",
             f"--output={output}",
             *("--domain_name=kitchen", "--task_name=all", "--variations=start", "--algorithm=bc", "--seed=1"),
-            f"--task_kwargs={json.dumps(environment_kwargs('exact'))}",
+            f"--task_kwargs={json.dumps(first.environment_kwargs)}",
             f"--demonstrations={','.join(map(str, recordings))}",
-            *TRAINING,
+            *(f"--num_steps={STEPS[name]}", f"--eval_interval={STEPS[name]}", "--eval_episodes=50", "--restarts=0"),
+            *TRAINING[name],
             *(["--resume"] if (output / "training.json").exists() else []),
         )
         (output / "complete").touch()
 
 
-def last_policy(folder: Path) -> Path:
+def last_policy(name: str, folder: Path) -> Path:
     """Returns the file of the policy of the last round that has been trained."""
-    runs = [run_folder(folder, number) for number in range(ROUNDS + 1)]
+    runs = [run_folder(folder, number) for number in range(len(ROUNDS[name]))]
     return next(run / "policy.npz" for run in reversed(runs) if (run / "complete").exists())
 
 
-def evaluate(folder: Path, policy: Path) -> None:
-    """Evaluates a policy in all conditions, and writes their scores."""
-    results = {}
-    for name, (task, kwargs) in CONDITIONS.items():
-        episodes = folder / "episodes" / policy.parent.name / name.replace(", ", "_").replace(" ", "_")
+def evaluate(name: str, folder: Path, policy: Path) -> None:
+    """Evaluates a policy in all conditions, and writes their scores beside those of the other policy."""
+    results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    scores = results[name] = {}
+    for condition, (task, steps, kwargs) in CONDITIONS[name].items():
+        episodes = folder / "episodes" / policy.parent.name / condition.replace(", ", "_").replace(" ", "_")
         written = episodes.with_suffix(".json")
         if not written.exists():
             episodes.parent.mkdir(parents=True, exist_ok=True)
@@ -192,32 +284,32 @@ def evaluate(folder: Path, policy: Path) -> None:
                 "evaluate",
                 f"--policy=trained(file={str(policy)!r})",
                 *("--protocol=default", f"--task_name={task}", f"--task_kwargs={json.dumps(kwargs)}"),
-                *(f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}", "--max_episode_steps=280"),
+                *(f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}", f"--max_episode_steps={steps}"),
                 *(f"--output={episodes}", f"--json={written}"),
                 *(["--resume"] if (episodes / DESCRIPTION_FILE).exists() else []),
             )
-        results[name] = json.loads(written.read_text(encoding="utf-8"))
+        scores[condition] = json.loads(written.read_text(encoding="utf-8"))
     RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
-def ship(folder: Path) -> None:
+def ship(name: str, folder: Path) -> None:
     """Copies the last policy to the package."""
-    shutil.copyfile(last_policy(folder), SHIPPED / "kitchen.npz")
+    shutil.copyfile(last_policy(name, folder), SHIPPED / f"{name}.npz")
 
 
 def main(arguments: Sequence[str]) -> int:
     """Runs the command; returns the exit status."""
     match arguments:
-        case [folder, "record"]:
-            demonstrations(Path(folder))
-        case [folder, "train"]:
-            train(Path(folder))
-        case [folder, "evaluate"]:
-            evaluate(Path(folder), last_policy(Path(folder)))
-        case [folder, "evaluate", option] if option.startswith("--policy="):
-            evaluate(Path(folder), Path(option.removeprefix("--policy=")))
-        case [folder, "ship"]:
-            ship(Path(folder))
+        case [name, folder, "record"] if name in ROUNDS:
+            record_round(name, Path(folder), 0)
+        case [name, folder, "train"] if name in ROUNDS:
+            train(name, Path(folder))
+        case [name, folder, "evaluate"] if name in ROUNDS:
+            evaluate(name, Path(folder), last_policy(name, Path(folder)))
+        case [name, folder, "evaluate", option] if name in ROUNDS and option.startswith("--policy="):
+            evaluate(name, Path(folder), Path(option.removeprefix("--policy=")))
+        case [name, folder, "ship"] if name in ROUNDS:
+            ship(name, Path(folder))
         case _:
             print(__doc__, file=sys.stderr)
             return 2

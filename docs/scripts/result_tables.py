@@ -369,6 +369,24 @@ def imitation_table() -> str:
     return markdown(header, rows)
 
 
+def kitchen_policy_table() -> str:
+    """Returns the table of the whole kitchen's policies, from the result of `docs/experiments/kitchen_policy.py`."""
+    rows = [
+        (
+            f"`{policy}`",
+            condition,
+            result["num_episodes"],
+            result["max_episode_steps"],
+            with_interval(result, "success"),
+            with_interval(result, "mean_tasks"),
+            f"{result['control_steps']:.0f}",
+        )
+        for policy, conditions in read_results("kitchen_policy").items()
+        for condition, result in conditions.items()
+    ]
+    return markdown(("policy", "condition", "episodes", "at most steps", "success", "mean tasks", "steps"), rows)
+
+
 def digest_table() -> str:
     """Returns the table of the digests of the sets of demonstrations, and what they depend on."""
     result = read_results("demonstrations")
@@ -565,6 +583,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "evaluation_shift_summary": shift_summary_table,
     "evaluation_tasks": task_rate_table,
     "imitation_results": imitation_table,
+    "kitchen_policy": kitchen_policy_table,
     "digests": digest_table,
     "mutants": mutant_table,
     "processors": processor_table,

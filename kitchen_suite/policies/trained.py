@@ -132,14 +132,23 @@ def _number(array: NDArray, name: str) -> float:
 
 
 def shipped(task: "SuiteTask") -> Path:
-    """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task."""
-    for key in task.policy_inputs.names:
-        if (path := SHIPPED / f"{key}.npz").exists():
-            return path
+    """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
+
+    Where the task varies parameters, a policy that was trained with variations is preferred.
+    """
+    paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
+    if task.variations.by_name:
+        paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
+    if paths:
+        return paths[0]
     title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
-    others = {path.stem: files.load_metadata(path, "a trained policy") for path in sorted(SHIPPED.glob("*.npz"))}
+    others = {path.stem: _metadata(path) for path in sorted(SHIPPED.glob("*.npz"))}
     present = [f"{metadata['domain_name']} {name}" for name, metadata in others.items()]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    return files.load_metadata(path, "a trained policy")
 
 
 def shipped_as(name: str) -> Path:

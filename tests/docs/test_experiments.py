@@ -11,6 +11,7 @@ from docs_blocks import run as run_block
 from docs_scripts import DOCS, load_script
 
 from kitchen_suite.cli.commands import evaluate
+from kitchen_suite.entities.props import BURNER_DISPLACEMENTS
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 COMMITTED = sorted((DOCS / "experiments" / "results" / "evaluation").glob("*.json"))
@@ -315,54 +316,41 @@ def test_the_page_explains_every_field(tmp_path, capsys):
 @pytest.fixture
 def kitchen_policy(tmp_path, monkeypatch):
     script = load_script("experiments/kitchen_policy")
-    few = [
-        each._replace(episodes=2, steps=120)
-        for each in (script.Recording("exact", "", 0), script.Recording("fast", "start", 0))
-    ]
+    few = (script.Recording("exact", "", 2, 120), script.Recording("fast", "start", 2, 120))
+    strict = script.Recording("exact", "start", 2, 400, "strict")
     monkeypatch.setattr(script, "RESULTS", tmp_path / "results.json")
-    for name in ("DEMONSTRATIONS", "CORRECTIONS"):
-        monkeypatch.setattr(script, name, few)
-    small = (
-        "--num_steps=20",
-        "--eval_interval=20",
-        "--eval_episodes=1",
-        '--hyperparameters={"width": 8, "batch_size": 8}',
-    )
-    monkeypatch.setattr(script, "TRAINING", (*script.TRAINING, *small))
-    monkeypatch.setattr(script, "ROUNDS", 1)
+    seen = script.Recording("exact", "start", 2, 120, "pixels")
+    monkeypatch.setattr(script, "ROUNDS", {"kitchen": (few, few), "kitchen_strict": ((strict,),), "pixels": ((seen,),)})
+    small = ('--hyperparameters={"width": 8, "batch_size": 8}', "--eval_episodes=1")
+    monkeypatch.setattr(script, "STEPS", dict.fromkeys(script.STEPS, 20))
+    monkeypatch.setattr(script, "TRAINING", dict.fromkeys(script.TRAINING, small))
     monkeypatch.setattr(script, "LATEST", 5)
     monkeypatch.setattr(script, "EPISODES", 1)
-    monkeypatch.setattr(script, "CONDITIONS", {name: script.CONDITIONS[name] for name in ("all", "random 4, fast")})
-    monkeypatch.setattr(
-        script,
-        "environment_kwargs",
-        lambda physics: {
-            "tasks_per_episode": 1,
-            "extra_observables": script.POSES,
-            **({} if physics == "exact" else {"physics": physics}),
-        },
-    )
+    conditions = {name: script.CONDITIONS["kitchen"][name] for name in ("all", "random 4, fast")}
+    seeing = {"complete": script.CONDITIONS["pixels"]["complete"]}
+    monkeypatch.setattr(script, "CONDITIONS", {**script.CONDITIONS, "kitchen": conditions, "pixels": seeing})
+    monkeypatch.setattr(script, "TASKS_PER_EPISODE", 1)
     return script
 
 
 @pytest.mark.clients
 def test_the_kitchens_policy_is_corrected_in_rounds_and_measured(kitchen_policy, tmp_path, monkeypatch):
     folder = tmp_path / "runs"
-    assert kitchen_policy.main([str(folder), "train"]) == 0
+    assert kitchen_policy.main(["kitchen", str(folder), "train"]) == 0
     assert {path.name for path in (folder / "corrections_1").iterdir()} == {"exact_original", "fast_start"}
     # What has been made is not made again; an interrupted training goes on.
     (folder / "policy_1" / "complete").unlink()
     commands = []
     with monkeypatch.context() as context:
         context.setattr(subprocess, "run", lambda command, check: commands.append(command))
-        assert kitchen_policy.main([str(folder), "train"]) == 0
+        assert kitchen_policy.main(["kitchen", str(folder), "train"]) == 0
     (command,) = commands
     assert command[-1] == "--resume"
     assert sum("corrections_1" in flag for flag in command) == 1
-    assert kitchen_policy.last_policy(folder) == folder / "policy_1" / "policy.npz"
+    assert kitchen_policy.last_policy("kitchen", folder) == folder / "policy_1" / "policy.npz"
 
-    assert kitchen_policy.main([str(folder), "evaluate"]) == 0
-    results = json.loads(kitchen_policy.RESULTS.read_text("utf-8"))
+    assert kitchen_policy.main(["kitchen", str(folder), "evaluate"]) == 0
+    results = json.loads(kitchen_policy.RESULTS.read_text("utf-8"))["kitchen"]
     assert {name: result["task_kwargs"].get("physics") for name, result in results.items()} == {
         "all": None,
         "random 4, fast": "fast",
@@ -370,6 +358,33 @@ def test_the_kitchens_policy_is_corrected_in_rounds_and_measured(kitchen_policy,
 
 
 @pytest.mark.clients
+def test_the_policy_for_strict_success_learns_from_strict_demonstrations(kitchen_policy, tmp_path):
+    folder = tmp_path / "runs"
+    assert kitchen_policy.main(["kitchen_strict", str(folder), "train"]) == 0
+    assert kitchen_policy.main(["kitchen_strict", str(folder), "evaluate"]) == 0
+    (result,) = json.loads(kitchen_policy.RESULTS.read_text("utf-8"))["kitchen_strict"].values()
+    assert (result["task_kwargs"]["success"], result["max_episode_steps"]) == ("strict", 400)
+
+
+@pytest.mark.clients
+@pytest.mark.rendering
+def test_the_policy_from_pictures_learns_and_is_measured(kitchen_policy, tmp_path):
+    folder = tmp_path / "runs"
+    assert kitchen_policy.main(["pixels", str(folder), "train"]) == 0
+    assert kitchen_policy.main(["pixels", str(folder), "evaluate"]) == 0
+    results = json.loads(kitchen_policy.RESULTS.read_text("utf-8"))["pixels"]
+    assert results["complete"]["task_kwargs"]["cameras"] == ["workspace", "franka/hand"]
+
+
+def test_the_kettle_is_recorded_around_a_burner_and_never_on_it(kitchen_policy):
+    for name, (least, greatest) in kitchen_policy.RINGS.items():
+        places = np.array(kitchen_policy.ring_variations(name)["kettle/pose"]["choice"])
+        distances = np.linalg.norm(places[:, :2] - BURNER_DISPLACEMENTS[2, :2], axis=1)
+        assert least - 0.001 < distances.min()
+        assert distances.max() < greatest + 0.001
+
+
+@pytest.mark.clients
 def test_other_arguments_print_the_usage_of_the_kitchens_policy(kitchen_policy, capsys):
-    assert kitchen_policy.main(["runs"]) == 2
-    assert "docs/experiments/kitchen_policy.py FOLDER record" in capsys.readouterr().err
+    assert kitchen_policy.main(["runs", "train"]) == 2
+    assert "docs/experiments/kitchen_policy.py kitchen FOLDER record" in capsys.readouterr().err

@@ -30,7 +30,7 @@ VELOCITY = {"control_mode": "joint_velocity"}
 # Task and arguments of each condition, first seed, episodes, control steps, score; in the kitchen.
 LITERAL = {
     "default": ([("random_4", {"variations": ["start"]})], 400_000_000, 200, 280, None),
-    "strict": ([("random_4", {"variations": ["start"], "success": "strict"})], 400_000_000, 200, 280, None),
+    "strict": ([("random_4", {"variations": ["start"], "success": "strict"})], 400_000_000, 200, 400, None),
     # diffusion_policy/config/task/kitchen_lowdim_abs.yaml and env_runner/kitchen_lowdim_runner.py: test_start_seed,
     # n_test, max_steps, abs_action, robot_noise_ratio (which env/kitchen scales the objects' noise by as well), / 7.
     "diffusion-policy": (

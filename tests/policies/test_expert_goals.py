@@ -5,8 +5,6 @@ import pytest
 
 from kitchen_suite import experts, suite
 
-pytestmark = pytest.mark.slow
-
 # Task, goal, threshold, and whether the expert reaches it.
 GOALS = [
     ("microwave", [-0.2], 0.05, True),
@@ -22,6 +20,7 @@ GOALS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "goal", "threshold", "reached"), GOALS)
 def test_the_expert_reaches_goals_on_its_path_alone(name, goal, threshold, reached):
     arguments = {"tasks_to_complete": [name], "goals": {name: goal}, "threshold": threshold}
@@ -31,3 +30,19 @@ def test_the_expert_reaches_goals_on_its_path_alone(name, goal, threshold, reach
     while not timestep.last():
         timestep = environment.step(policy(timestep))
     assert (name in environment.task.completion_steps) == reached
+
+
+@pytest.mark.parametrize("left_door", [-0.06, -0.15])
+def test_for_strict_success_the_expert_shuts_the_left_door_of_the_hinge_cabinet(left_door):
+    start = {"hinge_cabinet/doors": [left_door, 0.0]}
+    arguments = {"success": "strict", "variations": start, "time_limit": 32.0, "random": 0, "visuals": False}
+    environment = suite.load("kitchen", "hinge_cabinet", arguments)
+    policy = experts.make_policy(environment, np.random.default_rng(0))
+    timestep = environment.reset()
+    left = []
+    while not timestep.last():
+        timestep = environment.step(policy(timestep))
+        left.append(timestep.observation["achieved_goal/hinge cabinet"].ravel()[0])
+    assert min(left) < left_door + 0.02
+    assert abs(left[-1]) < 0.05
+    assert "hinge cabinet" in environment.task.completion_steps

@@ -43,6 +43,12 @@ def test_the_policy_of_a_task_goes_before_that_of_the_whole_kitchen():
     assert names == {"kettle": "kettle", "random_1": "seven_in_turn", **dict.fromkeys(whole, "kitchen")}
 
 
+@pytest.mark.parametrize("variations", [["start"], ["layout"], {"microwave/door": -0.1}])
+@pytest.mark.parametrize("task", ["kettle", "random_1"])
+def test_where_something_varies_a_policy_that_was_trained_with_variations_is_preferred(task, variations):
+    assert shipped(suite.load("kitchen", task, {"visuals": False, "variations": variations}).task).stem == "kitchen"
+
+
 def test_the_policy_of_the_kitchen_is_not_for_tasks_beyond_the_seven():
     with pytest.raises(ValueError, match="no trained policy comes with the package for kitchen"):
         shipped(suite.load("kitchen", "close_microwave", {"visuals": False}).task)

@@ -265,6 +265,9 @@ class KitchenExpert(Expert):
         if task == "slide cabinet":
             _, door = achieved("hinge cabinet", observation)
             skill = kitchen_skills.slide_skill(skill, door)
+        if task == "hinge cabinet" and self._is_strict and self._encoder.turns_hand:
+            left_door, _ = achieved(task, observation)
+            skill = kitchen_skills.hinge_skill(skill, left_door)
         if task == "left hinge cabinet":
             skill = kitchen_skills.left_door_skill(skill, *achieved(task, observation))
         if frame is None or self._encoder.turns_hand:

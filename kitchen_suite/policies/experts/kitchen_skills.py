@@ -429,6 +429,27 @@ def slide_skill(skill: Skill, door: float) -> Skill:
     return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
 
 
+# Angle beyond which the left door, which the strict goal of `hinge cabinet` has closed, is pushed shut at first [rad].
+_NOT_SHUT = -0.04
+_SHUT_LEFT_DOOR = Skill(
+    moves=push(
+        ((-0.70, 0.42, 2.425), (-0.70, 0.50, 2.425), (-0.69, 0.60, 2.425), (-0.68, 0.66, 2.425)),
+        HandOrientation(approach=direction(-20, 0), spread=DOWN),
+        speed=0.4,
+    ),
+    ik_seed=_AT_LEFT_DOOR,
+    retreat=(0.05, -0.10, 0.0),
+)
+
+
+def hinge_skill(skill: Skill, left_door: float) -> Skill:
+    """Returns the skill for strict success of the hinge cabinet, whose left door stands at an angle [rad].
+
+    It is `skill`, which opens the right door, if the left one is closed, and otherwise one that closes that.
+    """
+    return _SHUT_LEFT_DOOR if left_door < _NOT_SHUT else skill
+
+
 # Angle from which the left door is pushed and no longer pulled open [rad].
 _AJAR = -0.35
 _AJAR_SKILL = _push_left_door(HandOrientation(approach=direction(-35, 35), spread=DOWN), (-0.52, 0.40, 2.38))
