@@ -18,6 +18,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -28,6 +29,7 @@ import numpy as np
 from kitchen_suite import suite
 from kitchen_suite.entities.props import BURNER_DISPLACEMENTS
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
+from kitchen_suite.policies import load_policy
 from kitchen_suite.policies.trained import SHIPPED
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.tasks.kitchen.variations import DONE
@@ -174,6 +176,9 @@ TRAINING = {
 ROUND_SEEDS = 1_000_000
 FIRST_SEED, EPISODES = 400_000_000, 200
 
+# Actions that are timed.
+ACTIONS = 500
+
 # Conditions by policy and name: task, control steps, and arguments of the environment.
 CONDITIONS: dict[str, dict[str, tuple[str, int, dict[str, Any]]]] = {
     "kitchen": {
@@ -272,9 +277,10 @@ def last_policy(name: str, folder: Path) -> Path:
 
 
 def evaluate(name: str, folder: Path, policy: Path) -> None:
-    """Evaluates a policy in all conditions, and writes their scores beside those of the other policy."""
+    """Evaluates a policy in all conditions, and writes its scores and speed beside those of the other policies."""
     results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
-    scores = results[name] = {}
+    scores: dict[str, Any] = {}
+    results[name] = {"action_milliseconds": action_milliseconds(policy), "conditions": scores}
     for condition, (task, steps, kwargs) in CONDITIONS[name].items():
         episodes = folder / "episodes" / policy.parent.name / condition.replace(", ", "_").replace(" ", "_")
         written = episodes.with_suffix(".json")
@@ -290,6 +296,17 @@ def evaluate(name: str, folder: Path, policy: Path) -> None:
             )
         scores[condition] = json.loads(written.read_text(encoding="utf-8"))
     RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+def action_milliseconds(path: Path) -> float:
+    """Returns the processor time of an action of a policy in numpy."""
+    policy = load_policy(path)
+    inputs, generator = np.zeros(policy.scales.input_mean.size), np.random.default_rng(0)
+    pictures = [np.zeros((*policy.metadata["image_size"], 3), np.uint8) for _ in policy.cameras]
+    started = time.process_time()
+    for _ in range(ACTIONS):
+        policy.predict(inputs, generator, pictures)
+    return round(1000 * (time.process_time() - started) / ACTIONS, 3)
 
 
 def ship(name: str, folder: Path) -> None:

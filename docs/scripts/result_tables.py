@@ -381,8 +381,8 @@ def kitchen_policy_table() -> str:
             with_interval(result, "mean_tasks"),
             f"{result['control_steps']:.0f}",
         )
-        for policy, conditions in read_results("kitchen_policy").items()
-        for condition, result in conditions.items()
+        for policy, measured in read_results("kitchen_policy").items()
+        for condition, result in measured["conditions"].items()
     ]
     return markdown(("policy", "condition", "episodes", "at most steps", "success", "mean tasks", "steps"), rows)
 
