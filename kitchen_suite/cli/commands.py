@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import kitchen_suite
-from kitchen_suite import checks
+from kitchen_suite import checks, files
 from kitchen_suite.cli.command import SUCCESS, USAGE, Command, fail, run_process
 from kitchen_suite.rendering import gl
 from kitchen_suite.settings import (
@@ -28,20 +28,27 @@ from kitchen_suite.settings import (
 )
 
 
-def _renders_by_default(settings: PlaySettings) -> bool | None:
-    """Returns whether `kitchen-play` makes a video: one that is asked for, or the default one where it can be made.
-
-    Where it makes none the result is None, since the policy may observe pictures.
-    """
+def _renders_by_default(settings: PlaySettings) -> bool:
+    """Returns whether `kitchen-play` renders: what the policy sees, or a video, by default where one can be made."""
     if settings.list:
         return False
-    if settings.video:
+    if settings.video or _sees(settings):
         return True
-    if not (settings.novideo or settings.web):
-        with contextlib.suppress(OSError):
-            gl.find_library()
-            return True
-    return None
+    if settings.novideo or settings.web:
+        return False
+    with contextlib.suppress(OSError):
+        gl.find_library()
+        return True
+    return False
+
+
+def _sees(settings: PlaySettings) -> bool:
+    """Returns whether a policy from a file takes pictures; that a file cannot be read is reported later."""
+    if not settings.policy_file:
+        return False
+    with contextlib.suppress(OSError):
+        return bool(files.load_metadata(settings.policy_file, "a trained policy").get("cameras"))
+    return False
 
 
 def _protocol_lines() -> str:

@@ -191,7 +191,8 @@ class PictureEncoder(NamedTuple):
     @property
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """Its arrays by name, such as `convolutions.0.weight`."""
-        parts = {**{f"convolutions.{i}": each for i, each in enumerate(self.convolutions)}, "output": self.output}
+        parts: dict[str, Convolution | Linear] = {f"convolutions.{i}": each for i, each in enumerate(self.convolutions)}
+        parts["output"] = self.output
         return {f"{name}.{kind}": array for name, part in parts.items() for kind, array in part._asdict().items()}
 
     @property

@@ -68,8 +68,10 @@ class ImitationLearner(Learner):
         size = self._inputs.shape[1] + config.features * len(self._pictures)
         self._method = method(size, config.chunk * self._actions.shape[1], config)
         if self._pictures:
-            sizes = [each.shape[1:3] for each in self._pictures.values()]
-            self._method.encoders = torch.nn.ModuleList(TorchEncoder(*size, config.features) for size in sizes)
+            shapes = [each.shape for each in self._pictures.values()]
+            self._method.encoders = torch.nn.ModuleList(
+                TorchEncoder(height, width, config.features) for _, height, width, _ in shapes
+            )
         self._average = AveragedModel(self._method, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         self._optimizer = torch.optim.AdamW(
             self._method.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
@@ -127,7 +129,7 @@ class ImitationLearner(Learner):
             scales=self._scales,
             networks={name: getattr(method, name).export() for name in policy_class.network_names},
             tables=method.tables(),
-            encoders=tuple(encoder.export() for encoder in method.encoders) if self._pictures else (),
+            encoders=tuple(cast(TorchEncoder, each).export() for each in method.encoders) if self._pictures else (),
             metadata={**metadata, **own},
         )
 
