@@ -192,6 +192,7 @@ CONDITIONS: dict[str, dict[str, tuple[str, int, dict[str, Any]]]] = {
         "random 4, undisturbed": ("random_4", 280, {"variations": []}),
         "all, fast": ("all", 280, {"variations": [], "physics": "fast"}),
         "random 4, fast": ("random_4", 280, {"variations": ["start"], "physics": "fast"}),
+        "complete, layout, fast": ("complete", 280, {"variations": ["layout"], "physics": "fast"}),
     },
     "kitchen_strict": {"random 4": ("random_4", 400, {"variations": ["start"], "success": "strict"})},
     "pixels": {
