@@ -1,7 +1,7 @@
 """Networks that act with numpy alone; PyTorch's arrays of the same names are in `training.imitation`."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -75,12 +75,10 @@ class ResidualNetwork(NamedTuple):
 
         Raises a ValueError if an array is missing or unknown, or does not fit the others.
         """
-        own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+        own = _take_own(arrays, name)
         count = sum(key.endswith(".norm.weight") for key in own)
         parts = ["input", *(f"blocks.{i}.{part}" for i in range(count) for part in Block._fields), "output"]
-        expected = {f"{name}.{part}.{kind}" for part in parts for kind in Linear._fields}
-        if odd := sorted(own.keys() ^ expected):
-            raise ValueError(f"missing or unknown arrays {odd}")
+        _check_complete(own, [f"{name}.{part}" for part in parts])
         first, *middle, last = (_linear(own, f"{name}.{part}") for part in parts)
         size = len(Block._fields)
         blocks = tuple(Block(*middle[i : i + size]) for i in range(0, len(middle), size))
@@ -170,11 +168,10 @@ class PictureEncoder(NamedTuple):
 
         Raises a ValueError if an array is missing or unknown, or does not fit the others.
         """
-        own = {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+        own = _take_own(arrays, name)
         count = sum(key.startswith(f"{name}.convolutions.") and key.endswith(".weight") for key in own)
         parts = [f"{name}.{part}" for part in (*(f"convolutions.{i}" for i in range(count)), "output")]
-        if odd := sorted(own.keys() ^ {f"{part}.{kind}" for part in parts for kind in Linear._fields}):
-            raise ValueError(f"missing or unknown arrays {odd}")
+        _check_complete(own, parts)
         layers = [(checked(own[f"{part}.weight"], part), checked(own[f"{part}.bias"], part)) for part in parts]
         channels = 3
         for weight, bias in layers[:-1]:
@@ -220,6 +217,17 @@ def silu(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Returns values times their logistic function."""
     result: NDArray[np.float32] = values * expit(values)
     return result
+
+
+def _take_own(arrays: dict[str, NDArray], name: str) -> dict[str, NDArray]:
+    """Removes the arrays of a network, whose names begin with its own, from others, and returns them."""
+    return {key: arrays.pop(key) for key in [*arrays] if key.startswith(f"{name}.")}
+
+
+def _check_complete(arrays: Mapping[str, NDArray], parts: Iterable[str]) -> None:
+    """Raises a ValueError unless the arrays are weight and bias of each part."""
+    if odd := sorted(arrays.keys() ^ {f"{part}.{kind}" for part in parts for kind in Linear._fields}):
+        raise ValueError(f"missing or unknown arrays {odd}")
 
 
 def _linear(arrays: Mapping[str, NDArray], name: str) -> Linear:

@@ -1,6 +1,7 @@
 """Multilayer perceptrons as trained by PPO, and the policies that come with the package."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -147,6 +148,7 @@ def shipped(task: "SuiteTask") -> Path:
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 
 
+@functools.cache
 def _metadata(path: Path) -> dict[str, Any]:
     return files.load_metadata(path, "a trained policy")
 

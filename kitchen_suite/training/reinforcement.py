@@ -313,9 +313,9 @@ def make_spec(
     )
     default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
     learned = (default,) if settings.algorithm == "ppo" else (default, seeing)
-    if spec.task_kwargs.get("obs_type", default) not in learned:
+    if (obs_type := spec.task_kwargs.get("obs_type") or default) not in learned:
         raise ValueError(
-            f"obs_type {spec.task_kwargs['obs_type']!r} cannot be trained on with {settings.algorithm!r}: policies "
+            f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: policies "
             f"take the domain's default, {default!r}; those of imitation also {seeing!r}"
         )
     spec.make_environment().close()

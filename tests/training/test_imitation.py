@@ -456,3 +456,12 @@ def test_observations_that_no_policy_takes_are_refused(algorithm, obs_type, tmp_
     flags = [f"--task_kwargs={kwargs}", f"--algorithm={algorithm}", f"--demonstrations={tmp_path}"]
     assert train.main([f"--output={tmp_path / 'run'}", "--domain_name=kitchen", "--task_name=kettle", *flags]) == 2
     assert f"obs_type {obs_type!r} cannot be trained on with {algorithm!r}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "bc"])
+def test_no_observation_type_is_the_default_one(algorithm):
+    from kitchen_suite.settings import TrainSettings
+    from kitchen_suite.training.reinforcement import make_spec
+
+    settings = TrainSettings(output=None, domain_name="kitchen", task_name="kettle", algorithm=algorithm)
+    assert make_spec(settings, {"obs_type": None}).task_kwargs["obs_type"] is None
