@@ -229,8 +229,16 @@ def file_digest(path: Path) -> str:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
-    everything: dict[str, Any] = {**arrays, "metadata": np.array(json.dumps(metadata))}
+    packed = pack_arrays({**arrays, "metadata": as_text_array(metadata)})
+    with atomic_write(path) as partial:
+        partial.write_bytes(packed)
+    return path
+
+
+def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:
+    """Returns the contents of a compressed npz of arrays."""
     buffer = io.BytesIO()
+    everything: dict[str, Any] = {**arrays}
     try:
         np.savez_compressed(buffer, **everything)
     except ValueError as error:
@@ -238,9 +246,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str
         if isinstance(error.__context__, KeyboardInterrupt):
             raise error.__context__ from None
         raise
-    with atomic_write(path) as partial:
-        partial.write_bytes(buffer.getvalue())
-    return path
+    return buffer.getvalue()
 
 
 def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tuple[dict[str, NDArray], dict[str, Any]]:
@@ -248,17 +254,23 @@ def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tupl
 
     Raises an OSError unless the file holds `what`, in arrays of at most `max_bytes` together.
     """
-    with reading(path, what), zipfile.ZipFile(path) as archive:
+    with reading(path, what):
+        arrays = unpack_arrays(path, max_bytes)
+        return arrays, as_metadata(arrays.pop("metadata"))
+
+
+def unpack_arrays(file: Path | io.BytesIO, max_bytes: int = MAX_ARRAY_BYTES) -> dict[str, NDArray]:
+    """Returns the arrays of an npz, which together have at most `max_bytes`; any exception for damaged contents."""
+    with zipfile.ZipFile(file) as archive:
         check_size(sum(info.file_size for info in archive.infolist()), max_bytes)
-        arrays = {name.removesuffix(".npy"): _read_array(archive, name) for name in archive.namelist()}
-        return arrays, _as_metadata(arrays.pop("metadata"))
+        return {name.removesuffix(".npy"): _read_array(archive, name) for name in archive.namelist()}
 
 
 def load_metadata(path: Path, what: str) -> dict[str, Any]:
     """Returns only the metadata that `save_arrays` wrote; raises as `load_arrays`."""
     with reading(path, what), zipfile.ZipFile(path) as archive:
         check_size(archive.getinfo("metadata.npy").file_size, _MAX_JSON_BYTES)
-        return _as_metadata(_read_array(archive, "metadata.npy"))
+        return as_metadata(_read_array(archive, "metadata.npy"))
 
 
 def load_json(path: Path, what: str) -> Any:
@@ -355,7 +367,13 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
 
 
-def _as_metadata(array: NDArray) -> dict[str, Any]:
+def as_text_array(metadata: Mapping[str, Any]) -> NDArray:
+    """Returns an array of one string, the JSON of metadata."""
+    return np.array(json.dumps(metadata))
+
+
+def as_metadata(array: NDArray) -> dict[str, Any]:
+    """Returns the JSON object in an array of one string; raises a ValueError if it holds something else."""
     metadata = parse_json(str(array))
     if not isinstance(metadata, dict):
         raise ValueError(f"metadata must be a JSON object, got {type(metadata).__name__}")

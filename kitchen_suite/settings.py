@@ -29,7 +29,7 @@ _MAX_STEPS = 10**12
 _MAX_COUNT = 10**6
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
-_MAX_EPISODE_STEPS = 100_000
+MAX_EPISODE_STEPS = 100_000
 
 # Size of the models' offscreen buffers [pixels].
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
@@ -120,7 +120,7 @@ seed_flag = functools.partial(
 )
 num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=_MAX_COUNT)
 max_episode_steps_flag = functools.partial(
-    flag, "Control steps after which an episode ends.", minimum=1, maximum=_MAX_EPISODE_STEPS, unset="the domain's"
+    flag, "Control steps after which an episode ends.", minimum=1, maximum=MAX_EPISODE_STEPS, unset="the domain's"
 )
 num_envs_flag = functools.partial(flag, "Number of environments stepped together.", minimum=1, maximum=checks.MAX_ENVS)
 num_threads_flag = functools.partial(
@@ -392,6 +392,26 @@ class EvaluateSettings(TaskSettings, PageSettings):
     json: Path | None = flag(
         "File to write the results to as JSON; an existing one is replaced.", None, check=check_file
     )
+    receipt: Path | None = flag(
+        "File to write a receipt to, an .npz, with which kitchen-verify checks the scores without the policy; an "
+        "existing one is replaced.",
+        None,
+        check=functools.partial(check_file, suffix=".npz"),
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerifySettings:
+    """Settings of `kitchen-verify`; `receipt` is its argument."""
+
+    receipt: str = flag("Receipt of kitchen-evaluate.")
+    num_envs: int = num_envs_flag(16)
+    num_threads: int | None = num_threads_flag(None)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DoctorSettings:
+    """Settings of `kitchen-doctor`, which has none."""
 
 
 # Algorithms by the name of `--algorithm`; all but the first learn from demonstrations alone.

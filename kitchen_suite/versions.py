@@ -1,6 +1,11 @@
-"""Versions of the packages that the course of an episode depends on."""
+"""Versions of the packages, and the kind of processor, that the course of an episode depends on."""
 
+import hashlib
 import importlib.metadata
+import math
+import platform
+
+import numpy as np
 
 import kitchen_suite
 
@@ -13,3 +18,25 @@ def installed_versions() -> dict[str, str]:
         "kitchen-suite": kitchen_suite.__version__,
         **{name: importlib.metadata.version(name) for name in PACKAGES},
     }
+
+
+def processor() -> str:
+    """Returns the kind of this processor: its architecture, and how the C library and NumPy round on it.
+
+    Processors of the same kind, with the same packages, play the same episodes to the bit. The rounding is a digest of
+    functions of fixed numbers, which extensions such as FMA change.
+    """
+    numbers = np.random.default_rng(0).uniform(-10.0, 10.0, 4096)
+    scalar = [
+        function(number) for function in (math.sin, math.cos, math.tan, math.exp, math.atan) for number in numbers
+    ]
+    vectors = [function(numbers) for function in (np.sin, np.cos, np.tan, np.exp, np.arctan)]
+    rows = numbers.reshape(-1, 8)
+    reductions = [
+        rows.sum(axis=0),
+        rows.sum(axis=1),
+        np.einsum("ni,ni->n", rows, rows),
+        np.cross(rows[:, :3], rows[:, 3:6]),
+    ]
+    results = np.concatenate([scalar, *vectors, *map(np.ravel, reductions)])
+    return f"{platform.machine()}, rounding {hashlib.sha256(results.tobytes()).hexdigest()[:8]}"

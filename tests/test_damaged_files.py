@@ -7,6 +7,7 @@ Some differences cannot be noticed, since nothing else in the files depends on w
   Policies: weights and metadata, changed in the same way. A recording or evaluation keeps the digest of the whole file.
   Minari datasets: HDF5 has no sums, and `metadata.json` is Minari's. A replay finds other arrays and actions.
   D4RL's files: numbers, since HDF5 has no sums. They are of other programs, whose layout is all that is known.
+  Receipts: what `kitchen-verify` finds by a replay, see tests/evaluation/test_receipts.py.
   LeRobot's record: numbers of episodes, and specifications that are others. A replay finds other episodes.
 """
 
@@ -24,8 +25,10 @@ from helpers.human_files import write_d4rl
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from kitchen_suite import files
 from kitchen_suite.cli.commands import record
 from kitchen_suite.evaluation.folder import DESCRIPTION_FILE, EPISODES_FILE, EvaluationFolder
+from kitchen_suite.evaluation.receipts import Receipt, Trace, sealed
 from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import TrainedPolicy, shipped_as
@@ -321,6 +324,44 @@ class Evaluations(Kind):
         assert found.items() <= self.results.items()
 
 
+class Receipts(Kind):
+    """A receipt of an evaluation; an entry is changed with the digest of the file made anew."""
+
+    def __init__(self, folder):
+        self.path = folder / "receipt.npz"
+        trace = Trace(
+            actions=np.linspace(-1, 1, 6, dtype=np.float32).reshape(3, 2),
+            checks=np.arange(4, dtype=np.uint16),
+            digest=np.arange(32, dtype=np.uint8),
+            last=np.arange(5, dtype=np.float32),
+        )
+        result = EpisodeResult(condition="a", episode=0, seed=3, success=True, progress=1.0, control_steps=3)
+        Receipt(evaluation={"seed": 3}, replaced=[], results={"a": [result]}, traces={"a": [trace]}).write(self.path)
+        self.receipt = Receipt.read(self.path)
+
+    @property
+    def paths(self):
+        return [self.path]
+
+    def edit(self, path, change):
+        with np.load(path) as file:
+            arrays = dict(file)
+        if len(str(change({"": 0}))) % 2:
+            arrays["metadata"] = np.array(json.dumps(change(json.loads(str(arrays["metadata"])))))
+        else:
+            arrays = change(arrays, as_array)
+            arrays.pop("file", None)
+        path.write_bytes(sealed(files.pack_arrays(arrays)))
+
+    def read(self, is_edit):
+        receipt = Receipt.read(self.path)
+        if not is_edit:
+            assert receipt.evaluation == self.receipt.evaluation
+        for traces in receipt.traces.values():
+            for trace in traces:
+                assert len(trace.checks) == len(trace.actions) + 1
+
+
 class HumanFiles(Kind):
     """A file of D4RL, as `kitchen-convert` reads it."""
 
@@ -419,6 +460,7 @@ KINDS = {
     "Minari datasets": Datasets,
     "runs": Runs,
     "evaluations": Evaluations,
+    "receipts": Receipts,
     "D4RL's files": HumanFiles,
     "LeRobot's records": LeRobotRecords,
     "checkpoints": Checkpoints,

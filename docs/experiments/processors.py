@@ -1,6 +1,7 @@
 """Compares episodes on this processor with those on an emulated other one; writes results/processors.json.
 
-python docs/experiments/processors.py     20 episodes of random actions and of the expert in every domain
+python docs/experiments/processors.py            20 episodes of random actions and of the expert in every domain
+python docs/experiments/processors.py digests    writes the digests of kitchen-doctor for kinds of processors instead
 
 The other one has no AVX2, FMA and AVX-512, without which the C library, NumPy and OpenBLAS round otherwise. The actions
 are those of the policies on this processor. x86 alone; needs the extra `experts`.
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from kitchen_suite import policies, suite
+from kitchen_suite import doctor, policies, suite
 
 RESULTS = Path(__file__).parent / "results" / "processors.json"
 OTHER = {
@@ -28,6 +29,8 @@ OTHER = {
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
 }
+# One without AVX-512, and the other one: kinds of processors whose digests are known beside this one's.
+KINDS: tuple[dict[str, str], ...] = ({}, {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"}, OTHER)
 EPISODES, FIRST_SEED = 20, 50_000
 CASES = [
     (domain, record.default_task, policy) for domain, record in suite.DOMAINS.items() for policy in ("random", "expert")
@@ -87,6 +90,18 @@ def compare(here: list[Episode], there: list[Episode]) -> dict[str, Any]:
     }
 
 
+def write_digests() -> None:
+    """Writes the digests of kitchen-doctor on all `KINDS`, in place of those known for the installed versions."""
+    command = [sys.executable, __file__, "digest"]
+    found = [
+        json.loads(subprocess.run(command, env={**os.environ, **kind}, check=True, stdout=subprocess.PIPE).stdout)
+        for kind in KINDS
+    ]
+    here = [record["circumstances"] for record in found]
+    kept = [record for record in json.loads(doctor.KNOWN.read_text("utf-8")) if record["circumstances"] not in here]
+    doctor.KNOWN.write_text(json.dumps(kept + found, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Plays, compares and writes."""
     keys = [(*case, FIRST_SEED + number) for case in CASES for number in range(EPISODES)]
@@ -104,7 +119,12 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        replay(sys.argv[1])
-    else:
-        main()
+    match sys.argv[1:]:
+        case ["digests"]:
+            write_digests()
+        case ["digest"]:
+            print(json.dumps({"circumstances": doctor.circumstances(), "digests": dict(doctor.digests())}))
+        case [path]:
+            replay(path)
+        case _:
+            main()

@@ -54,8 +54,8 @@ class Job(Protocol):
     failures: tuple[type[Exception], ...]
     usage_errors: tuple[type[Exception], ...]
 
-    def run(self) -> bool:
-        """Does the work; returns whether it succeeded."""
+    def run(self) -> bool | int:
+        """Does the work; returns whether it succeeded, or an exit status of the command's own."""
 
     def progress(self) -> str:
         """Returns how far the work came, for the line that reports an interrupt."""
@@ -92,19 +92,22 @@ class Command:
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Runs the command with some arguments, by default those of this process; returns the exit status."""
-        job, succeeded = None, True
+        job: Job | None = None
+        ended: bool | int = True
         try:
             settings = self.parse(sys.argv[1:] if arguments is None else arguments)
             if not isinstance(settings, str):
                 job = self._prepare(settings)
-                succeeded = job.run()
+                ended = job.run()
         except (Exception, KeyboardInterrupt) as error:
             return self._end(error, job)
         if _interrupts:
             return self._end(KeyboardInterrupt(), job)
         if job is None:
             print(settings)
-        return SUCCESS if succeeded else FAILURE
+        if isinstance(ended, bool):
+            return SUCCESS if ended else FAILURE
+        return ended
 
     def parse(self, arguments: Sequence[str]) -> Any:
         """Returns the settings, or the text that `--help` or `--version` prints.

@@ -17,6 +17,7 @@ from kitchen_suite.settings import (
     WIDTH,
     BenchmarkSettings,
     ConvertSettings,
+    DoctorSettings,
     EvaluateSettings,
     ExportSettings,
     PlaySettings,
@@ -24,6 +25,7 @@ from kitchen_suite.settings import (
     ReplaySettings,
     RolloutSettings,
     TrainSettings,
+    VerifySettings,
     ViewSettings,
 )
 
@@ -178,6 +180,7 @@ evaluate = Command(
   kitchen-evaluate --policy=expert --protocol=d4rl --json=expert.json --web=expert.html
   kitchen-evaluate --policy="trained(file='policy.npz')" --task_name=all --output=evaluation
   kitchen-evaluate --policy=expert --output=evaluation --resume    continues an evaluation that was interrupted
+  kitchen-evaluate --policy=expert --receipt=expert.npz            also writes what kitchen-verify checks
 
 Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
 JSON, to the byte, whatever --num_envs and --num_threads. A policy module:callable must be stateless, or be played with
@@ -188,6 +191,22 @@ interrupted. Protocols:
     settings=EvaluateSettings,
     job="kitchen_suite.evaluation.evaluate_job:EvaluateJob",
     renders=lambda settings: settings.observes_pictures,
+)
+
+verify = Command(
+    name="kitchen-verify",
+    description="""Plays the episodes of a receipt again, without the policy, and checks its scores. Needs no display.
+
+  kitchen-evaluate --policy=expert --receipt=expert.npz    writes a receipt
+  kitchen-verify expert.npz                                checks it
+
+The actions are those of the receipt; seeds and settings make everything else anew. Exit status: 0 if all numbers are
+equal to the bit; 3 if all scores are, but not all digits; 1 if scores differ, or if the file was changed or cannot be
+read; 2 for a bad argument, with one line on stderr; 130 if interrupted.
+""",
+    settings=VerifySettings,
+    job="kitchen_suite.evaluation.verify_job:VerifyJob",
+    positional="receipt",
 )
 
 benchmark = Command(
@@ -209,6 +228,20 @@ Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupte
     settings=BenchmarkSettings,
     job="kitchen_suite.benchmarks.benchmark_job:BenchmarkJob",
     renders=lambda settings: settings.measure == "rendering",
+)
+
+doctor = Command(
+    name="kitchen-doctor",
+    description="""Says what is installed and what works here: the text to paste into an issue. Needs no display.
+
+  kitchen-doctor
+
+The last lines have digests of episodes of each domain. Where they are known for the installed versions and this kind
+of processor, they are compared. Exit status: 0, whatever is missing; 1 where a digest differs; 2 for a bad argument,
+with one line on stderr; 130 if interrupted.
+""",
+    settings=DoctorSettings,
+    job="kitchen_suite.doctor:DoctorJob",
 )
 
 export = Command(
@@ -270,7 +303,20 @@ one line on stderr; 130 after Ctrl-C, which ends the viewer.
 COMMANDS: Mapping[str, Command] = MappingProxyType(
     {
         command.name.removeprefix("kitchen-"): command
-        for command in (rollout, record, replay, play, train, evaluate, benchmark, export, convert, view)
+        for command in (
+            rollout,
+            record,
+            replay,
+            play,
+            train,
+            evaluate,
+            verify,
+            doctor,
+            benchmark,
+            export,
+            convert,
+            view,
+        )
     }
 )
 

@@ -2,8 +2,9 @@
 
 import collections
 import contextlib
+import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dm_control.rl.control import PhysicsError
@@ -11,13 +12,21 @@ from dm_control.rl.control import PhysicsError
 from kitchen_suite import files, policies
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
+from kitchen_suite.evaluation.receipts import Receipt, Trace, Witness
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
 from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.rollout import EndedEpisode, PolicyController, SingleRollout, VectorRollout, even_count
+from kitchen_suite.rollouts.rollout import (
+    Controller,
+    EndedEpisode,
+    PolicyController,
+    SingleRollout,
+    VectorRollout,
+    even_count,
+)
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
@@ -171,16 +180,30 @@ class EvaluateJob:
         with EpisodeBar(len(self._seeds), len(found), sum(result.success for result in found.values())) as bar:
             for name, spec in plan.specs.items():
                 self._play(name, spec, bar)
-                results = [found[name, index] for index in range(plan.num_episodes)]
-                scores[name] = score_episodes(results, plan.score)
+                scores[name] = score_episodes(self._results(name), plan.score)
                 print_line(f"\n{format_scores(name, spec.task_name, plan.num_episodes, scores[name])}")
         if len(scores) > 1:
             print_line(f"\n{format_summary(scores)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
-                partial.write_text(json.dumps(self._as_json(scores), indent=1) + "\n", encoding="utf-8")
+                partial.write_text(json.dumps(as_json(plan, scores), indent=1) + "\n", encoding="utf-8")
+        if self._settings.receipt:
+            self._receipt(scores).write(self._settings.receipt)
         self._page.write()
         return True
+
+    def _results(self, name: str) -> list[EpisodeResult]:
+        """Returns the results of a condition, whose episodes have all ended."""
+        return [self._folder.results[name, index] for index in range(self._plan.num_episodes)]
+
+    def _receipt(self, scores: Mapping[str, Mapping[str, Any]]) -> Receipt:
+        results = {name: self._results(name) for name in self._plan.specs}
+        return Receipt(
+            evaluation=as_json(self._plan, scores),
+            replaced=self._plan.replaced,
+            results=results,
+            traces={name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()},
+        )
 
     def _open_folder(self) -> EvaluationFolder:
         settings = self._settings
@@ -208,25 +231,46 @@ class EvaluateJob:
         num_envs = even_count(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.find_policy())
-            for index, episode in VectorRollout(environments, controller).play(waiting):
-                key = {"condition": name, "episode": index, "seed": spec.seed + index}
-                result = _result(environments, spec, episode, key)
-                self._folder.add(result)
+            for result, trace in play(name, spec, environments, controller, waiting):
+                self._folder.add(dataclasses.replace(result, trace=trace.as_text()))
                 bar.count(result.success)
 
-    def _as_json(self, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-        """Returns the description with the scores: those of the first condition at the top, all by condition below."""
-        description = self._plan.description
-        conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
-        return {**description, **next(iter(conditions.values())), "conditions": conditions}
+
+def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Returns the description with the scores: those of the first condition at the top, all by condition below."""
+    description = plan.description
+    conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
+    return {**description, **next(iter(conditions.values())), "conditions": conditions}
+
+
+def play(
+    name: str,
+    spec: EpisodeSpec,
+    environments: SuiteVectorEnv,
+    controller: Controller,
+    waiting: collections.deque[tuple[int, int]],
+) -> Iterator[tuple[EpisodeResult, Trace]]:
+    """Yields result and trace of each episode of a condition as it ends.
+
+    Args:
+      name: of the condition.
+      spec: of its episodes.
+      environments: in which they are played.
+      controller: acts in them.
+      waiting: numbers and seeds of the episodes.
+    """
+    witness = Witness(environments, controller)
+    for index, episode in VectorRollout(environments, witness).play(waiting):
+        key = {"condition": name, "episode": index, "seed": spec.seed + index}
+        yield _result(environments, spec, episode, key), witness.trace(episode)
 
 
 def _result(
-    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode | None, key: Mapping[str, Any]
+    environments: SuiteVectorEnv, spec: EpisodeSpec, episode: EndedEpisode, key: Mapping[str, Any]
 ) -> EpisodeResult:
-    """Returns the result of an episode; of one whose physics has diverged (None) that of its start, as a failure."""
+    """Returns the result of an episode; of one whose physics has diverged that of its start, as a failure."""
     task = environments.composer_task
-    if episode:
+    if not episode.diverged:
         infos = episode.last_info
         return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
     with contextlib.closing(spec.make_environment()) as environment:

@@ -14,7 +14,7 @@ _EVALUATION = files.DescribedFolder(
     DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "continue it with --resume, or name another folder"
 )
 
-# Bound of the lines together [bytes]: more than a million episodes take less.
+# Bound of the lines together [bytes]: a hundred thousand episodes take less.
 _MAX_BYTES = 2**30
 
 # Name of the condition, and number of the episode in it.

@@ -3,12 +3,14 @@
 import dataclasses
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from kitchen_suite import checks, policies
+from msgspec import Meta
+
+from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score, domain_protocols
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.settings import EvaluateSettings
+from kitchen_suite.settings import MAX_EPISODE_STEPS, EvaluateSettings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,18 +49,98 @@ class EvaluationPlan:
             "conditions": {name: _described(spec) for name, spec in self.specs.items()},
         }
 
+    @property
+    def replaced(self) -> list[str]:
+        """Names of the values that are not the protocol's; what a policy has to observe is not among them."""
+        own = _unprepared(EvaluateSettings(protocol=self.protocol, domain_name=self.first.domain_name))
+        mine, its = _values(self), _values(own)
+        return [name for name in mine if mine[name] != its[name]]
+
+    @classmethod
+    def of(cls, description: Mapping[str, Any]) -> "EvaluationPlan":
+        """Returns the plan of a description, with what the policy has observed, but not prepared for the policy.
+
+        Raises a ValueError or TypeError if it is of another version of the suite, or no description.
+        """
+        record = files.parse(description, _Description, "not the description of an evaluation")
+        domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
+        protocol = find_protocol(record.protocol, domain.name)
+        specs = {}
+        for name, condition in record.conditions.items():
+            environments = EnvironmentSpec.make(
+                domain_name=domain.name,
+                task_name=condition.task_name,
+                task_kwargs=condition.task_kwargs,
+                max_episode_steps=record.max_episode_steps,
+            )
+            played = environments.episodes(policy="zero", seed=record.seed, seeding="gymnasium")
+            specs[name] = dataclasses.replace(
+                played, policy=record.policy, policy_sha256=condition.policy_sha256, versions=record.versions
+            )
+        return cls(
+            protocol=protocol.name,
+            specs=specs,
+            num_episodes=record.num_episodes,
+            score=_score(protocol, specs),
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Condition:
+    """A condition in a description."""
+
+    task_name: str
+    task_kwargs: dict[str, Any]
+    policy_sha256: str | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Description:
+    """`EvaluationPlan.description`."""
+
+    protocol: str
+    domain_name: str
+    policy: str
+    seed: Annotated[int, Meta(ge=0)]
+    num_episodes: Annotated[int, Meta(ge=1)]
+    max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
+    versions: dict[str, str]
+    conditions: dict[str, _Condition]
+
 
 def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
+    plan = _unprepared(settings)
+    return dataclasses.replace(plan, specs={name: spec.prepared() for name, spec in plan.specs.items()})
+
+
+def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
+    """Returns the plan of an evaluation, without what the policy needs."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
-    specs = {name: spec.prepared() for name, spec in _specs(protocol, settings).items()}
-    own_tasks = {condition.task_name for condition in protocol.conditions}
+    specs = _specs(protocol, settings)
     return EvaluationPlan(
         protocol=protocol.name,
         specs=specs,
         num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
-        score=protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None,
+        score=_score(protocol, specs),
     )
+
+
+def _values(plan: EvaluationPlan) -> dict[str, Any]:
+    """Returns what a protocol fixes, by name."""
+    first = plan.first
+    single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
+    conditions = [_described(spec) for spec in plan.specs.values()]
+    for condition in conditions:
+        condition["task_kwargs"].pop("extra_observables", None)
+        del condition["policy_sha256"]
+    return {**single, "conditions": conditions}
+
+
+def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None:
+    """Returns the published score of a protocol, unless the episodes are of other tasks."""
+    own_tasks = {condition.task_name for condition in protocol.conditions}
+    return protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:

@@ -17,7 +17,8 @@ UNSEEN_SEED = 400_000_000
 # First seed of Diffusion Policy's test episodes.
 DIFFUSION_POLICY_SEED = 100_000
 
-# The groups of variations of the protocol `shift`; fixed here, so that a further group does not change the protocol.
+# The groups of variations of the protocol `shift`, each varied alone, and all together; fixed here, so that a further
+# group does not change the protocol.
 SHIFT_GROUPS = ("start", "layout", "dynamics", "sensing", "appearance", "camera")
 
 # Control steps of an episode of FrankaKitchen-v1 and of the publications on it.
@@ -82,7 +83,7 @@ class Protocol:
     score: Score | None = None
 
 
-# Conditions of `shift`: nothing varied, each group alone, all groups, seen and held-out.
+# Conditions of `shift`: nothing varied, each group alone, all groups, seen and held-out; and pushes.
 _SHIFTS = (
     Condition(name="none"),
     *(
@@ -90,6 +91,7 @@ _SHIFTS = (
         for name, groups in {**{group: [group] for group in SHIFT_GROUPS}, "all": [*SHIFT_GROUPS]}.items()
         for split in ("seen", "held_out")
     ),
+    Condition(name="push", task_kwargs={"variations": ["push"]}),
 )
 
 
@@ -147,7 +149,7 @@ _PROTOCOLS = (
     ),
     Protocol(
         name="shift",
-        follows="zero-shot, as kitchen-shift 2021: no variation, each group alone, all groups; seen and held-out",
+        follows="zero-shot, as kitchen-shift 2021: nothing varied, each group, all; seen and held-out; and pushes",
         conditions=_SHIFTS,
         num_episodes=100,
         is_general=True,

@@ -102,6 +102,7 @@ class EpisodeResult:
       asked: the tasks that it asked for, each with the control step of its completion or None; None for tasks that
         cannot be counted.
       diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
+      trace: its actions and digests, see `receipts.Trace.as_text`; empty where they are kept elsewhere.
     """
 
     condition: str
@@ -112,6 +113,7 @@ class EpisodeResult:
     control_steps: Count
     asked: dict[str, Count | None] | None = None
     diverged: bool = False
+    trace: str = ""
 
     @classmethod
     def of(cls, task: SuiteTask, infos: Mapping[str, Any], *, control_steps: int, **others: Any) -> "EpisodeResult":

@@ -201,11 +201,14 @@ class Observations:
         """Returns copies of the parts `(..., k)` of a flat observation by their names in the suite's own."""
         return {key: flat[..., part].copy() for key, part in self._slices.items()}
 
+    def suite_numbers(self, flat: NDArray, state: Any) -> dict[str, NDArray]:
+        """Returns an observation of the suite's own environment without pictures; arguments as of `Part.read`."""
+        return {**self.split(flat), **self.suite_goals(state)}
+
     def suite_observation(self, flat: NDArray, state: Any, pictures: Mapping[str, NDArray]) -> dict[str, NDArray]:
         """Returns an observation of the suite's own environment, pictures last; arguments as of `Part.read`."""
         return {
-            **self.split(flat),
-            **self.suite_goals(state),
+            **self.suite_numbers(flat, state),
             **{key: pictures[key] for key in self._task.pictures.by_name},
         }
 

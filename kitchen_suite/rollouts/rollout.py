@@ -95,13 +95,11 @@ class BatchStep(NamedTuple):
 
 
 class Controller(Protocol):
-    """Chooses the actions of all environments.
+    """Chooses the actions of all environments."""
 
-    Attributes:
-      labels: `(n, ...)` by name, what the policies say of the last actions; see `policies.labels_of`.
-    """
-
-    labels: Mapping[str, NDArray]
+    @property
+    def labels(self) -> Mapping[str, NDArray]:
+        """What the policies say of the last actions, `(n, ...)` by name; see `policies.labels_of`."""
 
     def start(self, i: int, seed: int) -> None:
         """Prepares for an episode of a seed in environment `i`."""
@@ -182,24 +180,30 @@ class _Running:
 
 
 class EndedEpisode:
-    """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`."""
+    """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`.
 
-    def __init__(self, history: "_History", i: int, running: _Running, instruction: str) -> None:
-        self._history, self._i, self._running, self._instruction = history, i, running, instruction
+    Attributes:
+      i: number of the environment in which it was played.
+      diverged: whether its physics has diverged; its last step then has no meaning, and neither have the last infos.
+    """
+
+    def __init__(self, history: "_History", i: int, running: _Running, instruction: str, diverged: bool) -> None:
+        self.i, self.diverged = i, diverged
+        self._history, self._running, self._instruction = history, running, instruction
 
     @property
-    def total_reward(self) -> float:
-        """Undiscounted return."""
-        return float(self._history.rewards(self._i, self._running.first).sum())
+    def rewards(self) -> NDArray[np.float64]:
+        """Rewards `(T,)` of its control steps."""
+        return self._history.rewards(self.i, self._running.first)
 
     @property
     def last_info(self) -> dict[str, NDArray]:
         """Infos of the last step."""
-        return self._history.last_info(self._i)
+        return self._history.last_info(self.i)
 
     def collect(self) -> EpisodeArrays:
         """Returns all arrays of the episode."""
-        arrays = self._history.episode(self._i, self._running.first)
+        arrays = self._history.episode(self.i, self._running.first)
         return EpisodeArrays(
             index=self._running.index,
             seed=self._running.seed,
@@ -221,8 +225,8 @@ class VectorRollout:
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
         self._history = _History()
 
-    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode | None]]:
-        """Yields the number of each episode as it ends, and the episode: None if its physics has diverged.
+    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode]]:
+        """Yields the number of each episode as it ends, and the episode.
 
         `waiting` has numbers and seeds, taken from the left; it may grow while they are played.
         """
@@ -242,10 +246,8 @@ class VectorRollout:
             self._share(time.perf_counter() - started)
             for i in np.flatnonzero(needs_reset).tolist():
                 if running := self._running[i]:
-                    yield running.index, None if diverged[i] else self._ended(i, running)
-
-    def _ended(self, i: int, running: _Running) -> EndedEpisode:
-        return EndedEpisode(self._history, i, running, self._environments.instruction[i])
+                    instruction = self._environments.instruction[i]
+                    yield running.index, EndedEpisode(self._history, i, running, instruction, bool(diverged[i]))
 
     def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
         if not waiting:
@@ -380,7 +382,7 @@ def play_many(
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
         controller = PolicyController(environments, spec.find_policy())
         for index, episode in VectorRollout(environments, controller).play(waiting):
-            yield index, episode.collect() if episode else None
+            yield index, None if episode.diverged else episode.collect()
 
 
 def even_count(num_episodes: int, num_envs: int) -> int:

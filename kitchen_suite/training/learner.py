@@ -123,8 +123,8 @@ def evaluate(controller: Controller, environments: SuiteVectorEnv, seeds: Sequen
     task = environments.composer_task
     metrics = {name: np.zeros(len(seeds)) for name in (*EPISODE_METRICS, "episode/return")}
     for index, episode in rollout.play(collections.deque(enumerate(seeds))):
-        if episode:
+        if not episode.diverged:
             for name, value in episode_metrics(task, episode.last_info).items():
                 metrics[name][index] = value
-            metrics["episode/return"][index] = episode.total_reward
+            metrics["episode/return"][index] = episode.rewards.sum()
     return metrics

@@ -167,6 +167,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         """The present observations as the suite's own, whatever the observation type, with a leading axis."""
         return self._observations.suite_observation(*self._parts())
 
+    @property
+    def present_numbers(self) -> dict[str, NDArray]:
+        """The present observations without pictures, which are not rendered; otherwise as `present_observation`."""
+        return self._observations.suite_numbers(self._episodes.observation(), self._episodes.state.mdp_state)
+
     def camera_parameters(self, camera: str, width: int, height: int) -> CameraParameters:
         """Returns the parameters of a camera in all environments, those of `SuiteEnv`, with a leading axis."""
         self._check_process()

@@ -56,6 +56,7 @@ LITERAL = {
                 for groups in (*((group,) for group in SHIFT_GROUPS), SHIFT_GROUPS)
                 for split in SPLITS
             ),
+            ("random_4", {"variations": ["push"]}),
         ],
         400_000_000,
         100,
@@ -134,7 +135,8 @@ def test_diffusion_policys_episodes_are_those_of_its_code():
 
 def test_the_conditions_of_shift_have_names():
     names = [condition.name for condition in PROTOCOLS["shift"].conditions]
-    assert names == ["none", *(f"{group} {split}" for group in (*SHIFT_GROUPS, "all") for split in SPLITS)]
+    groups = [f"{group} {split}" for group in (*SHIFT_GROUPS, "all") for split in SPLITS]
+    assert names == ["none", *groups, "push"]
 
 
 @pytest.mark.clients

@@ -1,0 +1,320 @@
+"""Receipts: files from which anyone can play the episodes of an evaluation again, without the policy.
+
+A receipt is an npz file, whose zip comment is the SHA-256, in hexadecimal, of all bytes before it. Its array `metadata`
+is a string of JSON, see `Receipt`. Each condition `c` has arrays of its `n` episodes in order, which make `t` control
+steps together, and have actions of `k` and observations of `m` numbers:
+  `c/steps`: `(n,)` int64, control steps of each episode.
+  `c/actions`: `(4, k, t)` uint8, the four bytes of each action's number, a little-endian float32.
+  `c/checks`: `(t + n,)` uint16, for the reset and for each control step.
+  `c/digests`: `(n, 32)` uint8, of each episode.
+  `c/last`: `(n, m)` float32, numbers after the last control step.
+
+The numbers of a control step are its reward, 0 at a reset, and the observation without pictures: the observables in
+the order of the suite's own environment. A digest is the SHA-256 of the numbers of an episode as little-endian float64,
+step after step from the reset; a check is the first two bytes, little-endian, of this SHA-256 as far as it has come.
+After a control step in which the physics diverged, all numbers are NaN.
+"""
+
+import base64
+import dataclasses
+import hashlib
+import io
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import files
+from kitchen_suite.evaluation.results import EpisodeResult
+from kitchen_suite.rollouts.rollout import BatchStep, Controller, EndedEpisode
+from kitchen_suite.vector_env.base import SuiteVectorEnv
+from kitchen_suite.versions import processor
+
+FORMAT = 1
+
+_WHAT = "a receipt of kitchen-evaluate"
+
+# Length of the digest at the end of the file.
+_SEAL = 2 * hashlib.sha256().digest_size
+
+# Bytes of an action's number.
+_ITEM = 4
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Trace:
+    """The actions of an episode, and what tells whether a replay has the same numbers; see the formats above.
+
+    Attributes:
+      actions: `(T, k)` float32.
+      checks: `(T + 1,)` uint16.
+      digest: `(32,)` uint8.
+      last: `(m,)` float32.
+    """
+
+    actions: NDArray[np.float32]
+    checks: NDArray[np.uint16]
+    digest: NDArray[np.uint8]
+    last: NDArray[np.float32]
+
+    def as_text(self) -> str:
+        """Returns the trace in letters, for a line of JSON."""
+        arrays = {**vars(self), "actions": _planes(self.actions)}
+        return base64.b64encode(files.pack_arrays(arrays)).decode()
+
+    @classmethod
+    def from_text(cls, text: str) -> "Trace":
+        """Returns the trace that `as_text` was called on, in a line whose digest has been checked."""
+        arrays = files.unpack_arrays(io.BytesIO(base64.b64decode(text)))
+        return cls(**{**arrays, "actions": _from_planes(arrays["actions"])})
+
+    def first_difference(self, other: "Trace") -> int | None:
+        """Returns the first control step at which the numbers differ, 0 for the reset; None if all are equal."""
+        if np.array_equal(self.digest, other.digest) and self.checks.size == other.checks.size:
+            return None
+        count = min(self.checks.size, other.checks.size)
+        differing = np.flatnonzero(self.checks[:count] != other.checks[:count])
+        # One in 65,536 checks is equal by chance, though the numbers differ.
+        return int(differing[0]) if differing.size else count - 1
+
+    def greatest_difference(self, other: "Trace") -> float:
+        """Returns the greatest difference of the numbers after the last control steps, as float32."""
+        if self.last.shape != other.last.shape:
+            return np.inf
+        differences = np.abs(self.last.astype(np.float64) - other.last)
+        differences[np.isnan(self.last) & np.isnan(other.last)] = 0.0
+        return float(np.nan_to_num(differences, nan=np.inf).max(initial=0.0))
+
+
+class _Trail:
+    """The trace of an episode in progress."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._checks: list[bytes] = []
+        self._actions: list[NDArray] = []
+
+    def see(self, numbers: NDArray[np.float64]) -> None:
+        """Adds the numbers of a reset, or of the control step that the last action has made."""
+        self._last = numbers
+        self._hash.update(numbers.astype("<f8").tobytes())
+        self._checks.append(self._hash.digest()[:2])
+
+    def see_divergence(self) -> None:
+        """Adds a control step in which the physics diverged."""
+        self.see(np.full_like(self._last, np.nan))
+
+    def act(self, action: NDArray) -> None:
+        """Adds an action."""
+        self._actions.append(action.astype("<f4"))
+
+    @property
+    def trace(self) -> Trace:
+        """Of the episode, which has ended."""
+        return Trace(
+            actions=np.array(self._actions),
+            checks=np.frombuffer(b"".join(self._checks), "<u2"),
+            digest=np.frombuffer(self._hash.digest(), np.uint8),
+            last=self._last.astype("<f4"),
+        )
+
+
+class Witness:
+    """Acts as another controller does, and keeps the traces of its episodes.
+
+    Attributes:
+      labels: of the other controller.
+    """
+
+    def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
+        """Prepares to see what happens in environments."""
+        self._environments, self._controller = environments, controller
+        self._trails: dict[int, _Trail] = {}
+
+    @property
+    def labels(self) -> Mapping[str, NDArray]:
+        return self._controller.labels
+
+    def start(self, i: int, seed: int) -> None:
+        self._controller.start(i, seed)
+        self._trails[i] = _Trail()
+
+    def act(self, step: BatchStep) -> NDArray:
+        playing = np.flatnonzero(step.is_playing).tolist()
+        numbers = self._numbers(np.where(step.is_first, 0.0, step.rewards))
+        actions = self._controller.act(step)
+        for i in playing:
+            self._trails[i].see(numbers[i])
+            self._trails[i].act(actions[i])
+        return actions
+
+    def trace(self, episode: EndedEpisode) -> Trace:
+        """Returns the trace of an episode that has just ended."""
+        trail = self._trails[episode.i]
+        if episode.diverged:
+            trail.see_divergence()
+        else:
+            trail.see(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
+        return trail.trace
+
+    def _numbers(self, rewards: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the numbers `(n, 1 + m)` of the present step."""
+        parts = [rewards, *self._environments.present_numbers.values()]
+        return np.concatenate([part.reshape(len(rewards), -1) for part in parts], axis=1, dtype=np.float64)
+
+
+class Replay:
+    """Acts by recorded actions; where an episode goes on after its last one, by zeros."""
+
+    def __init__(self, actions: Mapping[int, NDArray]) -> None:
+        """Takes the actions `(T, k)` of the episodes by their seeds."""
+        self._by_seed = actions
+        self._size = next(iter(actions.values())).shape[1:]
+        self._actions: dict[int, NDArray] = {}
+        self._steps: dict[int, int] = {}
+        self.labels: Mapping[str, NDArray] = {}
+
+    def start(self, i: int, seed: int) -> None:
+        self._actions[i], self._steps[i] = self._by_seed[seed], 0
+
+    def act(self, step: BatchStep) -> NDArray:
+        actions = np.zeros((step.rewards.size, *self._size), np.float32)
+        for i in np.flatnonzero(step.is_playing).tolist():
+            if self._steps[i] < len(self._actions[i]):
+                actions[i] = self._actions[i][self._steps[i]]
+            self._steps[i] += 1
+        return actions
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Record:
+    """The metadata of a receipt as JSON."""
+
+    format: int
+    evaluation: dict[str, Any]
+    replaced: list[str]
+    machine: str
+    episodes: dict[str, list[EpisodeResult]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Receipt:
+    """An evaluation with all its episodes.
+
+    Attributes:
+      evaluation: its settings and scores, as `--json` writes them.
+      replaced: the values of the protocol that were replaced, see `EvaluationPlan.replaced`.
+      results: of the episodes in order, by condition.
+      traces: of the same episodes.
+      machine: kind of processor, see `versions.processor`.
+    """
+
+    evaluation: Mapping[str, Any]
+    replaced: Sequence[str]
+    results: Mapping[str, Sequence[EpisodeResult]]
+    traces: Mapping[str, Sequence[Trace]]
+    machine: str = dataclasses.field(default_factory=processor)
+
+    def write(self, path: Path) -> None:
+        """Writes the file, in place of an existing one."""
+        record = {
+            "format": FORMAT,
+            "evaluation": dict(self.evaluation),
+            "replaced": list(self.replaced),
+            "machine": self.machine,
+            "episodes": {name: [_entry(result) for result in results] for name, results in self.results.items()},
+        }
+        arrays = {
+            f"{name}/{part}": array for name, traces in self.traces.items() for part, array in _stacked(traces).items()
+        }
+        with files.atomic_write(path) as partial:
+            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": files.as_text_array(record)})))
+
+    @classmethod
+    def read(cls, path: Path) -> "Receipt":
+        """Returns the receipt in a file; raises an OSError unless it is one of this format, unchanged."""
+        with files.reading(path, _WHAT):
+            files.check_size(path.stat().st_size, files.MAX_ARRAY_BYTES)
+            contents = path.read_bytes()
+            if _seal(contents[:-_SEAL]) != contents[-_SEAL:]:
+                raise ValueError("its SHA-256 does not match: it was changed, or is another file")
+            arrays = files.unpack_arrays(io.BytesIO(contents))
+            metadata = files.as_metadata(arrays.pop("metadata"))
+            if metadata.get("format") != FORMAT:
+                raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
+            record = files.parse(metadata, _Record, "not its metadata")
+            traces = {name: _unstacked(arrays, name, len(results)) for name, results in record.episodes.items()}
+            return cls(
+                evaluation=record.evaluation,
+                replaced=record.replaced,
+                results=record.episodes,
+                traces=traces,
+                machine=record.machine,
+            )
+
+
+def sealed(archive: bytes) -> bytes:
+    """Returns a zip archive with the SHA-256 of all before it as its comment."""
+    buffer = io.BytesIO(archive)
+    with zipfile.ZipFile(buffer, "a") as zipped:
+        zipped.comment = bytes(_SEAL)
+    contents = buffer.getvalue()[:-_SEAL]
+    return contents + _seal(contents)
+
+
+def _seal(contents: bytes) -> bytes:
+    return hashlib.sha256(contents).hexdigest().encode()
+
+
+def _entry(result: EpisodeResult) -> dict[str, Any]:
+    """Returns a result as JSON, without its trace."""
+    return {name: value for name, value in dataclasses.asdict(result).items() if name != "trace"}
+
+
+def _planes(actions: NDArray) -> NDArray[np.uint8]:
+    """Returns the bytes `(4, k, T)` of actions `(T, k)`; those of one place in the numbers compress well together."""
+    contents = np.ascontiguousarray(actions, "<f4").view(np.uint8)
+    return np.ascontiguousarray(contents.reshape(*actions.shape, _ITEM).transpose(2, 1, 0))
+
+
+def _from_planes(planes: NDArray) -> NDArray[np.float32]:
+    """Returns the actions `(T, k)` of which `_planes` made bytes; raises a ValueError for another array."""
+    if planes.dtype != np.uint8 or planes.ndim != 3 or planes.shape[0] != _ITEM:
+        raise ValueError(f"actions of shape {planes.shape} and type {planes.dtype}")
+    return np.ascontiguousarray(planes.transpose(2, 1, 0)).view("<f4")[..., 0]
+
+
+def _stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
+    """Returns the arrays of a condition."""
+    return {
+        "steps": np.array([len(trace.actions) for trace in traces]),
+        "actions": _planes(np.concatenate([trace.actions for trace in traces])),
+        "checks": np.concatenate([trace.checks for trace in traces]),
+        "digests": np.stack([trace.digest for trace in traces]),
+        "last": np.stack([trace.last for trace in traces]),
+    }
+
+
+def _unstacked(arrays: Mapping[str, NDArray], name: str, count: int) -> list[Trace]:
+    """Returns the traces of the `count` episodes of a condition; raises a ValueError for other arrays."""
+    steps, planes, checks, digests, last = (
+        arrays[f"{name}/{part}"] for part in ("steps", "actions", "checks", "digests", "last")
+    )
+    actions = _from_planes(planes)
+    expected = {
+        "steps": (steps, np.int64, (count,)),
+        "checks": (checks, np.uint16, (len(actions) + count,)),
+        "digests": (digests, np.uint8, (count, hashlib.sha256().digest_size)),
+        "last": (last, np.float32, (count, *last.shape[1:])),
+    }
+    for part, (array, dtype, shape) in expected.items():
+        if array.dtype != dtype or array.shape != shape:
+            raise ValueError(f"{name}/{part} has type {array.dtype} and shape {array.shape}, not {dtype} and {shape}")
+    if steps.min() < 1 or steps.sum() != len(actions):
+        raise ValueError(f"{name}/steps do not fit {len(actions)} actions")
+    stops = np.cumsum(steps)[:-1]
+    rows = zip(np.split(actions, stops), np.split(checks, stops + np.arange(1, count)), digests, last, strict=True)
+    return [Trace(actions=a, checks=c, digest=d, last=e) for a, c, d, e in rows]

@@ -1,0 +1,182 @@
+"""The work of `kitchen-verify`: the episodes of a receipt played again, and their scores computed anew."""
+
+import collections
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from kitchen_suite import files
+from kitchen_suite.cli.command import FAILURE, SUCCESS
+from kitchen_suite.evaluation.evaluate_job import as_json, format_heading, play
+from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.receipts import Receipt, Replay, Trace
+from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
+from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
+from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
+from kitchen_suite.rollouts.rollout import even_count
+from kitchen_suite.rollouts.spec import EpisodeSpec
+from kitchen_suite.settings import VerifySettings
+from kitchen_suite.versions import installed_versions, processor
+
+# Exit status where all scores are equal, but not all digits.
+DIGITS_DIFFER = 3
+
+# Arguments of environments that only pictures depend on; a replay makes none.
+_OF_PICTURES = {*PICTURE_OPTIONS, "obs_type", "render_quality"}
+
+# Episodes that differ of which the report has a line.
+_MAX_LINES = 10
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """The differences of an episode from its replay.
+
+    Attributes:
+      recorded: its result in the receipt.
+      replayed: that of the replay.
+      first: first control step at which numbers differ, 0 for the reset; None if they are equal to the bit.
+      greatest: greatest difference of the numbers after the last control steps.
+    """
+
+    recorded: EpisodeResult
+    replayed: EpisodeResult
+    first: int | None
+    greatest: float
+
+    @property
+    def scores_alike(self) -> bool:
+        """Whether both have the same result."""
+        return self.recorded == self.replayed
+
+    def __str__(self) -> str:
+        one, other = self.recorded, self.replayed
+        names = [field.name for field in dataclasses.fields(one)]
+        differing = {name: (getattr(one, name), getattr(other, name)) for name in names}
+        results = [f"{name} {a}, replayed {b}" for name, (a, b) in differing.items() if a != b]
+        where = f"{one.condition}, episode {one.episode}, seed {one.seed}"
+        start = "numbers are equal" if self.first is None else f"numbers differ from control step {self.first} on"
+        return "; ".join([f"{where}: {start}", *results])
+
+
+class VerifyJob:
+    """Checks a receipt."""
+
+    failures = (OSError, TypeError, ValueError)
+    usage_errors = ()
+
+    def __init__(self, settings: VerifySettings) -> None:
+        """Checks that there is a file."""
+        self._path = Path(settings.receipt)
+        if not self._path.exists():
+            raise FileNotFoundError(f"no such file: {settings.receipt!r}")
+        self._settings, self._finished = settings, 0
+
+    def progress(self) -> str:
+        return f"after {self._finished} episodes"
+
+    def run(self) -> int:
+        """Checks what the receipt says against itself, then against a replay; returns the exit status."""
+        receipt = Receipt.read(self._path)
+        plan = _checked_plan(receipt)
+        print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
+        compared: dict[str, list[Comparison]] = {}
+        with EpisodeBar(plan.num_episodes * len(plan.specs), 0, 0) as bar:
+            for name, spec in plan.specs.items():
+                compared[name] = []
+                for comparison in self._compare(name, spec, receipt):
+                    compared[name].append(comparison)
+                    self._finished += 1
+                    bar.count(comparison.replayed.success)
+        print_line(f"\n{_table(compared)}\n")
+        everything = [comparison for each in compared.values() for comparison in each]
+        _print_differences(everything)
+        if not all(comparison.scores_alike for comparison in everything):
+            print_line("the scores are not those of the replay: the receipt was altered, or this is another machine")
+            return FAILURE
+        if any(comparison.first is not None for comparison in everything):
+            print_line("the scores hold, but not all digits: actions were altered, or this is another machine")
+            return DIGITS_DIFFER
+        print_line("the receipt holds: all numbers are equal to the bit, and all scores follow from them")
+        return SUCCESS
+
+    def _compare(self, name: str, spec: EpisodeSpec, receipt: Receipt) -> Iterator[Comparison]:
+        """Plays the episodes of a condition again."""
+        results, traces = receipt.results[name], receipt.traces[name]
+        waiting = collections.deque((result.episode, result.seed) for result in results)
+        kwargs = {key: value for key, value in spec.task_kwargs.items() if key not in _OF_PICTURES}
+        blind = dataclasses.replace(spec, task_kwargs=kwargs)
+        num_envs = even_count(len(results), self._settings.num_envs)
+        with contextlib.closing(blind.make_vector_env(num_envs, self._settings.num_threads)) as environments:
+            shape = environments.single_action_space.shape
+            if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
+                raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
+            replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
+            for replayed, trace in play(name, blind, environments, replay, waiting):
+                yield _comparison(results[replayed.episode], traces[replayed.episode], replayed, trace)
+
+
+def _comparison(recorded: EpisodeResult, one: Trace, replayed: EpisodeResult, other: Trace) -> Comparison:
+    first = one.first_difference(other)
+    return Comparison(
+        recorded=recorded,
+        replayed=replayed,
+        first=first,
+        greatest=0.0 if first is None else one.greatest_difference(other),
+    )
+
+
+def _checked_plan(receipt: Receipt) -> EvaluationPlan:
+    """Returns the plan of the episodes; raises a ValueError unless all that the receipt says agrees with the rest."""
+    plan = EvaluationPlan.of(receipt.evaluation)
+    if [*plan.specs] != [*receipt.results]:
+        raise ValueError(f"there are episodes of {[*receipt.results]}, not of {[*plan.specs]}: the receipt was altered")
+    for name, results in receipt.results.items():
+        found = [(result.condition, result.episode, result.seed) for result in results]
+        if found != [(name, index, plan.first.seed + index) for index in range(plan.num_episodes)]:
+            raise ValueError(f"the episodes of {name} are not those that the receipt names: it was altered")
+    scores = {name: score_episodes(results, plan.score) for name, results in receipt.results.items()}
+    if difference := files.first_difference(receipt.evaluation, as_json(plan, scores)):
+        raise ValueError(f"the receipt was altered: {difference}, which follows from its episodes")
+    if [*receipt.replaced] != plan.replaced:
+        raise ValueError(f"the receipt was altered: {plan.replaced} were replaced, not {[*receipt.replaced]}")
+    return plan
+
+
+def _circumstances(receipt: Receipt) -> list[str]:
+    """Returns lines on the protocol's values that were replaced, and on versions and machine if others are here."""
+    lines = [f"values replaced: {', '.join(receipt.replaced)}"] if receipt.replaced else []
+    here = {**installed_versions(), "processor": processor()}
+    there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
+    return lines + [
+        f"made with {name} {there.get(name)}, here {here[name]}" for name in here if here[name] != there.get(name)
+    ]
+
+
+def _table(compared: Mapping[str, list[Comparison]]) -> str:
+    """Returns a row for each condition."""
+    rows = []
+    for name, each in compared.items():
+        first = min((comparison.first for comparison in each if comparison.first is not None), default=None)
+        rows.append(
+            (
+                name,
+                str(len(each)),
+                str(sum(comparison.first is None for comparison in each)),
+                str(sum(comparison.scores_alike for comparison in each)),
+                "none" if first is None else str(first),
+                f"{max(comparison.greatest for comparison in each):.3g}",
+            )
+        )
+    heading = ("condition", "episodes", "equal", "same result", "first difference", "greatest at the end")
+    return table(heading, rows)
+
+
+def _print_differences(compared: list[Comparison]) -> None:
+    differing = [each for each in compared if each.first is not None or not each.scores_alike]
+    for comparison in sorted(differing, key=lambda each: each.scores_alike)[:_MAX_LINES]:
+        print_line(str(comparison))
+    if len(differing) > _MAX_LINES:
+        print_line(f"and {len(differing) - _MAX_LINES} further episodes")

@@ -1,0 +1,328 @@
+"""Receipts: what `kitchen-evaluate` writes, `kitchen-verify` confirms, and every alteration is found."""
+
+import copy
+import dataclasses
+import functools
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from kitchen_suite import files
+from kitchen_suite.cli.commands import evaluate, verify
+from kitchen_suite.evaluation import evaluate_job
+from kitchen_suite.evaluation.plan import EvaluationPlan
+from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
+from kitchen_suite.evaluation.results import score_episodes
+from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER
+from kitchen_suite.vector_env import base as vector_base
+
+SMALL = ["--num_episodes=3", "--max_episode_steps=12"]
+
+
+@pytest.fixture
+def run(run, folder):
+    """Runs a command in an empty folder; returns status, stdout and stderr."""
+    return run
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A receipt of some short episodes of the expert, under a protocol with a published score."""
+    path = tmp_path_factory.mktemp("receipt") / "receipt.npz"
+    flags = ["--policy=expert", "--protocol=d4rl", "--num_envs=3", f"--receipt={path}"]
+    assert evaluate.main([*SMALL, *flags]) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["--policy=expert", "--variations=start,layout,push"],
+        ["--domain_name=open_cabinet", "--policy=zero", "--physics=exact"],
+        ["--domain_name=microwave_table", "--policy=random", "--physics=fast"],
+        ["--protocol=diffusion-policy", "--policy=random"],
+    ],
+    ids=str,
+)
+def test_a_receipt_is_confirmed_without_the_policy(run, flags):
+    assert run(evaluate, *SMALL, *flags, "--receipt=a.npz", "--json=a.json")[0] == 0
+    receipt = Receipt.read(files.Path("a.npz"))
+    assert receipt.evaluation == json.loads(files.Path("a.json").read_text("utf-8"))
+    for numbers in (["--num_envs=1"], ["--num_envs=2", "--num_threads=2"]):
+        status, out, err = run(verify, "a.npz", *numbers)
+        assert (status, err) == (0, "")
+        assert out.endswith("the receipt holds: all numbers are equal to the bit, and all scores follow from them\n")
+    assert "values replaced: num_episodes, max_episode_steps" in out
+
+
+def test_the_policy_may_be_gone(run, tmp_path):
+    source = tmp_path / "gone.npz"
+    from kitchen_suite.policies.trained import shipped_as
+
+    source.write_bytes(shipped_as("kettle").read_bytes())
+    flags = ["--policy=trained(file='gone.npz')", "--task_name=kettle", "--receipt=a.npz"]
+    assert run(evaluate, *SMALL, *flags)[0] == 0
+    source.unlink()
+    assert run(verify, "a.npz")[0] == 0
+
+
+@pytest.mark.rendering
+def test_a_replay_needs_no_pictures(run):
+    kwargs = {"obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
+    flags = ["--policy=random", f"--task_kwargs={json.dumps(kwargs)}", "--receipt=a.npz"]
+    assert run(evaluate, *SMALL, *flags)[0] == 0
+    script = "import sys; from kitchen_suite.cli.commands import verify; sys.exit(verify.main(['a.npz']))"
+    without = {**os.environ, "MUJOCO_GL": "disable"}
+    assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
+
+
+def test_an_interrupted_evaluation_has_the_same_receipt(run, tmp_path):
+    flags = ["--policy=expert", "--num_envs=1"]
+    assert run(evaluate, *SMALL, *flags, "--receipt=whole.npz", "--output=whole")[0] == 0
+    episodes = tmp_path / "whole" / "episodes.jsonl"
+    episodes.write_bytes(episodes.read_bytes().split(b"\n")[0] + b"\n")
+    assert run(evaluate, *SMALL, *flags, "--receipt=again.npz", "--output=whole", "--resume")[0] == 0
+    one, other = (Receipt.read(tmp_path / f"{name}.npz") for name in ("whole", "again"))
+    assert (one.evaluation, one.results) == (other.evaluation, other.results)
+    for each, same in zip(one.traces["random_4"], other.traces["random_4"], strict=True):
+        assert each.first_difference(same) is None
+        np.testing.assert_array_equal(each.actions, same.actions)
+
+
+def test_a_diverged_episode_is_replayed(run, monkeypatch):
+    step = vector_base.SuiteVectorEnv.step_some
+
+    def diverge(self, actions, mask):
+        observations, rewards, terminations, truncations, infos = step(self, actions, mask)
+        diverged = mask & (self._episodes.steps == 5) & (actions[:, 0] > 0)
+        return observations, rewards, terminations | diverged, truncations, infos | {"physics_error": diverged}
+
+    monkeypatch.setattr(vector_base.SuiteVectorEnv, "step_some", diverge)
+    assert run(evaluate, *SMALL, "--num_episodes=6", "--receipt=a.npz")[0] == 0
+    receipt = Receipt.read(files.Path("a.npz"))
+    lengths = [len(trace.actions) for trace in receipt.traces["random_4"]]
+    assert {*lengths} == {5, 12}
+    assert [result.diverged for result in receipt.results["random_4"]] == [length == 5 for length in lengths]
+    assert run(verify, "a.npz")[0] == 0
+
+
+def test_the_format_is_read_as_documented(written):
+    """What the docstring of `receipts` says, with NumPy and the standard library."""
+    import hashlib
+    import zipfile
+
+    contents = written.read_bytes()
+    with zipfile.ZipFile(written) as archive:
+        assert archive.comment.decode() == hashlib.sha256(contents[:-64]).hexdigest()
+    arrays = np.load(written)
+    metadata = json.loads(str(arrays["metadata"]))
+    assert metadata["format"] == FORMAT
+    receipt = Receipt.read(written)
+    for name, episodes in metadata["episodes"].items():
+        steps = arrays[f"{name}/steps"]
+        actions = np.ascontiguousarray(arrays[f"{name}/actions"].transpose(2, 1, 0)).view("<f4")[..., 0]
+        assert actions.shape == (steps.sum(), 9)
+        assert arrays[f"{name}/checks"].shape == (steps.sum() + steps.size,)
+        assert len(episodes) == steps.size == 3
+        np.testing.assert_array_equal(actions[: steps[0]], receipt.traces[name][0].actions)
+
+
+def test_digests_are_those_of_observations_and_rewards(written):
+    """The digest of an episode, from the suite's own environment."""
+    import hashlib
+
+    from kitchen_suite.gymnasium_env.base import suite_env
+
+    receipt = Receipt.read(written)
+    spec = EvaluationPlan.of(receipt.evaluation).first
+    trace, environment = receipt.traces["complete"][1], spec.make_environment()
+    environment.reset(seed=spec.seed + 1)
+    rows = [np.concatenate([[0.0], *map(np.ravel, suite_env(environment).present_observation.values())])]
+    for action in trace.actions:
+        reward = environment.step(action)[1]
+        rows.append(np.concatenate([[reward], *map(np.ravel, suite_env(environment).present_observation.values())]))
+    assert hashlib.sha256(np.stack(rows).astype("<f8").tobytes()).digest() == trace.digest.tobytes()
+    begun = [hashlib.sha256(np.stack(rows[: step + 1]).astype("<f8").tobytes()).digest() for step in range(len(rows))]
+    assert [int.from_bytes(digest[:2], "little") for digest in begun] == trace.checks.tolist()
+    np.testing.assert_array_equal(trace.last, rows[-1].astype(np.float32))
+
+
+def test_every_changed_byte_is_found(written):
+    contents, generator = bytearray(written.read_bytes()), np.random.default_rng(0)
+    target = written.with_name("changed.npz")
+    for _ in range(1_000):
+        changed = bytearray(contents)
+        place = int(generator.integers(len(changed)))
+        changed[place] ^= int(generator.integers(1, 256))
+        target.write_bytes(changed)
+        with pytest.raises(OSError, match="does not hold a receipt"):
+            Receipt.read(target)
+
+
+def test_bad_files_are_refused(run, written):
+    assert run(verify, "nothing.npz")[0] == 2
+    files.Path("text.npz").write_text("a receipt")
+    assert run(verify, "text.npz")[0] == 1
+    with np.load(written) as file:
+        arrays = dict(file)
+    metadata = json.loads(str(arrays["metadata"]))
+    for change in ({"format": 2}, {"episodes": 3}, {"replaced": ["seed"]}, {"episodes": {}}):
+        altered = {**arrays, "metadata": np.array(json.dumps({**metadata, **change}))}
+        files.Path("b.npz").write_bytes(sealed(files.pack_arrays(altered)))
+        status, _, err = run(verify, "b.npz")
+        assert status == 1
+        assert err.count("\n") == 1
+    module = copy.deepcopy(metadata)
+    module["evaluation"]["domain_name"] = "os:system"
+    files.Path("b.npz").write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(module))})))
+    status, _, err = run(verify, "b.npz")
+    assert status == 1
+    assert "domain" in err
+
+
+class Forger:
+    """Alters a receipt, and makes all that follows from the alteration anew, as its format says.
+
+    Only what a simulation alone could tell is left as it was.
+    """
+
+    def __init__(self, receipt, seed):
+        self.receipt, self.generator = receipt, np.random.default_rng(seed)
+
+    def written(self, path, **changes):
+        dataclasses.replace(self.receipt, **changes).write(path)
+
+    def action(self, path):
+        """Another number of an action, with effect: one of the arm's joints is moved otherwise."""
+        name = self.generator.choice([*self.receipt.traces])
+        traces = list(self.receipt.traces[name])
+        index = int(self.generator.integers(len(traces)))
+        actions = traces[index].actions.copy()
+        step, joint = int(self.generator.integers(len(actions))), int(self.generator.integers(7))
+        old = actions[step, joint]
+        actions[step, joint] = old + 0.1 if old < 0.5 else old - 0.1
+        traces[index] = dataclasses.replace(traces[index], actions=actions)
+        self.written(path, traces={**self.receipt.traces, name: traces})
+
+    def seed(self, path):
+        """Other seeds of all episodes."""
+        shift = int(self.generator.integers(1, 10**6))
+        moved = {
+            name: [dataclasses.replace(result, seed=result.seed + shift) for result in results]
+            for name, results in self.receipt.results.items()
+        }
+        evaluation = copy.deepcopy(self.receipt.evaluation)
+        evaluation["seed"] += shift
+        self._written_anew(path, evaluation, moved)
+
+    def score(self, path):
+        """Another result of an episode, and the scores that follow from it."""
+        name = self.generator.choice([*self.receipt.results])
+        results = list(self.receipt.results[name])
+        index = int(self.generator.integers(len(results)))
+        one = results[index]
+        task = self.generator.choice([*one.asked])
+        changes = [
+            {"success": not one.success},
+            {"control_steps": one.control_steps + int(self.generator.integers(1, 50))},
+            {"asked": {**one.asked, task: None if one.asked[task] else int(self.generator.integers(1, 12))}},
+            {"progress": one.progress + 0.25},
+            {"diverged": True},
+        ]
+        results[index] = dataclasses.replace(one, **changes[int(self.generator.integers(len(changes)))])
+        evaluation = copy.deepcopy(self.receipt.evaluation)
+        self._written_anew(path, evaluation, {**self.receipt.results, name: results})
+
+    def setting(self, path):
+        """Another setting of the environments."""
+        evaluation = copy.deepcopy(self.receipt.evaluation)
+        changes = [
+            {"robot_noise_ratio": round(float(self.generator.uniform(0.02, 1.0)), 6)},
+            {"object_noise_ratio": round(float(self.generator.uniform(0.0, 1.0)), 6)},
+            {"control_mode": "joint_position"},
+            {"variations": ["layout"]},
+            {"physics": "fast"},
+            {"reward": "dense"},
+        ]
+        change = changes[int(self.generator.integers(len(changes)))]
+        for condition in evaluation["conditions"].values():
+            condition["task_kwargs"] = {**condition["task_kwargs"], **change}
+        if self.generator.random() < 0.2:
+            evaluation = {**copy.deepcopy(self.receipt.evaluation)}
+            evaluation["max_episode_steps"] -= int(self.generator.integers(1, 11))
+        self._written_anew(path, evaluation, self.receipt.results)
+
+    def _written_anew(self, path, evaluation, results):
+        """Writes a receipt whose scores and list of replaced values follow from its settings and results."""
+        plan = EvaluationPlan.of(evaluation)
+        scores = {name: score_episodes(each, plan.score) for name, each in results.items()}
+        anew = evaluate_job.as_json(plan, scores)
+        self.written(path, evaluation=anew, results=results, replaced=plan.replaced)
+
+
+def check_alterations(receipt, folder, numbers):
+    """Asserts that `kitchen-verify` confirms none of the alterations of some numbers."""
+    path, kinds = folder / "forged.npz", ("action", "seed", "score", "setting")
+    for number in numbers:
+        forger = Forger(receipt, number)
+        getattr(forger, kinds[number % len(kinds)])(path)
+        assert verify.main([str(path), "--num_threads=1"]) in (1, DIGITS_DIFFER), number
+
+
+@pytest.fixture
+def short(tmp_path):
+    """A receipt of few steps, which is quickly verified."""
+    path = tmp_path / "receipt.npz"
+    flags = ["--policy=expert", "--num_episodes=2", "--max_episode_steps=12", "--num_envs=2", f"--receipt={path}"]
+    assert evaluate.main(flags) == 0
+    assert verify.main([str(path)]) == 0
+    return Receipt.read(path)
+
+
+def test_alterations_with_recomputed_digests_are_found(short, tmp_path, capsys):
+    check_alterations(short, tmp_path, range(8))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("part", range(2))
+def test_two_hundred_alterations_are_found(short, tmp_path, capsys, part):
+    check_alterations(short, tmp_path, range(part, 200, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(8))
+def test_a_thousand_alterations_are_found(short, tmp_path, capsys, part):
+    check_alterations(short, tmp_path, range(200 + part, 1_000, 8))
+
+
+def test_other_digits_and_other_scores_are_told_apart(run, short, tmp_path):
+    path = tmp_path / "b.npz"
+    Forger(short, 0).action(path)
+    status, out, err = run(verify, "b.npz")
+    assert (status, err) == (DIGITS_DIFFER, "")
+    assert "the scores hold, but not all digits" in out
+    assert "numbers differ from control step" in out
+    Forger(short, 1).score(path)
+    status, out, err = run(verify, "b.npz")
+    assert (status, err) == (1, "")
+    assert "the scores are not those of the replay" in out
+    # What a replay cannot find: the name of the policy, and a version, which is said to be another one here.
+    evaluation = copy.deepcopy(short.evaluation)
+    evaluation["versions"]["mujoco"] = "1.2.3"
+    dataclasses.replace(short, evaluation={**evaluation, "policy": "mine:act"}).write(path)
+    status, out, err = run(verify, "b.npz")
+    assert (status, err) == (0, "")
+    assert "policy mine:act" in out
+    assert "made with mujoco 1.2.3, here " in out
+
+
+def test_names_of_a_receipt_may_be_any(short, tmp_path):
+    named = functools.partial(dataclasses.replace, condition="layout held_out")
+    results = {"layout held_out": [named(result) for result in short.results["random_4"]]}
+    traces = {"layout held_out": short.traces["random_4"]}
+    dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "a.npz")
+    assert Receipt.read(tmp_path / "a.npz").results == results

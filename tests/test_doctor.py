@@ -1,0 +1,72 @@
+"""`kitchen-doctor`: a fact a line, and digests that are compared where they are known."""
+
+import pytest
+
+from kitchen_suite import doctor, suite
+from kitchen_suite.cli import commands
+from kitchen_suite.rendering import gl
+
+
+@pytest.fixture
+def run(run):
+    """Runs the command; returns status and stdout."""
+
+    def run_doctor():
+        status, out, err = run(commands.doctor)
+        assert err == ""
+        return status, out
+
+    return run_doctor
+
+
+def known_here(monkeypatch, found):
+    monkeypatch.setattr(doctor, "expected", lambda here: found)
+
+
+def test_facts_are_told_a_line_each(run, monkeypatch):
+    monkeypatch.setattr(gl, "find_library", lambda: "egl")
+    status, out = run()
+    lines = out.splitlines()
+    assert status in (0, 1)
+    assert lines[0].startswith("kitchen-suite ")
+    for name in ("python", "processor", "mujoco", "GL", "extra train", "digest kitchen exact", "digest kitchen fast"):
+        assert sum(line.startswith(f"{name} ") for line in lines) == 1
+    assert "egl renders" in out
+    assert {line.split()[1] for line in lines if line.startswith("digest")} == {*suite.DOMAINS}
+
+
+def test_digests_are_compared_where_they_are_known(run, monkeypatch):
+    found = dict(doctor.digests())
+    assert found == dict(doctor.digests())
+    assert len({*found.values()}) == len(found)
+    known_here(monkeypatch, {})
+    status, out = run()
+    assert (status, out.count("not known for these versions")) == (0, len(found))
+    known_here(monkeypatch, found)
+    status, out = run()
+    assert (status, out.count("as known for this kind of processor")) == (0, len(found))
+    known_here(monkeypatch, {**found, "kitchen fast": "0" * 64})
+    status, out = run()
+    assert (status, out.count("DIFFERS")) == (1, 1)
+
+
+def test_digests_agree_where_this_kind_is_known():
+    found = dict(doctor.digests())
+    assert doctor.expected(doctor.circumstances()) in ({}, found)
+
+
+def test_the_file_of_known_digests_has_every_domain():
+    for record in doctor.files.load_json(doctor.KNOWN, "the known digests"):
+        assert record["circumstances"].keys() == doctor.circumstances().keys()
+        assert record["digests"].keys() == dict(doctor.digests()).keys()
+
+
+def test_a_missing_library_is_a_fact(run, monkeypatch):
+    def missing():
+        raise OSError("no library was found")
+
+    monkeypatch.setattr(gl, "find_library", missing)
+    known_here(monkeypatch, {})
+    status, out = run()
+    assert status == 0
+    assert "nothing can be rendered: no library was found" in out
