@@ -5,10 +5,12 @@ python docs/experiments/evaluation.py FOLDER expert:default random:d4rl         
 python docs/experiments/evaluation.py FOLDER trained:all:default               all seven tasks instead
 
 Each evaluation is one `kitchen-evaluate`, whose JSON is written to results/evaluation/POLICY_PROTOCOL.json, or
-POLICY_TASK_PROTOCOL.json. Those that have this file are skipped. FOLDER keeps the finished episodes: the same command
-continues after an interrupt. It needs the extra `experts`. `docs/scripts/tables.py` makes the tables.
+POLICY_TASK_PROTOCOL.json, and whose receipt to results/receipts/ if it is small. Those that have the JSON are skipped.
+FOLDER keeps the finished episodes and all receipts: the same command continues after an interrupt. It needs the extra
+`experts`. `docs/scripts/tables.py` makes the tables.
 """
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -18,6 +20,7 @@ from kitchen_suite.evaluation.folder import DESCRIPTION_FILE
 from kitchen_suite.evaluation.protocols import PROTOCOLS
 
 RESULTS = Path(__file__).parent / "results" / "evaluation"
+RECEIPTS = RESULTS.with_name("receipts")
 
 # Values of --policy.
 POLICIES = ("random", "expert", "trained")
@@ -25,14 +28,28 @@ POLICIES = ("random", "expert", "trained")
 # Policy, sometimes a task instead of the protocol's, and protocol.
 Case = tuple[str, ...]
 
+# Protocols whose tasks or control mode no policy of the package was trained for.
+UNTRAINED = ("lexa", "metra", "earl")
+
 CASES: tuple[Case, ...] = tuple(
-    case for policy in POLICIES for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
+    case
+    for policy in POLICIES
+    for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
+    if policy != "trained" or case[-1] not in UNTRAINED
 )
+
+# Greatest receipt that is kept in the repository [bytes].
+MAX_RECEIPT = 300 * 2**10
 
 
 def result_file(case: Case) -> Path:
     """Returns the path of the JSON of an evaluation."""
     return RESULTS / f"{'_'.join(case)}.json"
+
+
+def receipt_file(case: Case, folder: Path) -> Path:
+    """Returns the path of the receipt of an evaluation in a folder."""
+    return folder / f"{'_'.join(case)}.npz"
 
 
 def command(case: Case, folder: Path) -> list[str]:
@@ -46,6 +63,7 @@ def command(case: Case, folder: Path) -> list[str]:
         *(f"--task_name={each}" for each in task),
         f"--output={output}",
         f"--json={result_file(case)}",
+        f"--receipt={receipt_file(case, folder)}",
     ]
     return [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, *resume]
 
@@ -69,10 +87,14 @@ def main(arguments: Sequence[str]) -> int:
     except (IndexError, ValueError) as error:
         print(error if arguments else __doc__, file=sys.stderr)
         return 2
-    RESULTS.mkdir(exist_ok=True)
+    for path in (RESULTS, RECEIPTS, folder):
+        path.mkdir(parents=True, exist_ok=True)
     for case in cases:
         if not result_file(case).exists():
             subprocess.run(command(case, folder), check=True)
+            receipt = receipt_file(case, folder)
+            if receipt.stat().st_size <= MAX_RECEIPT:
+                shutil.copy(receipt, RECEIPTS)
     return 0
 
 

@@ -98,7 +98,7 @@ def evaluate(folder: Path, name: str, policy: Path, length: int) -> None:
     call(
         "evaluate",
         f"--policy=trained(file={str(policy)!r})",
-        "--protocol=beso",
+        "--protocol=random-4",
         f"--task_name=random_{length}",
         f"--task_kwargs={json.dumps(IN_TURN)}",
         f"--num_episodes={EPISODES}",

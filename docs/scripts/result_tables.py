@@ -238,8 +238,30 @@ def results() -> Iterator[Mapping[str, Any]]:
             yield {**result, "policy": path.stem.partition("_")[0]}
 
 
+# Protocols with tables of their own: with many conditions, or with scores over all of them.
+_APART = {
+    "shift",
+    *(name for name, protocol in PROTOCOLS.items() if any(each.measures for each in protocol.conditions)),
+}
+
+
+def goals_table() -> str:
+    """Returns the table of the protocols with scores over all conditions."""
+    rows = [
+        (
+            f"`{result['protocol']}`",
+            result["policy"],
+            result["num_episodes"] * len(result["conditions"]),
+            "; ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in result["overall"].items()),
+        )
+        for result in results()
+        if "overall" in result
+    ]
+    return markdown(("protocol", "policy", "episodes", "score"), rows)
+
+
 def evaluation_table() -> str:
-    """Returns the table of the results of all protocols but `shift`; a row for each condition."""
+    """Returns the table of the results of the protocols without tables of their own; a row for each condition."""
     rows = [
         (
             f"`{result['protocol']}`",
@@ -254,7 +276,7 @@ def evaluation_table() -> str:
             f"{condition['control_steps']:.0f}",
         )
         for result in results()
-        if result["protocol"] != "shift"
+        if result["protocol"] not in _APART
         for name, condition in result["conditions"].items()
     ]
     rates = (f"p{number}" for number in range(1, _MOST + 1))
@@ -264,7 +286,7 @@ def evaluation_table() -> str:
 
 
 def summary_table() -> str:
-    """Returns the table of the main scores of all protocols but `shift`; a row for each condition."""
+    """Returns the table of the main scores of the protocols without tables of their own; a row for each condition."""
     rows = [
         (
             f"`{result['protocol']}`",
@@ -277,7 +299,7 @@ def summary_table() -> str:
             _score(result, condition),
         )
         for result in results()
-        if result["protocol"] != "shift" and result["policy"] != "random"
+        if result["protocol"] not in _APART and result["policy"] != "random"
         for name, condition in result["conditions"].items()
     ]
     header = ("protocol", "condition", "policy", "episodes", "p4", "mean tasks", "success", "score")
@@ -305,7 +327,7 @@ def _shift_table(cell: Callable[[Mapping[str, Any], str], str]) -> str:
 
 def task_rate_table() -> str:
     """Returns the table of the rates of single tasks, in the first condition of each result."""
-    found = [*results()]
+    found = [result for result in results() if result["protocol"] not in _APART - {"shift"}]
     tasks = sorted({task for result in found for task in result["task_rates"]})
     rows = [
         (f"`{result['protocol']}`", result["policy"], *(_task_rate(result["task_rates"].get(task)) for task in tasks))
@@ -578,6 +600,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "variations_layouts": layout_table,
     "variations_speed": variation_speed_table,
     "evaluation_results": evaluation_table,
+    "evaluation_goals": goals_table,
     "evaluation_shift": shift_table,
     "evaluation_summary": summary_table,
     "evaluation_shift_summary": shift_summary_table,

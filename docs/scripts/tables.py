@@ -582,8 +582,8 @@ def imitation_hyperparameter_table() -> str:
     return markdown(("name", "meaning", *(f"`{name}`" for name in defaults)), rows)
 
 
-# The protocol with a table of its own.
-_SHIFT = "shift"
+# Conditions whose arguments are shown; of more, their number.
+_MOST_CONDITIONS = 3
 
 
 def protocol_table() -> str:
@@ -614,6 +614,12 @@ def protocol_table() -> str:
     return markdown(header, rows)
 
 
+def protocol_differences() -> str:
+    """Returns a list of what protocols do not have as their sources have it."""
+    found = [protocol for protocol in PROTOCOLS.values() if protocol.differences]
+    return "".join(f"- `{protocol.name}`: {protocol.differences}\n" for protocol in found)
+
+
 def _domains(protocol: Protocol) -> str:
     if protocol.is_general:
         return "all"
@@ -629,7 +635,7 @@ def _task(condition: Condition, is_general: bool) -> str:
 
 
 def _arguments(protocol: Protocol) -> str:
-    if protocol.name == _SHIFT:
+    if len(protocol.conditions) > _MOST_CONDITIONS:
         return f"{len(protocol.conditions)} conditions"
     arguments = protocol.conditions[0].task_kwargs
     return ", ".join(f"`{name}={json.dumps(value)}`" for name, value in arguments.items()) or "none"
@@ -659,6 +665,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "imitation_hyperparameters": imitation_hyperparameter_table,
     "presets": preset_table,
     "protocols": protocol_table,
+    "protocol_differences": protocol_differences,
     "my_task": my_task,
     "open_cabinet_tasks": functools.partial(task_table, "open_cabinet"),
     "variations": functools.partial(parameter_table, GROUPS[:4]),

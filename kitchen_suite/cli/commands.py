@@ -54,16 +54,15 @@ def _sees(settings: PlaySettings) -> bool:
 
 
 def _protocol_lines() -> str:
-    """Returns paragraphs of help on the protocols of `kitchen-evaluate`."""
+    """Returns the lines of help on the protocols of `kitchen-evaluate`."""
     from kitchen_suite.evaluation.protocols import PROTOCOLS
 
-    lines = []
+    names = {"all domains": [], "the kitchen": []}
     for protocol in PROTOCOLS.values():
-        domains = "" if protocol.is_general else "kitchen; "
-        text = f"{protocol.follows} ({domains}{protocol.num_episodes:,} episodes, seeds from {protocol.seed:,})"
-        first = f"  {protocol.name:<17} "
-        lines.append(textwrap.fill(text, WIDTH, initial_indent=first, subsequent_indent=" " * 20))
-    return "\n".join(["", *lines, ""])
+        names["all domains" if protocol.is_general else "the kitchen"].append(protocol.name)
+    lines = (f"of {domains}: {', '.join(each)}" for domains, each in names.items())
+    indents = {"initial_indent": "  ", "subsequent_indent": " " * 6}
+    return "\n".join(["", *(textwrap.fill(line, WIDTH, break_on_hyphens=False, **indents) for line in lines), ""])
 
 
 rollout = Command(
@@ -185,7 +184,7 @@ evaluate = Command(
 Flags that are given replace the protocol's values, and the JSON has the final ones. The same evaluation has the same
 JSON, to the byte, whatever --num_envs and --num_threads. A policy module:callable must be stateless, or be played with
 --num_envs=1. Exit status: 0; 1 if writing failed; 2 for a bad argument or policy, with one line on stderr; 130 if
-interrupted. Protocols:
+interrupted. Protocols, whose sources and values are in docs/guide/evaluation.md:
 """,
     details=_protocol_lines,
     settings=EvaluateSettings,

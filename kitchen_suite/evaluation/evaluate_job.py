@@ -10,8 +10,10 @@ from typing import Any
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files, policies
+from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
+from kitchen_suite.evaluation.protocols import PROTOCOLS
 from kitchen_suite.evaluation.receipts import Receipt, Trace, Witness
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -39,6 +41,8 @@ _MEANS = {
     "control_steps": "control steps",
     "score": "score",
     "d4rl_score": "D4RL score",
+    "subtasks": "subtasks",
+    "mean_reward": "mean reward",
 }
 _ENTROPY = "order entropy [bit]"
 
@@ -95,7 +99,7 @@ def _entropy(scores: Mapping[str, Any]) -> str:
 
 
 def _label(key: str) -> str:
-    return _MEANS.get(key, key)
+    return _MEANS.get(key, key).replace("_", " ")
 
 
 def _text(key: str, value: float) -> str:
@@ -184,11 +188,14 @@ class EvaluateJob:
                 print_line(f"\n{format_scores(name, spec.task_name, plan.num_episodes, scores[name])}")
         if len(scores) > 1:
             print_line(f"\n{format_summary(scores)}")
+        written = as_json(plan, scores)
+        for name, value in written.get("overall", {}).items():
+            print_line(f"\n{_label(name)} over all conditions: {value:.4g}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
-                partial.write_text(json.dumps(as_json(plan, scores), indent=1) + "\n", encoding="utf-8")
+                partial.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
         if self._settings.receipt:
-            self._receipt(scores).write(self._settings.receipt)
+            self._receipt(written).write(self._settings.receipt)
         self._page.write()
         return True
 
@@ -196,10 +203,10 @@ class EvaluateJob:
         """Returns the results of a condition, whose episodes have all ended."""
         return [self._folder.results[name, index] for index in range(self._plan.num_episodes)]
 
-    def _receipt(self, scores: Mapping[str, Mapping[str, Any]]) -> Receipt:
+    def _receipt(self, evaluation: Mapping[str, Any]) -> Receipt:
         results = {name: self._results(name) for name in self._plan.specs}
         return Receipt(
-            evaluation=as_json(self._plan, scores),
+            evaluation=evaluation,
             replaced=self._plan.replaced,
             results=results,
             traces={name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()},
@@ -221,6 +228,7 @@ class EvaluateJob:
 
     def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
         """Plays the missing episodes of a condition."""
+        plan = self._plan
         waiting = collections.deque(
             (index, seed)
             for (condition, index), seed in self._seeds.items()
@@ -231,7 +239,7 @@ class EvaluateJob:
         num_envs = even_count(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.find_policy())
-            for result, trace in play(name, spec, environments, controller, waiting):
+            for result, trace in play(name, plan, environments, controller, waiting):
                 self._folder.add(dataclasses.replace(result, trace=trace.as_text()))
                 bar.count(result.success)
 
@@ -240,12 +248,18 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
     """Returns the description with the scores: those of the first condition at the top, all by condition below."""
     description = plan.description
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
-    return {**description, **next(iter(conditions.values())), "conditions": conditions}
+    overall = PROTOCOLS[plan.protocol].overall(scores) if any(plan.measures.values()) else {}
+    return {
+        **description,
+        **next(iter(conditions.values())),
+        **({"overall": overall} if overall else {}),
+        "conditions": conditions,
+    }
 
 
 def play(
     name: str,
-    spec: EpisodeSpec,
+    plan: EvaluationPlan,
     environments: SuiteVectorEnv,
     controller: Controller,
     waiting: collections.deque[tuple[int, int]],
@@ -254,15 +268,19 @@ def play(
 
     Args:
       name: of the condition.
-      spec: of its episodes.
+      plan: of the evaluation.
       environments: in which they are played.
       controller: acts in them.
       waiting: numbers and seeds of the episodes.
     """
-    witness = Witness(environments, controller)
+    spec, witness = plan.specs[name], Witness(environments, controller)
     for index, episode in VectorRollout(environments, witness).play(waiting):
         key = {"condition": name, "episode": index, "seed": spec.seed + index}
-        yield _result(environments, spec, episode, key), witness.trace(episode)
+        result, trace = _result(environments, spec, episode, key), witness.trace(episode)
+        if measures := plan.measures[name]:
+            states = witness.observations(episode)[:, criteria.STATE]
+            result = dataclasses.replace(result, measures={key: of(states) for key, of in measures.items()})
+        yield result, trace
 
 
 def _result(

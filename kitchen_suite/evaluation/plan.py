@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from kitchen_suite import checks, files, policies, suite
-from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Protocol, Score, domain_protocols
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import MAX_EPISODE_STEPS, EvaluateSettings
 
@@ -22,12 +22,14 @@ class EvaluationPlan:
       specs: specifications of the episodes by the names of the conditions.
       num_episodes: of each condition.
       score: a published score; None if the protocol has none, or if it is for other tasks.
+      measures: further measures of episodes, by the names of the conditions.
     """
 
     protocol: str
     specs: Mapping[str, EpisodeSpec]
     num_episodes: int
     score: Score | None
+    measures: Mapping[str, Mapping[str, Measure]]
 
     @property
     def first(self) -> EpisodeSpec:
@@ -82,6 +84,7 @@ class EvaluationPlan:
             specs=specs,
             num_episodes=record.num_episodes,
             score=_score(protocol, specs),
+            measures=_measures(protocol, specs),
         )
 
 
@@ -123,6 +126,7 @@ def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
         specs=specs,
         num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
         score=_score(protocol, specs),
+        measures=_measures(protocol, specs),
     )
 
 
@@ -141,6 +145,12 @@ def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None
     """Returns the published score of a protocol, unless the episodes are of other tasks."""
     own_tasks = {condition.task_name for condition in protocol.conditions}
     return protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None
+
+
+def _measures(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> dict[str, Mapping[str, Measure]]:
+    """Returns the measures of each condition; none where its task was replaced."""
+    own = {(condition.name, condition.task_name): condition.measures for condition in protocol.conditions}
+    return {name: own.get((name, spec.task_name), {}) for name, spec in specs.items()}
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:

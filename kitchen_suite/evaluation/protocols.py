@@ -5,11 +5,17 @@ protocol, so the numbers of a protocol must not change once results under it hav
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping
+import functools
+import itertools
+from collections.abc import Callable, Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kitchen_suite import suite
+from kitchen_suite.evaluation import criteria
 
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000
@@ -28,6 +34,16 @@ KITCHEN_STEPS = 280
 STRICT_STEPS = 400
 
 
+# Control steps of an evaluation of EARL, and of a skill of METRA.
+EARL_STEPS, METRA_STEPS = 400, 50
+
+# Control steps of LEXA's goals.
+LEXA_STEPS = 150
+
+# What an episode is measured by: a function of the states `(T + 1, 30)` of `criteria`, from the reset on.
+Measure = Callable[[NDArray[np.float64]], bool | float]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Condition:
     """Episodes that are scored together.
@@ -36,11 +52,13 @@ class Condition:
       name: in results; the name of the task when empty.
       task_name: one of the domain's tasks; that of its `DomainProtocols` when None.
       task_kwargs: arguments of the Gymnasium environment.
+      measures: further measures of its episodes by name; only in the kitchen.
     """
 
     name: str = ""
     task_name: str | None = None
     task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    measures: Mapping[str, Measure] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,6 +89,8 @@ class Protocol:
       max_episode_steps: control steps of an episode; the domain's when None.
       is_general: whether it is for every domain; otherwise for those that name it among their `protocols`.
       score: a published score; None if there is none.
+      overall: the protocol's scores over all conditions, from the scores by condition.
+      differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
 
     name: str
@@ -81,6 +101,8 @@ class Protocol:
     max_episode_steps: int | None = None
     is_general: bool = False
     score: Score | None = None
+    overall: Callable[[Mapping[str, Mapping[str, Any]]], dict[str, float]] = lambda scores: {}
+    differences: str = ""
 
 
 # Conditions of `shift`: nothing varied, each group alone, all groups, seen and held-out; and pushes.
@@ -93,6 +115,88 @@ _SHIFTS = (
     ),
     Condition(name="push", task_kwargs={"variations": ["push"]}),
 )
+
+
+# The noise of D4RL's kitchen, ten times and two hundred times that of FrankaKitchen-v1.
+_D4RL_NOISE = {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
+
+# Tasks that shut what EARL's episodes start with open or on.
+_EARL_TASKS = ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet")
+
+# Without noise, and to the last control step, as environments of goals that are reached or not.
+_EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
+
+# Tasks of the suite that have the objects of LEXA's goals, and the goals that are not the suite's.
+_LEXA_TASKS = {"bottom_burner": "bottom right burner"}
+_LEXA_VALUES = {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}
+# Thresholds of the suite's own count of tasks, which LEXA's criteria are close to.
+_LEXA_THRESHOLDS = {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2}
+_EARL_THRESHOLD = 0.1
+
+
+def _lexa_condition(objects: tuple[str, ...]) -> Condition:
+    tasks = [_LEXA_TASKS.get(name, name.replace("_", " ")) for name in objects]
+    chosen = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
+    own = {name: {task: values[task] for task in tasks if task in values} for name, values in chosen.items()}
+    return Condition(
+        name=" and ".join(objects),
+        task_name="all",
+        task_kwargs={
+            "tasks_to_complete": tasks,
+            "control_mode": "ee_delta_pose",
+            **_EXACTLY_SEEN,
+            **{name: values for name, values in own.items() if values},
+        },
+        measures={
+            "task_relevant_success": functools.partial(criteria.lexa_task_relevant, objects=objects),
+            "all_objects_success": functools.partial(criteria.lexa_all_objects, objects=objects),
+        },
+    )
+
+
+def _means(scores: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> dict[str, float]:
+    """Returns the means of some scores over all conditions."""
+    return {name: round(sum(score[name] for score in scores.values()) / len(scores), 6) for name in names}
+
+
+def _goals_reached(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Returns METRA's score: the number of goals that some episode reached."""
+    (score,) = scores.values()
+    return {"goals_reached": sum(score[name] > 0 for (name,) in criteria.LEXA_SINGLES)}
+
+
+def _ordered(name: str, task_name: str, source: str, tasks: Sequence[str] | None = None) -> Protocol:
+    """Returns a protocol of tasks that count in their order."""
+    chosen = {} if tasks is None else {"tasks_to_complete": [*tasks]}
+    return Protocol(
+        name=name,
+        follows=f"{source}, in order, noise 0.1, velocities; score: mean tasks",
+        conditions=(
+            Condition(
+                name=name,
+                task_name=task_name,
+                task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE, "tasks_in_order": True, **chosen},
+            ),
+        ),
+        num_episodes=100,
+        max_episode_steps=KITCHEN_STEPS,
+        score=Score(name="subtasks", best=4.0, tasks=4),
+        differences="Observations also have velocities; distances are of true positions.",
+    )
+
+
+def _earl_condition(pair: tuple[str, str]) -> Condition:
+    return Condition(
+        name=" and ".join(pair),
+        task_name="all",
+        task_kwargs={
+            "tasks_to_complete": [*pair],
+            "control_mode": "joint_velocity",
+            "threshold": _EARL_THRESHOLD,
+            **_EXACTLY_SEEN,
+        },
+        measures={"earl_success": criteria.earl_success},
+    )
 
 
 _PROTOCOLS = (
@@ -140,9 +244,95 @@ _PROTOCOLS = (
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="d4rl_score", best=100.0, tasks=4),
     ),
+    *(
+        Protocol(
+            name=name,
+            follows=f"{source}: D4RL's {' and '.join(tasks)}, noise 0.1, velocities; score: mean tasks / 4 x 100",
+            conditions=tuple(
+                Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE})
+                for task in tasks
+            ),
+            num_episodes=50,
+            max_episode_steps=KITCHEN_STEPS,
+            score=Score(name="d4rl_score", best=100.0, tasks=4),
+            differences="The goal of 30 numbers is `criteria.goal_state`; distances are of true positions.",
+        )
+        for name, source, tasks in (
+            ("hiql", "Park et al. 2023", ("partial", "mixed")),
+            ("gas", "Baek et al. 2025", ("partial",)),
+        )
+    ),
     Protocol(
-        name="beso",
-        follows="Reuss et al. 2023: random 4 of 7 tasks, which the policy is shown; 100 episodes for each of 10 seeds",
+        name="dppo",
+        follows="Ren et al. 2024: D4RL's three sets, noise 0.1, velocities, 40 environments; score: mean tasks / 4",
+        conditions=tuple(
+            Condition(task_name=task, task_kwargs={"control_mode": "joint_velocity", **_D4RL_NOISE})
+            for task in ("complete", "partial", "mixed")
+        ),
+        num_episodes=40,
+        max_episode_steps=KITCHEN_STEPS,
+        score=Score(name="mean_reward", best=1.0, tasks=4),
+        differences="Chunks of four actions are the policy's own; distances are of true positions.",
+    ),
+    _ordered("spirl", "mixed", "Pertsch et al. 2020, by their code: the tasks of D4RL's mixed"),
+    _ordered(
+        "skild",
+        "all",
+        "Pertsch et al. 2021: kettle, bottom and top burner, slide cabinet",
+        ("kettle", "bottom burner", "top burner", "slide cabinet"),
+    ),
+    _ordered(
+        "skimo",
+        "all",
+        "Shi et al. 2022: microwave, light, slide and hinge cabinet",
+        ("microwave", "light switch", "slide cabinet", "hinge cabinet"),
+    ),
+    Protocol(
+        name="lexa",
+        follows="Mendonca et al. 2021: 12 goals, objects alone and in pairs, no noise; scores: two kinds of success",
+        conditions=tuple(map(_lexa_condition, criteria.LEXA_GOALS)),
+        num_episodes=10,
+        max_episode_steps=LEXA_STEPS,
+        overall=functools.partial(_means, names=("task_relevant_success", "all_objects_success")),
+        differences=(
+            "LEXA moves a hand welded to a mocap body, for 16 physics steps; here it is `ee_delta_pose`, for 40. Its "
+            "code leaves the length of an episode open. Success counts at any control step, as METRA counts it."
+        ),
+    ),
+    Protocol(
+        name="metra",
+        follows="Park et al. 2024: episodes stand in for 24 skills, no noise; score: how many of six goals they reach",
+        conditions=(
+            Condition(
+                name="skills",
+                task_name="all",
+                task_kwargs={"control_mode": "ee_delta_pose", **_EXACTLY_SEEN},
+                measures={
+                    name: functools.partial(criteria.lexa_task_relevant, objects=(name,))
+                    for (name,) in criteria.LEXA_SINGLES
+                },
+            ),
+        ),
+        num_episodes=24,
+        max_episode_steps=METRA_STEPS,
+        overall=_goals_reached,
+        differences="The hand is moved by `ee_delta_pose` in place of a weld to a mocap body.",
+    ),
+    Protocol(
+        name="earl",
+        follows="Sharma et al. 2022: two of four objects open or on, to be shut; score: all objects within 0.3",
+        conditions=tuple(map(_earl_condition, itertools.combinations(_EARL_TASKS, 2))),
+        num_episodes=50,
+        max_episode_steps=EARL_STEPS,
+        overall=functools.partial(_means, names=("earl_success",)),
+        differences=(
+            "EARL moves a hand welded to a mocap body; here it is `joint_velocity`. The microwave starts at -0.75 rad, "
+            "not at -0.7. Success counts at any control step."
+        ),
+    ),
+    Protocol(
+        name="random-4",
+        follows="random 4 of 7 tasks, which the policy is shown, velocities; ten seeds of 100 episodes, as in BESO",
         conditions=(Condition(task_name="random_4", task_kwargs={"control_mode": "joint_velocity"}),),
         num_episodes=1_000,
         max_episode_steps=KITCHEN_STEPS,

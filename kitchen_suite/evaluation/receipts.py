@@ -93,19 +93,20 @@ class _Trail:
     """The trace of an episode in progress."""
 
     def __init__(self) -> None:
+        self.numbers: list[NDArray[np.float64]] = []
         self._hash = hashlib.sha256()
         self._checks: list[bytes] = []
         self._actions: list[NDArray] = []
 
     def see(self, numbers: NDArray[np.float64]) -> None:
         """Adds the numbers of a reset, or of the control step that the last action has made."""
-        self._last = numbers
+        self.numbers.append(numbers)
         self._hash.update(numbers.astype("<f8").tobytes())
         self._checks.append(self._hash.digest()[:2])
 
     def see_divergence(self) -> None:
         """Adds a control step in which the physics diverged."""
-        self.see(np.full_like(self._last, np.nan))
+        self.see(np.full_like(self.numbers[-1], np.nan))
 
     def act(self, action: NDArray) -> None:
         """Adds an action."""
@@ -118,7 +119,7 @@ class _Trail:
             actions=np.array(self._actions),
             checks=np.frombuffer(b"".join(self._checks), "<u2"),
             digest=np.frombuffer(self._hash.digest(), np.uint8),
-            last=self._last.astype("<f4"),
+            last=self.numbers[-1].astype("<f4"),
         )
 
 
@@ -159,6 +160,10 @@ class Witness:
         else:
             trail.see(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
         return trail.trace
+
+    def observations(self, episode: EndedEpisode) -> NDArray[np.float64]:
+        """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""
+        return np.stack(self._trails[episode.i].numbers)[:, 1:]
 
     def _numbers(self, rewards: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the numbers `(n, 1 + m)` of the present step."""

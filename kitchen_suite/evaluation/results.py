@@ -102,6 +102,7 @@ class EpisodeResult:
       asked: the tasks that it asked for, each with the control step of its completion or None; None for tasks that
         cannot be counted.
       diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
+      measures: further measures of its protocol by name.
       trace: its actions and digests, see `receipts.Trace.as_text`; empty where they are kept elsewhere.
     """
 
@@ -113,6 +114,7 @@ class EpisodeResult:
     control_steps: Count
     asked: dict[str, Count | None] | None = None
     diverged: bool = False
+    measures: dict[str, bool | float] = dataclasses.field(default_factory=dict)
     trace: str = ""
 
     @classmethod
@@ -161,6 +163,9 @@ def score_episodes(results: Sequence[EpisodeResult], score: Score | None = None)
         further["order_entropy"] = round(order_entropy(asked, steps), _DECIMALS)
     else:
         measured["mean_progress"] = mean([result.progress for result in results])
+    for name, example in results[0].measures.items():
+        values = [result.measures[name] for result in results]
+        measured[name] = rate(values) if isinstance(example, bool) else mean(values)
     measured["success"] = rate([result.success for result in results])
     measured["control_steps"] = mean([result.control_steps for result in results])
     return {

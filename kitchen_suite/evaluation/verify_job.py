@@ -82,11 +82,12 @@ class VerifyJob:
         receipt = Receipt.read(self._path)
         plan = _checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
+        plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
         compared: dict[str, list[Comparison]] = {}
         with EpisodeBar(plan.num_episodes * len(plan.specs), 0, 0) as bar:
-            for name, spec in plan.specs.items():
+            for name in plan.specs:
                 compared[name] = []
-                for comparison in self._compare(name, spec, receipt):
+                for comparison in self._compare(name, plan, receipt):
                     compared[name].append(comparison)
                     self._finished += 1
                     bar.count(comparison.replayed.success)
@@ -102,20 +103,24 @@ class VerifyJob:
         print_line("the receipt holds: all numbers are equal to the bit, and all scores follow from them")
         return SUCCESS
 
-    def _compare(self, name: str, spec: EpisodeSpec, receipt: Receipt) -> Iterator[Comparison]:
+    def _compare(self, name: str, plan: EvaluationPlan, receipt: Receipt) -> Iterator[Comparison]:
         """Plays the episodes of a condition again."""
         results, traces = receipt.results[name], receipt.traces[name]
         waiting = collections.deque((result.episode, result.seed) for result in results)
-        kwargs = {key: value for key, value in spec.task_kwargs.items() if key not in _OF_PICTURES}
-        blind = dataclasses.replace(spec, task_kwargs=kwargs)
         num_envs = even_count(len(results), self._settings.num_envs)
-        with contextlib.closing(blind.make_vector_env(num_envs, self._settings.num_threads)) as environments:
+        with contextlib.closing(plan.specs[name].make_vector_env(num_envs, self._settings.num_threads)) as environments:
             shape = environments.single_action_space.shape
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
             replay = Replay({result.seed: trace.actions for result, trace in zip(results, traces, strict=True)})
-            for replayed, trace in play(name, blind, environments, replay, waiting):
+            for replayed, trace in play(name, plan, environments, replay, waiting):
                 yield _comparison(results[replayed.episode], traces[replayed.episode], replayed, trace)
+
+
+def _blind(spec: EpisodeSpec) -> EpisodeSpec:
+    """Returns a specification without pictures."""
+    kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_PICTURES}
+    return dataclasses.replace(spec, task_kwargs=kwargs)
 
 
 def _comparison(recorded: EpisodeResult, one: Trace, replayed: EpisodeResult, other: Trace) -> Comparison:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.tasks.goals import GoalSet
 from kitchen_suite.tasks.kitchen.mdp import ATTEMPTED, REWARD_STATE, KitchenMDP
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, counted_in_order
 from kitchen_suite.tasks.kitchen.reward import GOAL_TERMS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import total
 
@@ -59,6 +59,8 @@ def reward(
     else:
         rewarded = _listed(infos, mdp.goals.tasks, (TO_COMPLETE, STEP_COMPLETIONS), elsewhere=True)
         within = _within(achieved, desired, mdp) & rewarded
+        if mdp.tasks_in_order:
+            within = counted_in_order(within, ~rewarded)
         step = Step(completions=within if requested is None else within & requested)
     action = np.zeros(0)
     return total(

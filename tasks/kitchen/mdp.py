@@ -12,7 +12,7 @@ from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, next_in_turn
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, counted_in_order, next_in_turn
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import MDP, Simulation
 
@@ -97,6 +97,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       remove_task_when_completed: whether a task is rewarded only once.
       task_draw: how many of the tasks an episode asks for; None for all.
       tasks_in_turn: whether the next of them is requested only once the one before has been completed.
+      tasks_in_order: whether a task counts only once those before it have been completed.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
     """
 
@@ -108,6 +109,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     remove_task_when_completed: bool
     task_draw: TaskDraw | None = None
     tasks_in_turn: bool = False
+    tasks_in_order: bool = False
     max_task_steps: int | None = None
 
     @property
@@ -172,6 +174,8 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         attempted = None if state.requested_order is None else self._attempted(state)
         if attempted is not None:
             within = within & attempted
+        if self.tasks_in_order:
+            within = counted_in_order(within, state.progress.completed)
         after = KitchenState(
             noise=self.noise_scale * draws,
             positions=positions,

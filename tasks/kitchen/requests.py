@@ -81,6 +81,17 @@ def next_in_turn(order: NDArray[np.int64], completed: NDArray[np.bool_]) -> NDAr
     return order == place[..., np.newaxis]
 
 
+def counted_in_order(within: NDArray[np.bool_], completed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns which tasks `(..., n)` within their thresholds count where tasks count in their sequence.
+
+    A task counts if all tasks before it have been `completed`, or are within theirs now.
+    """
+    count = within.shape[-1]
+    places = np.arange(count)
+    missing = np.where(within | completed, count, places).min(axis=-1, initial=count)
+    return within & (places < missing[..., np.newaxis])
+
+
 def in_order(order: NDArray[np.int64]) -> list[int]:
     """Returns the indices of the tasks that an order `(n,)` asks for, in their sequence."""
     return [int(index) for index in np.argsort(order, kind="stable") if order[index] >= 0]

@@ -72,6 +72,7 @@ class KitchenTask(SuiteTask):
         reward: str = "sparse",
         tasks_per_episode: int | Sequence[int] | None = None,
         tasks_in_turn: bool = False,
+        tasks_in_order: bool = False,
         max_task_steps: int | None = None,
         control_mode: str = "joint_velocity",
         **options: Any,
@@ -96,6 +97,9 @@ class KitchenTask(SuiteTask):
             the end and the infos. Every episode asks for all when omitted.
           tasks_in_turn: whether the next of these tasks is requested only once the one before has been completed;
             observation and instruction show one task, and only this one can be completed. Needs `tasks_per_episode`.
+          tasks_in_order: whether a task counts only once all tasks before it in `tasks_to_complete` have been
+            completed; those that follow may count in the same step. All tasks are requested from the start. Not
+            together with `tasks_per_episode`.
           max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
             first time; counted from the reset, and again from each completion. No such limit when omitted.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
@@ -113,6 +117,8 @@ class KitchenTask(SuiteTask):
         """
         if checks.boolean(tasks_in_turn, "tasks_in_turn") and tasks_per_episode is None:
             raise ValueError("tasks_in_turn=True needs tasks_per_episode, the number of tasks that an episode asks for")
+        if checks.boolean(tasks_in_order, "tasks_in_order") and tasks_per_episode is not None:
+            raise ValueError("tasks_in_order=True and tasks_per_episode exclude each other: give one of them")
         if max_task_steps is not None:
             checks.integer(max_task_steps, "max_task_steps", minimum=1)
         control, observables = split_options(options, self.control_modes)
@@ -135,6 +141,7 @@ class KitchenTask(SuiteTask):
             remove_task_when_completed=checks.boolean(remove_task_when_completed, "remove_task_when_completed"),
             task_draw=None if tasks_per_episode is None else TaskDraw.make(tasks_per_episode, len(goal_set.tasks)),
             tasks_in_turn=tasks_in_turn,
+            tasks_in_order=tasks_in_order,
             max_task_steps=max_task_steps,
         )
         super().__init__(scene, mdp, **observables)

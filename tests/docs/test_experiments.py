@@ -230,6 +230,7 @@ def evaluations(tmp_path, monkeypatch):
     """The script, with a folder of its own for the results."""
     module = load_script("experiments/evaluation")
     monkeypatch.setattr(module, "RESULTS", tmp_path / "evaluation")
+    monkeypatch.setattr(module, "RECEIPTS", tmp_path / "receipts")
     return module
 
 

@@ -1,6 +1,7 @@
 """The protocols, number by number, and how flags replace their values."""
 
 import dataclasses
+import itertools
 import shutil
 
 import numpy as np
@@ -26,6 +27,9 @@ from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 VELOCITY = {"control_mode": "joint_velocity"}
+D4RL = VELOCITY | {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
+IN_ORDER = {"tasks_in_order": True}
+EXACTLY = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
 # Task and arguments of each condition, first seed, episodes, control steps, score; in the kitchen.
 LITERAL = {
@@ -47,7 +51,95 @@ LITERAL = {
         280,
         ("d4rl_score", 100.0, 4),
     ),
-    "beso": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
+    # main.py:32 of seohongpark/HIQL: eval_episodes; evaluation.py of qortmdgh4141/GAS.
+    "hiql": ([("partial", D4RL), ("mixed", D4RL)], 400_000_000, 50, 280, ("d4rl_score", 100.0, 4)),
+    "gas": ([("partial", D4RL)], 400_000_000, 50, 280, ("d4rl_score", 100.0, 4)),
+    # cfg/gym/finetune/kitchen-complete-v0/ft_ppo_diffusion_mlp.yaml of irom-princeton/dppo, lines 15 to 49.
+    "dppo": (
+        [("complete", D4RL), ("partial", D4RL), ("mixed", D4RL)],
+        400_000_000,
+        40,
+        280,
+        ("mean_reward", 1.0, 4),
+    ),
+    # d4rl/d4rl/kitchen/kitchen_envs.py of clvrai/skimo: classes of the three sequences.
+    "spirl": ([("mixed", D4RL | IN_ORDER)], 400_000_000, 100, 280, ("subtasks", 4.0, 4)),
+    "skild": (
+        [("all", D4RL | IN_ORDER | {"tasks_to_complete": ["kettle", "bottom burner", "top burner", "slide cabinet"]})],
+        400_000_000,
+        100,
+        280,
+        ("subtasks", 4.0, 4),
+    ),
+    "skimo": (
+        [
+            (
+                "all",
+                D4RL
+                | IN_ORDER
+                | {"tasks_to_complete": ["microwave", "light switch", "slide cabinet", "hinge cabinet"]},
+            )
+        ],
+        400_000_000,
+        100,
+        280,
+        ("subtasks", 4.0, 4),
+    ),
+    # envs/kitchen.py of orybkin/lexa-benchmark, lines 139 to 168.
+    "lexa": (
+        [
+            (
+                "all",
+                {"tasks_to_complete": [*tasks], "control_mode": "ee_delta_pose"}
+                | EXACTLY
+                | {
+                    name: {task: values[task] for task in tasks if task in values}
+                    for name, values in (
+                        ("goals", {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}),
+                        (
+                            "threshold",
+                            {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2},
+                        ),
+                    )
+                    if {*tasks} & {*values}
+                },
+            )
+            for tasks in (
+                ("bottom right burner",),
+                ("light switch",),
+                ("slide cabinet",),
+                ("hinge cabinet",),
+                ("microwave",),
+                ("kettle",),
+                ("light switch", "slide cabinet"),
+                ("light switch", "hinge cabinet"),
+                ("light switch", "kettle"),
+                ("slide cabinet", "hinge cabinet"),
+                ("slide cabinet", "kettle"),
+                ("hinge cabinet", "kettle"),
+            )
+        ],
+        400_000_000,
+        10,
+        150,
+        None,
+    ),
+    # envs/lexa/mykitchen.py of seohongpark/METRA, lines 102 to 116; README: 24 skills, trajectories of 50 steps.
+    "metra": ([("all", {"control_mode": "ee_delta_pose"} | EXACTLY)], 400_000_000, 24, 50, None),
+    # earl_benchmark/__init__.py and envs/kitchen.py of architsharma97/earl_benchmark.
+    "earl": (
+        [
+            ("all", {"tasks_to_complete": [*pair], "threshold": 0.1} | VELOCITY | EXACTLY)
+            for pair in itertools.combinations(
+                ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet"), 2
+            )
+        ],
+        400_000_000,
+        50,
+        400,
+        None,
+    ),
+    "random-4": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
     "shift": (
         [
             ("random_4", {}),
@@ -167,7 +259,7 @@ def test_every_protocol_says_whom_it_follows():
     assert all(80 < len(protocol.follows) < 130 for protocol in PROTOCOLS.values())
 
 
-@pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "beso"])
+@pytest.mark.parametrize("name", ["strict", "diffusion-policy", "d4rl", "lexa", "random-4"])
 def test_a_protocol_of_the_kitchen_is_refused_elsewhere(name):
     expected = rf"protocol '{name}' is not for domain 'open_cabinet'; choose from \['default', 'shift'\]"
     with pytest.raises(ValueError, match=expected):

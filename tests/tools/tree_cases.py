@@ -773,9 +773,8 @@ def command_cases() -> Named:
         )
         yield f"evaluate open_cabinet, {policy}", case(evaluate, cabinet, f"--policy={policy}", two)
     yield "evaluate microwave_table", case(evaluate, table, two)
-    for protocol in ("strict", "diffusion-policy", "d4rl", "beso", "shift"):
-        count = ("--num_episodes=10",) if protocol == "beso" else (two,)
-        yield f"evaluate kitchen, {protocol}", case(evaluate, f"--protocol={protocol}", short, *count)
+    for protocol in ("strict", "diffusion-policy", "d4rl", "shift"):
+        yield f"evaluate kitchen, {protocol}", case(evaluate, f"--protocol={protocol}", short, two)
     yield "evaluate microwave_table, shift", case(evaluate, table, "--protocol=shift", short, two)
     if experts:
         yield "evaluate kitchen, shift, expert", case(evaluate, "--protocol=shift", "--policy=expert", short, two)

@@ -146,6 +146,7 @@ class KitchenExpert(Expert):
             **task.success_options,
             "extra_observables": tuple(task.extra_observables),
             "observes_requests": task.mdp.task_draw is not None,
+            "in_order": task.mdp.tasks_in_order,
         }
 
     def without_goals(self, flat: NDArray) -> NDArray:

@@ -1,0 +1,137 @@
+"""Success as publications define it, against their definitions written anew, on 100,000 random states."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from kitchen_suite.evaluation import criteria
+from kitchen_suite.evaluation.plan import make_plan
+from kitchen_suite.evaluation.protocols import PROTOCOLS
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.kitchen import FrankaKitchenEnv
+from kitchen_suite.settings import EvaluateSettings
+
+COUNT = 100_000
+
+
+@pytest.fixture(scope="module")
+def states():
+    """States about as often at as off the goals, some of which are at the start."""
+    generator = np.random.default_rng(0)
+    starts = np.zeros(30)
+    starts[23:30] = (-0.269, 0.35, 1.62, 1, 0, 0, 0)
+    goals = np.array([*[-0.88, -0.01] * 4, -0.69, -0.05, 0.37, 0.0, 0.5, -0.5, -0.23, 0.75, 1.62, 1, 0, 0, 0])
+    shares = generator.choice([0.0, 0.5, 1.0], (COUNT, 30)) + generator.normal(0, 0.3, (COUNT, 30))
+    states = starts + shares * (np.concatenate([np.ones(9), goals]) - starts)
+    return np.concatenate([starts[np.newaxis], states])
+
+
+def published_lexa(qpos, start, objects):
+    """Both scores of a state: lines 76 to 106 of envs/kitchen.py of orybkin/lexa-benchmark, in words of our own."""
+    goal = list(start)
+    values = {
+        "bottom_burner": [(9, -0.88), (10, -0.01)],
+        "light_switch": [(17, -0.69), (18, -0.05)],
+        "slide_cabinet": [(19, 0.37)],
+        "hinge_cabinet": [(20, 0.0), (21, 0.5)],
+        "microwave": [(22, -0.5)],
+        "kettle": [(23, -0.23), (24, 0.75), (25, 1.62)],
+    }
+    for name in objects:
+        for column, value in values[name]:
+            goal[column] = value
+    sides = {"bottom_burner": (9, -0.38), "top_burner": (13, -0.38), "light_switch": (17, -0.25)}
+    reached = {
+        name: (qpos[column] < limit and goal[column] < limit) or (qpos[column] > limit and goal[column] > limit)
+        for name, (column, limit) in sides.items()
+    }
+    for name, column, limit in (("slide_cabinet", 19, 0.1), ("hinge_cabinet", 21, 0.2), ("microwave", 22, 0.2)):
+        reached[name] = abs(qpos[column] - goal[column]) < limit
+    reached["kettle"] = np.hypot(qpos[23] - goal[23], qpos[24] - goal[24]) < 0.2
+    return all(reached[name] for name in objects), all(reached.values())
+
+
+def test_lexas_scores_are_the_published_ones(states):
+    start, others = states[0], states[1:]
+    share = COUNT // len(criteria.LEXA_GOALS)
+    for number, objects in enumerate(criteria.LEXA_GOALS):
+        some = others[number * share : (number + 1) * share]
+        found = criteria.lexa_objects(some, criteria.lexa_goal(start, objects))
+        ours = np.all([found[name] for name in objects], axis=0), np.all([*found.values()], axis=0)
+        expected = np.array([published_lexa(state.tolist(), start.tolist(), objects) for state in some])
+        np.testing.assert_array_equal(np.stack(ours, axis=1), expected)
+        assert 0 < expected[:, 0].sum() < share
+
+
+def test_lexa_counts_any_control_step_after_the_reset(states):
+    reached = states[0].copy()
+    reached[22] = -0.5
+    for rows, expected in (([states[0], reached, states[0]], True), ([reached, states[0]], False)):
+        assert criteria.lexa_task_relevant(np.array(rows), ("microwave",)) is expected
+    reached[19] = 0.37
+    assert criteria.lexa_task_relevant(np.array([states[0], reached]), ("microwave",))
+    assert not criteria.lexa_all_objects(np.array([states[0], reached]), ("microwave",))
+    assert len(criteria.LEXA_GOALS) == 12
+    assert [*criteria.LEXA_GOALS[6:]] == [
+        *itertools.combinations(("light_switch", "slide_cabinet", "hinge_cabinet", "kettle"), 2)
+    ]
+
+
+def test_earls_success_is_the_published_one(states):
+    """A norm over the objects but the kettle, at most 0.3."""
+    goal = [2.456005e-05, 2.9547007e-07, 2.4559975e-05, 2.954692e-07, 2.4559975e-05, 2.954692e-07, 2.4559975e-05]
+    goal += [2.954692e-07, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
+    near = states[1:].copy()
+    near[:, 9:23] *= np.random.default_rng(1).uniform(0, 0.5, (COUNT, 1))
+    found = [criteria.earl_success(np.stack([near[0], state])) for state in near]
+    expected = np.sqrt(((near[:, 9:23] - goal) ** 2).sum(axis=1)) <= 0.3
+    np.testing.assert_array_equal(found, expected)
+    assert 0 < expected.sum() < COUNT
+
+
+def test_states_are_d4rls_positions():
+    env = FrankaKitchenEnv(robot_noise_ratio=0.0, object_noise_ratio=0.0)
+    observation, _ = env.reset(seed=0)
+    state = observation["observation"][criteria.STATE]
+    np.testing.assert_allclose(state[:3], [0.148388023, -1.76848573, 1.84390296], atol=1e-6)
+    achieved = observation["achieved_goal"]
+    goal = criteria.goal_state(achieved, state[:9])
+    objects = [11, 12, 15, 16, 17, 18, 19, 20, 21, 22, *range(23, 30)]
+    np.testing.assert_array_equal(goal[objects], state[objects])
+    np.testing.assert_array_equal(goal[:9], state[:9])
+    assert len(criteria.GAS_ROBOT) == 9
+
+
+@pytest.mark.parametrize("name", ["lexa", "earl"])
+def test_goals_of_conditions_are_those_that_are_measured(name):
+    """The objects of a condition, put at its goals, are a success by the publication's measure."""
+    plan = make_plan(EvaluateSettings(protocol=name, policy="zero"))
+    for condition, spec in plan.specs.items():
+        environment = suite_env(spec.make_environment())
+        environment.reset(seed=0)
+        start = environment.observations.flat(environment.present_observation)[criteria.STATE]
+        task, goal = environment.composer_task, start.copy()
+        columns = {
+            "bottom right burner": slice(9, 11),
+            **{f"close {key}": part for key, part in criteria._COLUMNS.items()},
+            **{f"turn off {key}": part for key, part in criteria._COLUMNS.items()},
+            "close hinge cabinet": slice(21, 22),
+            **criteria._COLUMNS,
+        }
+        for each, value in task.goals.items():
+            goal[columns[each]] = value
+        measures = plan.measures[condition]
+        assert all(of(np.stack([start, goal])) for of in measures.values()), condition
+        assert not any(of(np.stack([start, start])) for of in measures.values()), condition
+
+
+def test_scores_over_all_conditions():
+    scores = {
+        "one": {"task_relevant_success": 1.0, "all_objects_success": 0.5},
+        "other": {"task_relevant_success": 0.5, "all_objects_success": 0.0},
+    }
+    assert PROTOCOLS["lexa"].overall(scores) == {"task_relevant_success": 0.75, "all_objects_success": 0.25}
+    reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.0, 0.0, 0.5], strict=True))
+    assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 3}
+    assert PROTOCOLS["default"].overall(scores) == {}
