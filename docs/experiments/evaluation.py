@@ -29,7 +29,7 @@ POLICIES = ("random", "expert", "trained")
 Case = tuple[str, ...]
 
 # Protocols whose tasks or control mode no policy of the package was trained for.
-UNTRAINED = ("lexa", "metra", "earl")
+UNTRAINED = ("lexa", "metra", "earl", "calvin")
 
 CASES: tuple[Case, ...] = tuple(
     case

@@ -239,10 +239,7 @@ def results() -> Iterator[Mapping[str, Any]]:
 
 
 # Protocols with tables of their own: with many conditions, or with scores over all of them.
-_APART = {
-    "shift",
-    *(name for name, protocol in PROTOCOLS.items() if any(each.measures for each in protocol.conditions)),
-}
+_APART = ("shift", "lexa", "metra", "earl", "calvin")
 
 
 def goals_table() -> str:
@@ -327,7 +324,7 @@ def _shift_table(cell: Callable[[Mapping[str, Any], str], str]) -> str:
 
 def task_rate_table() -> str:
     """Returns the table of the rates of single tasks, in the first condition of each result."""
-    found = [result for result in results() if result["protocol"] not in _APART - {"shift"}]
+    found = [result for result in results() if result["protocol"] not in _APART[1:]]
     tasks = sorted({task for result in found for task in result["task_rates"]})
     rows = [
         (f"`{result['protocol']}`", result["policy"], *(_task_rate(result["task_rates"].get(task)) for task in tasks))

@@ -43,6 +43,7 @@ _MEANS = {
     "d4rl_score": "D4RL score",
     "subtasks": "subtasks",
     "mean_reward": "mean reward",
+    "mean_length": "mean length",
 }
 _ENTROPY = "order entropy [bit]"
 
@@ -189,8 +190,9 @@ class EvaluateJob:
         if len(scores) > 1:
             print_line(f"\n{format_summary(scores)}")
         written = as_json(plan, scores)
-        for name, value in written.get("overall", {}).items():
-            print_line(f"\n{_label(name)} over all conditions: {value:.4g}")
+        if "overall" in written:
+            rows = [(_label(name), f"{value:.4g}") for name, value in written["overall"].items()]
+            print_line(f"\n{table(('over all conditions', ''), rows)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
                 partial.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
@@ -248,7 +250,8 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
     """Returns the description with the scores: those of the first condition at the top, all by condition below."""
     description = plan.description
     conditions = {name: {**task, **scores[name]} for name, task in description.pop("conditions").items()}
-    overall = PROTOCOLS[plan.protocol].overall(scores) if any(plan.measures.values()) else {}
+    is_own = plan.score or any(plan.measures.values())
+    overall = PROTOCOLS[plan.protocol].overall(scores) if is_own else {}
     return {
         **description,
         **next(iter(conditions.values())),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import suite
 from kitchen_suite.evaluation import criteria
+from kitchen_suite.names import REVERSES
 
 # Training takes its seeds from 500,000,000 on, and recordings usually from 0: between them nothing has been trained on.
 UNSEEN_SEED = 400_000_000
@@ -123,6 +124,9 @@ _D4RL_NOISE = {"robot_noise_ratio": 0.1, "object_noise_ratio": 0.1}
 # Tasks that shut what EARL's episodes start with open or on.
 _EARL_TASKS = ("close microwave", "turn off light switch", "close slide cabinet", "close hinge cabinet")
 
+# Sets of tasks of which chains are drawn, and the most control steps of a task, CALVIN's.
+_CHAIN_SETS, _CHAIN_STEPS = 8, 360
+
 # Without noise, and to the last control step, as environments of goals that are reached or not.
 _EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
@@ -182,6 +186,25 @@ def _ordered(name: str, task_name: str, source: str, tasks: Sequence[str] | None
         max_episode_steps=KITCHEN_STEPS,
         score=Score(name="subtasks", best=4.0, tasks=4),
         differences="Observations also have velocities; distances are of true positions.",
+    )
+
+
+def _chain_condition(number: int) -> Condition:
+    """Returns a condition of chains: of each pair of tasks that undo each other, it has one."""
+    chosen = [pair[not number >> place % 3 & 1] for place, pair in enumerate(REVERSES.items())]
+    # The goal of the hinge cabinet has its left door closed.
+    if "hinge cabinet" in chosen:
+        chosen = [task for task in chosen if "left hinge cabinet" not in task]
+    return Condition(
+        name=f"set {number}",
+        task_name="all",
+        task_kwargs={
+            "tasks_to_complete": chosen,
+            "tasks_per_episode": 5,
+            "tasks_in_turn": True,
+            "max_task_steps": _CHAIN_STEPS,
+            "control_mode": "joint_velocity",
+        },
     )
 
 
@@ -328,6 +351,19 @@ _PROTOCOLS = (
         differences=(
             "EARL moves a hand welded to a mocap body; here it is `joint_velocity`. The microwave starts at -0.75 rad, "
             "not at -0.7. Success counts at any control step."
+        ),
+    ),
+    Protocol(
+        name="calvin",
+        follows="as Mees et al. 2022: 1,000 chains of 5 of the twenty tasks, asked in turn; score: mean length",
+        conditions=tuple(map(_chain_condition, range(_CHAIN_SETS))),
+        num_episodes=1_000 // _CHAIN_SETS,
+        max_episode_steps=5 * _CHAIN_STEPS,
+        score=Score(name="mean_length", best=5.0, tasks=5),
+        overall=functools.partial(_means, names=("p1", "p2", "p3", "p4", "p5", "mean_length")),
+        differences=(
+            "CALVIN is another scene. A chain here has tasks of one of eight sets in which no task undoes another, so "
+            "that the condition of each holds from the start."
         ),
     ),
     Protocol(

@@ -139,6 +139,37 @@ LITERAL = {
         400,
         None,
     ),
+    # calvin_agent/evaluation/evaluate_policy.py of mees/calvin: EP_LEN and NUM_SEQUENCES.
+    "calvin": (
+        [
+            (
+                "all",
+                VELOCITY
+                | {
+                    "tasks_to_complete": [
+                        "close microwave" if one else "microwave",
+                        "close slide cabinet" if other else "slide cabinet",
+                        "close hinge cabinet" if third else "hinge cabinet",
+                        *([["left hinge cabinet", "close left hinge cabinet"][one]] if third else []),
+                        ["bottom burner", "turn off bottom burner"][other],
+                        ["top burner", "turn off top burner"][third],
+                        ["bottom right burner", "turn off bottom right burner"][one],
+                        ["top right burner", "turn off top right burner"][other],
+                        ["light switch", "turn off light switch"][third],
+                        ["kettle", "return kettle"][one],
+                    ],
+                    "tasks_per_episode": 5,
+                    "tasks_in_turn": True,
+                    "max_task_steps": 360,
+                },
+            )
+            for third, other, one in itertools.product(range(2), repeat=3)
+        ],
+        400_000_000,
+        125,
+        1800,
+        ("mean_length", 5.0, 5),
+    ),
     "random-4": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
     "shift": (
         [
