@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
 from kitchen_suite.evaluation.results import score_episodes
 from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER
 from kitchen_suite.vector_env import base as vector_base
+from kitchen_suite.versions import installed_versions, processor
 
 SMALL = ["--num_episodes=3", "--max_episode_steps=12"]
 
@@ -326,3 +328,34 @@ def test_names_of_a_receipt_may_be_any(short, tmp_path):
     traces = {"layout held_out": short.traces["random_4"]}
     dataclasses.replace(short, results=results, traces=traces).write(tmp_path / "a.npz")
     assert Receipt.read(tmp_path / "a.npz").results == results
+
+
+COMMITTED = sorted(Path(__file__).parents[2].glob("docs/experiments/results/receipts/*.npz"))
+
+# Small ones, which the thorough tests replay.
+QUICK = ("expert_metra", "random_gas", "trained_gas")
+
+
+def test_committed_receipts_are_of_the_committed_results():
+    assert {path.stem for path in COMMITTED} >= {*QUICK}
+    for path in COMMITTED:
+        receipt = Receipt.read(path)
+        result = json.loads((path.parents[1] / "evaluation" / f"{path.stem}.json").read_text("utf-8"))
+        assert receipt.evaluation == result, path
+        assert receipt.replaced == [], path
+        assert EvaluationPlan.of(receipt.evaluation).protocol == path.stem.rpartition("_")[2]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.thorough if path.stem in QUICK else pytest.mark.slow)
+        for path in COMMITTED
+    ],
+)
+def test_committed_receipts_are_confirmed(path, capsys):
+    receipt, here = Receipt.read(path), {**installed_versions(), "processor": processor()}
+    same = here == {**receipt.evaluation["versions"], "processor": receipt.machine}
+    status = verify.main([str(path)])
+    # Elsewhere numbers are rounded otherwise, which contacts multiply.
+    assert status == 0 if same else status in (0, 1, DIGITS_DIFFER)
