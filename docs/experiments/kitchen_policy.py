@@ -158,18 +158,22 @@ ROUNDS: dict[str, tuple[tuple[Recording, ...], ...]] = {
             Recording("exact", "start", 700, kind="pixels"),
             Recording("exact", "start,appearance,camera", 500, kind="pixels"),
         ),
+        (
+            Recording("exact", "start", 200, 560, "pixels"),
+            Recording("exact", "start,appearance,camera", 150, 560, "pixels"),
+        ),
     ),
 }
 
 # Sets that are recorded side by side, and threads of each.
 PROCESSES, THREADS = 2, 1
 
-# Steps of the optimiser, and further flags of training.
-STEPS = {"kitchen": 24_000, "kitchen_strict": 24_000, "pixels": 16_000}
+# Steps of the optimiser in each round, and further flags of training.
+STEPS = {"kitchen": (24_000,) * 3, "kitchen_strict": (24_000,) * 2, "pixels": (7_000, 18_000)}
 TRAINING = {
     "kitchen": (),
     "kitchen_strict": (),
-    "pixels": ('--hyperparameters={"batch_size": 128}',),
+    "pixels": ('--hyperparameters={"batch_size": 128}', "--eval_episodes=20"),
 }
 
 # Recordings have their own first seeds, and evaluations seeds that no recording and no training uses.
@@ -253,7 +257,7 @@ def run_folder(folder: Path, number: int) -> Path:
 def train(name: str, folder: Path) -> None:
     """Trains the policies of all rounds, and records what they learn from; continues where it was interrupted."""
     recordings: list[Path] = []
-    for number, (first, *_) in enumerate(ROUNDS[name]):
+    for number, ((first, *_), steps) in enumerate(zip(ROUNDS[name], STEPS[name], strict=True)):
         recordings += record_round(name, folder, number)
         output = run_folder(folder, number)
         if (output / "complete").exists():
@@ -264,7 +268,7 @@ def train(name: str, folder: Path) -> None:
             *("--domain_name=kitchen", "--task_name=all", "--variations=start", "--algorithm=bc", "--seed=1"),
             f"--task_kwargs={json.dumps(first.environment_kwargs)}",
             f"--demonstrations={','.join(map(str, recordings))}",
-            *(f"--num_steps={STEPS[name]}", f"--eval_interval={STEPS[name]}", "--eval_episodes=50", "--restarts=0"),
+            *(f"--num_steps={steps}", f"--eval_interval={steps}", "--eval_episodes=50", "--restarts=0"),
             *TRAINING[name],
             *(["--resume"] if (output / "training.json").exists() else []),
         )

@@ -108,7 +108,7 @@ class _Description:
     num_episodes: Annotated[int, Meta(ge=1)]
     max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
     versions: dict[str, str]
-    conditions: dict[str, _Condition]
+    conditions: Annotated[dict[str, _Condition], Meta(min_length=1)]
 
 
 def make_plan(settings: EvaluateSettings) -> EvaluationPlan:

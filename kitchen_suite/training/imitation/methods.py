@@ -92,13 +92,16 @@ class TorchEncoder(torch.nn.Module):
 def augmented(pictures: torch.Tensor, config: ImitationHyperparameters) -> torch.Tensor:
     """Returns pictures `(b, h, w, 3)`, uint8, displaced and tinted at random, as float32 in [0, 1]."""
     count, height, width, _ = pictures.shape
-    rows, columns = (
-        (torch.arange(size) + torch.randint(-config.shift, config.shift + 1, (count, 1))).clamp(0, size - 1)
-        for size in (height, width)
+    shift = config.shift
+    # Beyond the edge a picture goes on as at the edge. Slices of a wider copy take a fraction of the time of indices.
+    wider = np.pad(pictures.numpy(), ((0, 0), (shift, shift), (shift, shift), (0, 0)), mode="edge")
+    places = torch.randint(0, 2 * shift + 1, (count, 2)).tolist()
+    moved = np.stack(
+        [each[row : row + height, column : column + width] for each, (row, column) in zip(wider, places, strict=True)]
     )
-    moved = pictures[torch.arange(count)[:, None, None], rows[:, :, None], columns[:, None, :]].float() / 255
     gain, offset = (config.tint * (2 * torch.rand(count, 1, 1, 3) - 1) for _ in range(2))
-    return ((moved - 0.5) * (1 + gain) + 0.5 + offset / 2).clamp(0, 1)
+    # (value - 0.5) (1 + gain) + 0.5 + offset / 2, of values in [0, 1].
+    return torch.from_numpy(moved).float().div_(255).mul_(1 + gain).add_((offset - gain) / 2).clamp_(0, 1)
 
 
 class Method(torch.nn.Module, abc.ABC):
