@@ -7,6 +7,7 @@ import contextlib
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
 import kitchen_suite
@@ -29,6 +30,9 @@ from kitchen_suite.settings import (
     ViewSettings,
 )
 
+# Folder of the policies that come with the package, whose module imports dm_control.
+_SHIPPED = Path(kitchen_suite.__file__).parent / "policies" / "trained_policies"
+
 
 def _renders_by_default(settings: PlaySettings) -> bool:
     """Returns whether `kitchen-play` renders: what the policy sees, or a video, by default where one can be made."""
@@ -45,11 +49,10 @@ def _renders_by_default(settings: PlaySettings) -> bool:
 
 
 def _sees(settings: PlaySettings) -> bool:
-    """Returns whether a policy from a file takes pictures; that a file cannot be read is reported later."""
-    if not settings.policy_file:
-        return False
+    """Returns whether a policy takes pictures; that its file cannot be read is reported later."""
+    shipped = _SHIPPED / f"{settings.shipped}.npz"
     with contextlib.suppress(OSError):
-        return bool(files.load_metadata(settings.policy_file, "a trained policy").get("cameras"))
+        return bool(files.load_metadata(settings.policy_file or shipped, "a trained policy").get("cameras"))
     return False
 
 

@@ -135,9 +135,13 @@ def _number(array: NDArray, name: str) -> float:
 def shipped(task: "SuiteTask") -> Path:
     """Returns the path of the policy that comes with the package for a task and its reward, or a set with the task.
 
-    Where the task varies parameters, a policy that was trained with variations is preferred.
+    Where pictures are observed, a policy that takes them is preferred; where the task varies parameters, one that was
+    trained with variations.
     """
     paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
+    # Those that see, where they can, else the others.
+    by_sight = {sees: [path for path in paths if _sees(path, task) is sees] for sees in (True, False)}
+    paths = by_sight[True] or by_sight[False]
     if task.variations.by_name:
         paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
     if paths:
@@ -146,6 +150,14 @@ def shipped(task: "SuiteTask") -> Path:
     others = {path.stem: _metadata(path) for path in sorted(SHIPPED.glob("*.npz"))}
     present = [f"{metadata['domain_name']} {name}" for name, metadata in others.items()]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
+
+
+def _sees(path: Path, task: "SuiteTask") -> bool | None:
+    """Returns whether a policy takes pictures; None if the task does not observe those that it takes."""
+    metadata, taken = _metadata(path), task.pictures.by_name
+    cameras = metadata.get("cameras", ())
+    sizes = [list(taken[camera].array_spec.shape[:2]) for camera in cameras if camera in taken]
+    return bool(cameras) if sizes == [metadata.get("image_size")] * len(cameras) else None
 
 
 @functools.cache

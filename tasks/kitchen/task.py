@@ -157,7 +157,7 @@ class KitchenTask(SuiteTask):
         self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requested)
         self.observed = self._observables.by_name
         self.policy_inputs = PolicyInputs(
-            names=_policy_names(mdp, reward),
+            names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
             state_size=mdp.noise_scale.size + self.extra_size,
             goal_size=2 * goal_set.desired.size,
             tasks=goal_set.tasks,
@@ -344,11 +344,15 @@ class KitchenTask(SuiteTask):
             self._highlighting.update(self.state.progress.within)
 
 
-def _policy_names(mdp: KitchenMDP, reward: str) -> tuple[str, ...]:
-    """Returns the names of trained policies for the tasks and the reward, the most specific one first."""
+def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...]:
+    """Returns the names of trained policies for the tasks and the reward, the most specific one first.
+
+    `sees`: whether pictures are observed.
+    """
     tasks = mdp.goals.tasks
     own = "seven" if tasks == DEFAULT_TASKS else "_".join(tasks).replace(" ", "_")
     if mdp.task_draw is not None:
         own += "_in_turn" if mdp.tasks_in_turn or mdp.task_draw.most == 1 else "_random"
     own += "" if reward == "sparse" else f"_{reward}"
-    return (own, "kitchen") if set(tasks) <= set(DEFAULT_TASKS) else (own,)
+    general = (*(("pixels",) if sees else ()), "kitchen") if set(tasks) <= set(DEFAULT_TASKS) else ()
+    return (own, *general)

@@ -24,10 +24,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import kitchen_suite
-from kitchen_suite import checks, suite
+from kitchen_suite import checks, files, suite
 from kitchen_suite.cli import commands
 from kitchen_suite.cli.command import settings_of as list_settings
 from kitchen_suite.cli.commands import COMMANDS, export, record, rollout
+from kitchen_suite.settings import PlaySettings
 
 KITCHEN_SUITE = [sys.executable, "-m", "kitchen_suite"]
 
@@ -348,3 +349,15 @@ def test_a_thousand_odd_arguments_end_in_one_line(folder, line):
 @given(line=command_lines())
 def test_the_work_with_odd_arguments_ends_in_one_line(folder, line):
     check(folder, line, runs=True)
+
+
+def test_a_policy_that_sees_is_rendered_for_without_a_video(tmp_path, monkeypatch):
+    blind, seeing = ({"cameras": cameras} for cameras in ([], ["workspace"]))
+    for name, metadata in (("blind", blind), ("seeing", seeing)):
+        files.save_arrays(tmp_path / f"{name}.npz", {}, metadata)
+    monkeypatch.setattr(commands, "_SHIPPED", tmp_path)
+    renders = COMMANDS["play"].renders
+    for name, wanted in (("blind", False), ("seeing", True), ("missing", False)):
+        for named in ({"shipped": name}, {"policy_file": tmp_path / f"{name}.npz"}):
+            assert renders(PlaySettings(novideo=True, **named)) is wanted
+    assert not renders(PlaySettings(novideo=True))

@@ -1,6 +1,7 @@
 """Policies learned by imitation: files, chunks, and the tasks that they act in."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from helpers.errors import refused
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
-from kitchen_suite.policies import load_policy
+from kitchen_suite.policies import load_policy, trained
 from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Convolution, Linear, PictureEncoder, ResidualNetwork, Scales, silu
 from kitchen_suite.rollouts.folder import RecordingFolder
@@ -424,3 +425,19 @@ def test_arrays_of_encoders_that_do_not_fit_are_refused(change, shown):
     change(arrays)
     with refused(ValueError, *shown):
         ClonedPolicy.from_arrays(arrays, policy.metadata)
+
+
+def test_where_pictures_are_observed_the_policy_that_comes_with_the_package_sees(monkeypatch, tmp_path):
+    kitchen_file = trained.shipped_as("kitchen")
+    monkeypatch.setattr(trained, "SHIPPED", tmp_path)
+    make_seeing().save(tmp_path / "pixels.npz")
+    shutil.copy(kitchen_file, tmp_path)
+    for arguments, name in (
+        ({"cameras": CAMERAS, "image_size": [9, 12]}, "pixels"),
+        ({"cameras": [*CAMERAS, "overview"], "image_size": [9, 12]}, "pixels"),
+        ({"cameras": CAMERAS, "image_size": [12, 9]}, "kitchen"),
+        ({"cameras": CAMERAS[:1], "image_size": [9, 12]}, "kitchen"),
+        ({"visuals": False}, "kitchen"),
+    ):
+        with suite.load("kitchen", "all", arguments) as environment:
+            assert trained.shipped(environment.task).stem == name
