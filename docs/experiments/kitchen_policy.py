@@ -60,6 +60,8 @@ KINDS: dict[str, dict[str, Any]] = {
 # On the way to the hinge cabinet's handle the expert's hand brushes against the cabinet, which costs it the grasp in
 # fast physics, unless it moves more slowly.
 EXPERT = "action_noise=0.1, jitter=0.01, speed=0.9"
+# Of strict success the expert shows more than is asked, since what learns from it stops a little short.
+EXPERTS = {"kitchen": EXPERT, "kitchen_strict": f"{EXPERT}, done=0.6", "pixels": EXPERT}
 
 
 class Recording(NamedTuple):
@@ -150,7 +152,7 @@ LATEST = 180
 ROUNDS: dict[str, tuple[tuple[Recording, ...], ...]] = {
     "kitchen": (DEMONSTRATIONS, CORRECTIONS, (*CORRECTIONS, Recording("exact", "burner", 900, 560))),
     "kitchen_strict": (
-        (Recording("exact", "start", 600, 560, "strict"),),
+        (Recording("exact", "start", 900, 560, "strict"),),
         (Recording("exact", "start", 600, 800, "strict"),),
     ),
     "pixels": (
@@ -239,10 +241,10 @@ def record(folder: Path, recording: Recording, policy: str, seed: int) -> Path:
 
 def record_round(name: str, folder: Path, number: int) -> list[Path]:
     """Records the sets of a round side by side, or what is missing of them; returns their folders."""
-    policy, output = f"expert({EXPERT})", folder / "demonstrations"
+    policy, output = f"expert({EXPERTS[name]})", folder / "demonstrations"
     if number:
         file = run_folder(folder, number - 1) / "policy.npz"
-        policy = f"takeover(file={str(file)!r}, latest={LATEST}, {EXPERT})"
+        policy = f"takeover(file={str(file)!r}, latest={LATEST}, {EXPERTS[name]})"
         output = folder / f"corrections_{number}"
     seeds = itertools.count(number * ROUND_SEEDS, ROUND_SEEDS // 100)
     with ThreadPoolExecutor(PROCESSES) as pool:

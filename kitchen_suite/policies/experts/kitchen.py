@@ -93,6 +93,7 @@ class KitchenExpert(Expert):
         success: str | None = None,
         goals: Mapping[str, ArrayLike] | None = None,
         in_order: bool = False,
+        done: float = _DONE,
         style: MotionStyle | None = None,
         control_mode: str = "joint_velocity",
         extra_observables: Sequence[str] = (),
@@ -108,6 +109,8 @@ class KitchenExpert(Expert):
           success: the environment's: `original`, by the threshold, or `strict`. Not together with `threshold`.
           goals: goals that replace the usual ones, by task. The motions stay the same; they stop at the goal.
           in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
+          done: distance from its goal, in units of the threshold or tolerance, below which the expert leaves a task. Less
+            than the default makes demonstrations that a learner may fall short of.
           style: speed, noise and jitter of the motions.
           control_mode: the environment's.
           extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
@@ -127,6 +130,7 @@ class KitchenExpert(Expert):
         self._layout = ObservedLayout(extra_observables)
         self._num_requests = len(self._goals.tasks) if checks.boolean(observes_requests, "observes_requests") else 0
         self.observation_size = SIZE + self._layout.size + self._num_requests
+        self._done = checks.number(done, "done", positive=True, maximum=1.0)
         self._is_strict = isinstance(self._success, StrictSuccess)
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
@@ -175,7 +179,7 @@ class KitchenExpert(Expert):
             self._pace = _pace(distance)
         if distance is None:
             return self._resume_from_rest(distances, observation, joints)
-        if distance < _DONE:
+        if distance < self._done:
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
         if self._has_ended(_SETTLE_STEPS):
