@@ -257,6 +257,7 @@ REJECTED = {
     "did you mean 'light switch'": lambda: experts.KitchenExpert(["light_switch"]),
     "is empty": lambda: experts.KitchenExpert([]),
     "threshold must be finite and positive": lambda: experts.KitchenExpert(["kettle"], threshold=0),
+    "done must be": lambda: experts.KitchenExpert(["kettle"], done=1.5),
     "in_order must be True or False": lambda: experts.KitchenExpert(["kettle"], in_order="yes"),
     "style must be a MotionStyle": lambda: experts.KitchenExpert(["kettle"], style={"speed": 1}),
     "drawer 'middle' does not exist": lambda: experts.DrawerExpert("middle"),
@@ -330,6 +331,18 @@ def test_demanding_styles(load, style, least):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("task", ["microwave", "slide cabinet"])
+def test_the_expert_goes_as_far_as_asked(load, task):
+    """With a threshold that ends no episode, it leaves the object nearer to the goal."""
+    distances = {}
+    for done in (0.98, 0.4):
+        env = load(task.replace(" ", "_"), terminate_on_tasks_completed=False)
+        episode(env, experts.KitchenExpert([task], done=done), 1)
+        (distances[done],) = env.task.task_distances
+    assert 0.5 * 0.3 < distances[0.98] < 0.3
+    assert distances[0.4] < 0.45 * 0.3
+
+
 def test_random_orders_that_end_with_the_hinge_cabinet(load):
     others = [task for task in DEFAULT_TASKS if task != "hinge cabinet"]
     generator, env = np.random.default_rng(0), load("all", time_limit=36.0)

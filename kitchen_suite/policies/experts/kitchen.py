@@ -109,8 +109,8 @@ class KitchenExpert(Expert):
           success: the environment's: `original`, by the threshold, or `strict`. Not together with `threshold`.
           goals: goals that replace the usual ones, by task. The motions stay the same; they stop at the goal.
           in_order: whether to do the tasks in the given order; otherwise in one with short motions between them.
-          done: distance from its goal, in units of the threshold or tolerance, below which the expert leaves a task. Less
-            than the default makes demonstrations that a learner may fall short of.
+          done: distance from its goal, in units of the threshold or tolerance, below which the expert leaves a task; at
+            most 1. A smaller one than the default makes demonstrations that a learner may fall short of.
           style: speed, noise and jitter of the motions.
           control_mode: the environment's.
           extra_observables: the environment's. If they include poses, such as `microwave/pose` or `franka/base_pose`,
