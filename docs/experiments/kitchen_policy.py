@@ -152,8 +152,8 @@ LATEST = 180
 ROUNDS: dict[str, tuple[tuple[Recording, ...], ...]] = {
     "kitchen": (DEMONSTRATIONS, CORRECTIONS, (*CORRECTIONS, Recording("exact", "burner", 900, 560))),
     "kitchen_strict": (
-        (Recording("exact", "start", 900, 560, "strict"),),
-        (Recording("exact", "start", 600, 800, "strict"),),
+        (Recording("exact", "start", 500, 560, "strict"),),
+        (Recording("exact", "start", 400, 800, "strict"),),
     ),
     "pixels": (
         (
