@@ -1,7 +1,10 @@
-"""Compares episodes on this processor with those on an emulated other one; writes results/processors.json.
+"""Compares episodes on this processor with those on an emulated other one.
+
+The results are results/processors.json, and results/processors_receipts.json for receipts.
 
 python docs/experiments/processors.py            20 episodes of random actions and of the expert in every domain
 python docs/experiments/processors.py digests    writes the digests of kitchen-doctor for kinds of processors instead
+python docs/experiments/processors.py receipts   verifies the committed receipts there
 
 The other one has no AVX2, FMA and AVX-512, without which the C library, NumPy and OpenBLAS round otherwise. The actions
 are those of the policies on this processor. x86 alone; needs the extra `experts`.
@@ -22,8 +25,12 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from kitchen_suite import doctor, policies, suite
+from kitchen_suite.evaluation import verify_job
+from kitchen_suite.evaluation.receipts import Receipt
 
 RESULTS = Path(__file__).parent / "results" / "processors.json"
+RECEIPTS = RESULTS.with_name("receipts")
+ENVIRONMENTS = 16  # stepped together in a replay.
 OTHER = {
     "OPENBLAS_CORETYPE": "Prescott",
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
@@ -102,6 +109,30 @@ def write_digests() -> None:
     doctor.KNOWN.write_text(json.dumps(kept + found, indent=1) + "\n", encoding="utf-8")
 
 
+def verified(path: Path) -> dict[str, Any]:
+    """Returns how the episodes of a receipt differ from their replay here."""
+    receipt = Receipt.read(path)
+    compared = [*verify_job.compare(receipt, verify_job.checked_plan(receipt), ENVIRONMENTS, None)]
+    firsts = [each.first for each in compared if each.first is not None]
+    return {
+        "receipt": path.stem,
+        "episodes": len(compared),
+        "equal": len(compared) - len(firsts),
+        "alike": sum(each.scores_alike for each in compared),
+        "first": min(firsts, default=None),
+        "greatest": max(each.greatest for each in compared),
+    }
+
+
+def verify_receipts() -> None:
+    """Verifies the committed receipts on the other processor."""
+    command, rows = [sys.executable, __file__, "receipt"], []
+    for path in tqdm(sorted(RECEIPTS.glob("*.npz")), unit="receipt", disable=None):
+        done = subprocess.run([*command, str(path)], env={**os.environ, **OTHER}, check=True, stdout=subprocess.PIPE)
+        rows.append(json.loads(done.stdout))
+    RESULTS.with_name("processors_receipts.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Plays, compares and writes."""
     keys = [(*case, FIRST_SEED + number) for case in CASES for number in range(EPISODES)]
@@ -122,6 +153,10 @@ if __name__ == "__main__":
     match sys.argv[1:]:
         case ["digests"]:
             write_digests()
+        case ["receipts"]:
+            verify_receipts()
+        case ["receipt", path]:
+            print(json.dumps(verified(Path(path))))
         case ["digest"]:
             print(json.dumps({"circumstances": doctor.circumstances(), "digests": dict(doctor.digests())}))
         case [path]:

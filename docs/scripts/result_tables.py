@@ -546,6 +546,21 @@ def fast_random_table() -> str:
     return markdown(header, rows)
 
 
+def verified_table() -> str:
+    """Returns the table of the receipts that `docs/experiments/processors.py receipts` has verified."""
+    rows = [
+        (
+            f"`{row['receipt']}`",
+            f"{row['equal']} of {row['episodes']}",
+            f"{row['alike']} of {row['episodes']}",
+            "" if row["first"] is None else row["first"],
+            f"{row['greatest']:.0e}",
+        )
+        for row in read_results("processors_receipts")
+    ]
+    return markdown(("receipt", "equal episodes", "same result", "first difference", "greatest at the end"), rows)
+
+
 def soak_table() -> str:
     """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
     parts = read_results("soak")
@@ -607,6 +622,7 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "digests": digest_table,
     "mutants": mutant_table,
     "processors": processor_table,
+    "processors_receipts": verified_table,
     "soak": soak_table,
     "fast_settings": fast_settings_table,
     "fast_experts": fast_experts_table,

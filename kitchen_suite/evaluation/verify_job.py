@@ -80,17 +80,14 @@ class VerifyJob:
     def run(self) -> int:
         """Checks what the receipt says against itself, then against a replay; returns the exit status."""
         receipt = Receipt.read(self._path)
-        plan = _checked_plan(receipt)
+        plan = checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
-        plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
-        compared: dict[str, list[Comparison]] = {}
+        compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
         with EpisodeBar(plan.num_episodes * len(plan.specs), 0, 0) as bar:
-            for name in plan.specs:
-                compared[name] = []
-                for comparison in self._compare(name, plan, receipt):
-                    compared[name].append(comparison)
-                    self._finished += 1
-                    bar.count(comparison.replayed.success)
+            for comparison in compare(receipt, plan, self._settings.num_envs, self._settings.num_threads):
+                compared[comparison.recorded.condition].append(comparison)
+                self._finished += 1
+                bar.count(comparison.replayed.success)
         print_line(f"\n{_table(compared)}\n")
         everything = [comparison for each in compared.values() for comparison in each]
         _print_differences(everything)
@@ -103,12 +100,21 @@ class VerifyJob:
         print_line("the receipt holds: all numbers are equal to the bit, and all scores follow from them")
         return SUCCESS
 
-    def _compare(self, name: str, plan: EvaluationPlan, receipt: Receipt) -> Iterator[Comparison]:
-        """Plays the episodes of a condition again."""
+
+def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:
+    """Plays the episodes of a receipt again, and yields each as it ends.
+
+    Args:
+      receipt: of the episodes.
+      plan: the receipt's, see `checked_plan`.
+      num_envs: number of environments stepped together.
+      num_threads: threads that step them; one per processor when omitted.
+    """
+    plan = dataclasses.replace(plan, specs={name: _blind(spec) for name, spec in plan.specs.items()})
+    for name, spec in plan.specs.items():
         results, traces = receipt.results[name], receipt.traces[name]
         waiting = collections.deque((result.episode, result.seed) for result in results)
-        num_envs = even_count(len(results), self._settings.num_envs)
-        with contextlib.closing(plan.specs[name].make_vector_env(num_envs, self._settings.num_threads)) as environments:
+        with contextlib.closing(spec.make_vector_env(even_count(len(results), num_envs), num_threads)) as environments:
             shape = environments.single_action_space.shape
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
@@ -133,7 +139,7 @@ def _comparison(recorded: EpisodeResult, one: Trace, replayed: EpisodeResult, ot
     )
 
 
-def _checked_plan(receipt: Receipt) -> EvaluationPlan:
+def checked_plan(receipt: Receipt) -> EvaluationPlan:
     """Returns the plan of the episodes; raises a ValueError unless all that the receipt says agrees with the rest."""
     plan = EvaluationPlan.of(receipt.evaluation)
     if [*plan.specs] != [*receipt.results]:
@@ -146,7 +152,10 @@ def _checked_plan(receipt: Receipt) -> EvaluationPlan:
     if difference := files.first_difference(receipt.evaluation, as_json(plan, scores)):
         raise ValueError(f"the receipt was altered: {difference}, which follows from its episodes")
     if [*receipt.replaced] != plan.replaced:
-        raise ValueError(f"the receipt was altered: {plan.replaced} were replaced, not {[*receipt.replaced]}")
+        raise ValueError(
+            f"{plan.replaced} are not the protocol's values, but the receipt names {[*receipt.replaced]}: it was "
+            "altered, or the protocol is another one here"
+        )
     return plan
 
 
