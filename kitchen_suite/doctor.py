@@ -11,16 +11,18 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import kitchen_suite
 from kitchen_suite import checks, files, suite
 from kitchen_suite.evaluation.receipts import Witness
-from kitchen_suite.names import PHYSICS
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.names import EXACT, FAST
 from kitchen_suite.rendering import gl
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import PolicyController, VectorRollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import DoctorSettings
 from kitchen_suite.vector_env.base import processors
-from kitchen_suite.versions import installed_versions, processor
+from kitchen_suite.versions import PACKAGES, processor
 
 # Digests by domain and physics, of each combination of versions and kind of processor that is known; written by
 # `docs/experiments/processors.py digests`.
@@ -34,28 +36,35 @@ _EPISODES, _STEPS = 5, 30
 
 _WIDTH = 28
 
+_MISSING = "not installed"
+_DIFFERS = "DIFFERS from that known for this kind of processor"
+
 
 def circumstances() -> dict[str, str]:
     """Returns the versions and the kind of processor that decide which digests are expected."""
-    versions = installed_versions()
-    return {**{name: versions[name] for name in _SIMULATING}, "processor": processor()}
+    return {**{name: _version(name) for name in _SIMULATING}, "processor": processor()}
 
 
 def digests() -> Iterator[tuple[str, str]]:
     """Yields domain and physics, such as `kitchen fast`, and the digest of some episodes of random actions there."""
     for domain in suite.DOMAINS:
-        for physics in PHYSICS:
-            try:
-                yield f"{domain} {physics}", _digest(domain, physics)
-            except ValueError:  # The domain has no such physics.
-                continue
+        yield f"{domain} {EXACT}", _digest(domain, EXACT)
+        if _has_fast_physics(domain):
+            yield f"{domain} {FAST}", _digest(domain, FAST)
+
+
+def _has_fast_physics(domain: str) -> bool:
+    with contextlib.closing(_environments(domain, EXACT).make_environment()) as environment:
+        return suite_env(environment).composer_task.scene.arena.fast_physics is not None
+
+
+def _environments(domain: str, physics: str) -> EnvironmentSpec:
+    kwargs = {"physics": physics}
+    return EnvironmentSpec.make(domain_name=domain, task_name=None, task_kwargs=kwargs, max_episode_steps=_STEPS)
 
 
 def _digest(domain: str, physics: str) -> str:
-    environments = EnvironmentSpec.make(
-        domain_name=domain, task_name=None, task_kwargs={"physics": physics}, max_episode_steps=_STEPS
-    )
-    spec = environments.episodes(policy="random", seed=0, seeding="gymnasium")
+    spec = _environments(domain, physics).episodes(policy="random", seed=0, seeding="gymnasium")
     contents = {}
     with contextlib.closing(spec.make_vector_env(_EPISODES, 1)) as vector:
         witness = Witness(vector, PolicyController(vector, spec.find_policy()))
@@ -67,8 +76,11 @@ def _digest(domain: str, physics: str) -> str:
 
 def expected(here: Mapping[str, str]) -> dict[str, str]:
     """Returns the digests known for versions and a processor; empty if they are not known."""
-    known = files.load_json(KNOWN, "the known digests")
-    return next((record["digests"] for record in known if record["circumstances"] == here), {})
+    try:
+        known = files.load_json(KNOWN, "the known digests")
+        return next((record["digests"] for record in known if record["circumstances"] == here), {})
+    except (OSError, LookupError, TypeError):  # Missing or damaged.
+        return {}
 
 
 class DoctorJob:
@@ -88,18 +100,20 @@ class DoctorJob:
         for name, fact in _facts().items():
             _print_fact(name, fact)
         known, agrees = expected(circumstances()), True
-        for name, digest in digests():
-            if not known:
-                verdict = "not known for these versions and this kind of processor"
-            elif digest == known.get(name):
-                verdict = "as known for this kind of processor"
-            else:
-                verdict, agrees = (
-                    f"DIFFERS from {known.get(name, 'none')[:12]}, known for this kind of processor",
-                    False,
-                )
-            _print_fact(f"digest {name}", f"{digest[:12]}, {verdict}")
+        try:
+            for name, digest in digests():
+                verdict = _verdict(digest, known.get(name))
+                agrees &= verdict != _DIFFERS
+                _print_fact(f"digest {name}", f"{digest[:12]}, {verdict}")
+        except Exception as error:  # Whatever fails here is a fact to be told.
+            _print_fact("digests", f"no episode can be played: {_in_one_line(error)}")
         return agrees
+
+
+def _verdict(digest: str, known: str | None) -> str:
+    if known is None:
+        return "not known for these versions and this kind of processor"
+    return "as known for this kind of processor" if digest == known else _DIFFERS
 
 
 def _print_fact(name: str, fact: str) -> None:
@@ -107,15 +121,12 @@ def _print_fact(name: str, fact: str) -> None:
 
 
 def _facts() -> dict[str, str]:
-    import kitchen_suite
-
-    versions = installed_versions()
     return {
-        "kitchen-suite": f"{versions.pop('kitchen-suite')} in {Path(kitchen_suite.__file__).parent}",
+        "kitchen-suite": f"{kitchen_suite.__version__} in {Path(kitchen_suite.__file__).parent}",
         "python": f"{platform.python_version()} in {sys.prefix}",
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
-        **versions,
+        **{name: _version(name) for name in PACKAGES},
         "kitchen": ("FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md"),
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
@@ -128,24 +139,37 @@ def _gl() -> str:
     try:
         return f"{gl.find_library()} renders"
     except OSError as error:
-        return f"nothing can be rendered: {checks.shortened(str(error).splitlines()[0])}"
+        return f"nothing can be rendered: {_in_one_line(error)}"
+
+
+def _in_one_line(error: Exception) -> str:
+    return checks.shortened(" ".join((type(error).__name__, *str(error).split())))
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return _MISSING
 
 
 def _extras() -> dict[str, str]:
     """Returns whether the packages of each extra are installed."""
     needed: dict[str, list[str]] = {}
-    for requirement in importlib.metadata.requires("kitchen-suite") or []:
+    for requirement in _requirements():
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
     return {extra: _installed(packages) for extra, packages in needed.items()}
 
 
+def _requirements() -> list[str]:
+    try:
+        return importlib.metadata.requires("kitchen-suite") or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+
+
 def _installed(packages: list[str]) -> str:
-    missing = []
-    for package in packages:
-        try:
-            importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            missing.append(package)
+    missing = [package for package in packages if _version(package) == _MISSING]
     return f"without {', '.join(missing)}" if missing else "installed"

@@ -30,6 +30,10 @@ T = TypeVar("T")
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
 
+# Methods of zip by which parts can be read alone, and the greatest part [bytes]: the sizes in the archive may be wrong.
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_PIECE = 2**20
+
 # Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
 _MAX_JSON_DEPTH = 64
 
@@ -357,11 +361,13 @@ def check_size(size: int, limit: int) -> None:
 
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     """Returns an array of an npz file, whose size has to be what its header says."""
+    if archive.getinfo(name).compress_type not in _METHODS:
+        raise ValueError(f"{name} is compressed by an unknown method")
     with archive.open(name) as member:
         version = np.lib.format.read_magic(member)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, is_fortran, dtype = read_header(member)
-        data = bytearray(member.read())
+        data = bytearray(b"".join(iter(functools.partial(member.read, _PIECE), b"")))
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"{name} does not hold the array that its header declares")
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")

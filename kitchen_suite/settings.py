@@ -26,7 +26,7 @@ WIDTH = 100  # Characters in a line that a command prints.
 PICTURES_PREFIX = "pixels"
 
 _MAX_STEPS = 10**12
-_MAX_COUNT = 10**6
+MAX_COUNT = 10**6
 
 # Longer episodes would exceed the 512 MiB of arrays that `files.load_arrays` reads: a control step takes up to 2 KiB.
 MAX_EPISODE_STEPS = 100_000
@@ -118,7 +118,7 @@ policy_flag = functools.partial(
 seed_flag = functools.partial(
     flag, "First seed; further episodes, or restarts of a training, have the next ones.", minimum=0
 )
-num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=_MAX_COUNT)
+num_episodes_flag = functools.partial(flag, "Number of episodes.", minimum=1, maximum=MAX_COUNT)
 max_episode_steps_flag = functools.partial(
     flag, "Control steps after which an episode ends.", minimum=1, maximum=MAX_EPISODE_STEPS, unset="the domain's"
 )
@@ -245,7 +245,7 @@ class FilmSettings(PageSettings):
     video_fps: float = video_fps_flag(25.0)
     width: int = flag("Width of the video [pixels], even.", 640, minimum=2, maximum=_MAX_WIDTH, check=check_even)
     height: int = flag("Height of the video [pixels], even.", 480, minimum=2, maximum=_MAX_HEIGHT, check=check_even)
-    video_episodes: int = flag("Number of episodes in the video, the first ones.", 1, minimum=1, maximum=_MAX_COUNT)
+    video_episodes: int = flag("Number of episodes in the video, the first ones.", 1, minimum=1, maximum=MAX_COUNT)
     render_quality: str = render_quality_flag("fast")
 
     @property
@@ -324,7 +324,7 @@ class ReplaySettings(FilmSettings):
     )
     episodes: str | None = flag("Which episodes: all, or numbers and ranges such as 0,5,7-9.", None)
     num_episodes: int = flag(
-        "Number of episodes, spread evenly over the recording, without --episodes.", 10, minimum=1, maximum=_MAX_COUNT
+        "Number of episodes, spread evenly over the recording, without --episodes.", 10, minimum=1, maximum=MAX_COUNT
     )
     data_path: Path | None = data_path_flag(None)
 
@@ -349,7 +349,7 @@ class BenchmarkSettings:
         choices=("speed", "scaling", "soak", "rendering"),
     )
     domain_name: str = domain_flag("kitchen")
-    rounds: int = flag("Rounds that count.", 9, minimum=1, maximum=_MAX_COUNT)
+    rounds: int = flag("Rounds that count.", 9, minimum=1, maximum=MAX_COUNT)
     max_episode_steps: int | None = max_episode_steps_flag(None)
     num_envs: tuple[int, ...] = flag(
         "Numbers of environments stepped together, such as 1,8,32.",
@@ -487,7 +487,7 @@ class TrainSettings(TaskSettings):
     )
     min_progress: float = flag("Mean opening [m], or tasks completed, that counts as progress.", 0.05, minimum=0)
     seed: int = seed_flag(0)
-    restarts: int = flag("Number of further seeds to try where one is given up.", 3, minimum=0, maximum=_MAX_COUNT)
+    restarts: int = flag("Number of further seeds to try where one is given up.", 3, minimum=0, maximum=MAX_COUNT)
     num_threads: int | None = num_threads_flag(None)
     resume: bool = flag("Continue the run in the folder from its newest checkpoint.", False)
     video: Path | None = video_flag(None)

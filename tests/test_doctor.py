@@ -69,4 +69,21 @@ def test_a_missing_library_is_a_fact(run, monkeypatch):
     known_here(monkeypatch, {})
     status, out = run()
     assert status == 0
-    assert "nothing can be rendered: no library was found" in out
+    assert "nothing can be rendered: OSError no library was found" in out
+
+
+def test_what_fails_is_a_fact(run, monkeypatch, tmp_path):
+    def fails(domain, physics):
+        raise ValueError("a kitchen\nburns")
+
+    monkeypatch.setattr(doctor, "_digest", fails)
+    monkeypatch.setattr(doctor, "_SIMULATING", ("dm-control", "nothing-of-the-kind"))
+    for contents in (None, "[", "[{}]", "3"):
+        known = tmp_path / "known.json"
+        monkeypatch.setattr(doctor, "KNOWN", known)
+        if contents:
+            known.write_text(contents)
+        status, out = run()
+        assert status == 0
+        assert "digests                      no episode can be played: ValueError a kitchen burns\n" in out
+    assert doctor.circumstances()["nothing-of-the-kind"] == "not installed"

@@ -9,12 +9,12 @@ from typing import Any
 
 from dm_control.rl.control import PhysicsError
 
-from kitchen_suite import files, policies
+from kitchen_suite import files, policies, suite
 from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
-from kitchen_suite.evaluation.receipts import Receipt, Trace, Witness
+from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, Witness
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
@@ -170,7 +170,11 @@ class EvaluateJob:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)
         self._page = EpisodePage(settings, self._plan)
+        if settings.receipt:
+            check_receipt(self._plan)
         self._folder = self._open_folder()
+        if settings.receipt and not all(result.trace for result in self._folder.results.values()):
+            raise ValueError(f"{settings.output} has episodes without actions, so that no --receipt can be written")
 
     def progress(self) -> str:
         finished = f"after {len(self._folder.results)} of {len(self._seeds)} episodes"
@@ -242,7 +246,7 @@ class EvaluateJob:
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.find_policy())
             for result, trace in play(name, plan, environments, controller, waiting):
-                self._folder.add(dataclasses.replace(result, trace=trace.as_text()))
+                self._folder.add(dataclasses.replace(result, trace=trace.as_text() if self._settings.receipt else ""))
                 bar.count(result.success)
 
 
@@ -258,6 +262,19 @@ def as_json(plan: EvaluationPlan, scores: Mapping[str, Mapping[str, Any]]) -> di
         **({"overall": overall} if overall else {}),
         "conditions": conditions,
     }
+
+
+def check_receipt(plan: EvaluationPlan) -> None:
+    """Raises a ValueError unless a receipt of the episodes could be verified."""
+    if plan.first.domain_name not in suite.DOMAINS:
+        raise ValueError(f"a receipt of domain {plan.first.domain_name!r} could not be verified: it is not the suite's")
+    episodes = plan.num_episodes * len(plan.specs)
+    steps = episodes * plan.first.max_episode_steps
+    if episodes > MAX_EPISODES or steps > MAX_STEPS:
+        raise ValueError(
+            f"a receipt holds at most {MAX_EPISODES:,} episodes and {MAX_STEPS:,} control steps, not {episodes:,} and "
+            f"{steps:,}: evaluate fewer episodes"
+        )
 
 
 def play(

@@ -10,7 +10,7 @@ from msgspec import Meta
 from kitchen_suite import checks, files, policies, suite
 from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Measure, Protocol, Score, domain_protocols
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.settings import MAX_EPISODE_STEPS, EvaluateSettings
+from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class _Description:
     domain_name: str
     policy: str
     seed: Annotated[int, Meta(ge=0)]
-    num_episodes: Annotated[int, Meta(ge=1)]
+    num_episodes: Annotated[int, Meta(ge=1, le=MAX_COUNT)]
     max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
     versions: dict[str, str]
     conditions: Annotated[dict[str, _Condition], Meta(min_length=1)]
@@ -134,11 +134,11 @@ def _values(plan: EvaluationPlan) -> dict[str, Any]:
     """Returns what a protocol fixes, by name."""
     first = plan.first
     single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
-    conditions = [_described(spec) for spec in plan.specs.values()]
-    for condition in conditions:
+    conditions = {name: _described(spec) for name, spec in plan.specs.items()}
+    for condition in conditions.values():
         condition["task_kwargs"].pop("extra_observables", None)
         del condition["policy_sha256"]
-    return {**single, "conditions": conditions}
+    return {**single, "conditions": [*conditions.items()]}
 
 
 def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None:

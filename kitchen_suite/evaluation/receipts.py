@@ -27,13 +27,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import files
+from kitchen_suite import checks, files
 from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.rollouts.rollout import BatchStep, Controller, EndedEpisode
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 from kitchen_suite.versions import processor
 
 FORMAT = 1
+
+# What is written, so that it can be read again: some 42 bytes a control step and 250 an episode.
+MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
+
+# Arrays of a condition.
+_PARTS = ("steps", "actions", "checks", "digests", "last")
+
+# Greatest length of a text in the metadata.
+_MAX_TEXT = 1_000
 
 _WHAT = "a receipt of kitchen-evaluate"
 
@@ -73,12 +82,13 @@ class Trace:
 
     def first_difference(self, other: "Trace") -> int | None:
         """Returns the first control step at which the numbers differ, 0 for the reset; None if all are equal."""
-        if np.array_equal(self.digest, other.digest) and self.checks.size == other.checks.size:
-            return None
         count = min(self.checks.size, other.checks.size)
         differing = np.flatnonzero(self.checks[:count] != other.checks[:count])
+        if differing.size:
+            return int(differing[0])
+        same_end = np.array_equal(self.digest, other.digest) and np.array_equal(self.last, other.last, equal_nan=True)
         # One in 65,536 checks is equal by chance, though the numbers differ.
-        return int(differing[0]) if differing.size else count - 1
+        return None if same_end and self.checks.size == other.checks.size else count - 1
 
     def greatest_difference(self, other: "Trace") -> float:
         """Returns the greatest difference of the numbers after the last control steps, as float32."""
@@ -119,8 +129,13 @@ class _Trail:
             actions=np.array(self._actions),
             checks=np.frombuffer(b"".join(self._checks), "<u2"),
             digest=np.frombuffer(self._hash.digest(), np.uint8),
-            last=self.numbers[-1].astype("<f4"),
+            last=_rounded(self.numbers[-1]),
         )
+
+
+def _rounded(numbers: NDArray[np.float64]) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):
+        return numbers.astype("<f4")
 
 
 class Witness:
@@ -250,8 +265,12 @@ class Receipt:
             metadata = files.as_metadata(arrays.pop("metadata"))
             if metadata.get("format") != FORMAT:
                 raise ValueError(f"format {metadata.get('format')!r} is unknown: this version reads {FORMAT}")
+            _check_texts(metadata)
             record = files.parse(metadata, _Record, "not its metadata")
             traces = {name: _unstacked(arrays, name, len(results)) for name, results in record.episodes.items()}
+            expected = {f"{name}/{part}" for name in traces for part in _PARTS}
+            if unknown := sorted(arrays.keys() - expected):
+                raise ValueError(f"it has unknown arrays {checks.shown(unknown)}")
             return cls(
                 evaluation=record.evaluation,
                 replaced=record.replaced,
@@ -259,6 +278,19 @@ class Receipt:
                 traces=traces,
                 machine=record.machine,
             )
+
+
+def _check_texts(value: Any) -> None:
+    """Raises a ValueError unless all texts in decoded JSON can be printed, in a line of bounded length."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            _check_texts(key)
+            _check_texts(part)
+    elif isinstance(value, list):
+        for part in value:
+            _check_texts(part)
+    elif isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):
+        raise ValueError(f"it has a text that cannot be shown: {checks.shown(value)}")
 
 
 def sealed(archive: bytes) -> bytes:
@@ -305,15 +337,13 @@ def _stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
 
 def _unstacked(arrays: Mapping[str, NDArray], name: str, count: int) -> list[Trace]:
     """Returns the traces of the `count` episodes of a condition; raises a ValueError for other arrays."""
-    steps, planes, checks, digests, last = (
-        arrays[f"{name}/{part}"] for part in ("steps", "actions", "checks", "digests", "last")
-    )
+    steps, planes, digest_checks, digests, last = (arrays[f"{name}/{part}"] for part in _PARTS)
     actions = _from_planes(planes)
     expected = {
         "steps": (steps, np.int64, (count,)),
-        "checks": (checks, np.uint16, (len(actions) + count,)),
+        "checks": (digest_checks, np.uint16, (len(actions) + count,)),
         "digests": (digests, np.uint8, (count, hashlib.sha256().digest_size)),
-        "last": (last, np.float32, (count, *last.shape[1:])),
+        "last": (last, np.float32, (count, *last.shape[-1:])),
     }
     for part, (array, dtype, shape) in expected.items():
         if array.dtype != dtype or array.shape != shape:
@@ -321,5 +351,7 @@ def _unstacked(arrays: Mapping[str, NDArray], name: str, count: int) -> list[Tra
     if steps.min() < 1 or steps.sum() != len(actions):
         raise ValueError(f"{name}/steps do not fit {len(actions)} actions")
     stops = np.cumsum(steps)[:-1]
-    rows = zip(np.split(actions, stops), np.split(checks, stops + np.arange(1, count)), digests, last, strict=True)
+    rows = zip(
+        np.split(actions, stops), np.split(digest_checks, stops + np.arange(1, count)), digests, last, strict=True
+    )
     return [Trace(actions=a, checks=c, digest=d, last=e) for a, c, d, e in rows]

@@ -22,7 +22,7 @@ _TAIL = (1.0 + CONFIDENCE) / 2.0
 # An interval: its least and its greatest value; None where episodes are too few for one.
 Interval = tuple[float, float] | None
 
-Count = Annotated[int, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 # Decimals of the scores; those beyond would differ between versions of SciPy.
 _DECIMALS = 6

@@ -3,9 +3,12 @@
 import collections
 import contextlib
 import dataclasses
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from kitchen_suite import files
 from kitchen_suite.cli.command import FAILURE, SUCCESS
@@ -48,12 +51,12 @@ class Comparison:
 
     @property
     def scores_alike(self) -> bool:
-        """Whether both have the same result."""
-        return self.recorded == self.replayed
+        """Whether both have the same result, in numbers of the same types."""
+        return repr(self.recorded) == repr(self.replayed)
 
     def __str__(self) -> str:
         one, other = self.recorded, self.replayed
-        names = [field.name for field in dataclasses.fields(one)]
+        names = [field.name for field in dataclasses.fields(one) if field.name != "trace"]
         differing = {name: (getattr(one, name), getattr(other, name)) for name in names}
         results = [f"{name} {a}, replayed {b}" for name, (a, b) in differing.items() if a != b]
         where = f"{one.condition}, episode {one.episode}, seed {one.seed}"
@@ -114,7 +117,12 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
     for name, spec in plan.specs.items():
         results, traces = receipt.results[name], receipt.traces[name]
         waiting = collections.deque((result.episode, result.seed) for result in results)
-        with contextlib.closing(spec.make_vector_env(even_count(len(results), num_envs), num_threads)) as environments:
+        # An episode that goes on after its last action differs, and need not be played to its end.
+        longest = max(len(trace.actions) for trace in traces)
+        limited = dataclasses.replace(spec, max_episode_steps=min(spec.max_episode_steps, longest + 1))
+        with contextlib.closing(
+            limited.make_vector_env(even_count(len(results), num_envs), num_threads)
+        ) as environments:
             shape = environments.single_action_space.shape
             if wrong := next((trace.actions.shape[1:] for trace in traces if trace.actions.shape[1:] != shape), None):
                 raise ValueError(f"{name} has actions of shape {wrong}, not {shape}: the receipt was altered")
@@ -145,12 +153,18 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
     if [*plan.specs] != [*receipt.results]:
         raise ValueError(f"there are episodes of {[*receipt.results]}, not of {[*plan.specs]}: the receipt was altered")
     for name, results in receipt.results.items():
-        found = [(result.condition, result.episode, result.seed) for result in results]
-        if found != [(name, index, plan.first.seed + index) for index in range(plan.num_episodes)]:
-            raise ValueError(f"the episodes of {name} are not those that the receipt names: it was altered")
+        if len(results) != plan.num_episodes:
+            raise ValueError(f"{name} has {len(results)} episodes, not {plan.num_episodes}: the receipt was altered")
+        for index, (result, trace) in enumerate(zip(results, receipt.traces[name], strict=True)):
+            if problem := _problem(plan, name, index, result, trace):
+                raise ValueError(f"episode {index} of {name} {problem}: the receipt was altered")
     scores = {name: score_episodes(results, plan.score) for name, results in receipt.results.items()}
-    if difference := files.first_difference(receipt.evaluation, as_json(plan, scores)):
+    written = as_json(plan, scores)
+    if difference := files.first_difference(receipt.evaluation, written):
         raise ValueError(f"the receipt was altered: {difference}, which follows from its episodes")
+    # Numbers of other types are equal, but read otherwise.
+    if json.dumps(receipt.evaluation, sort_keys=True) != json.dumps(written, sort_keys=True):
+        raise ValueError("the receipt was altered: its scores are not numbers of the types that are written")
     if [*receipt.replaced] != plan.replaced:
         raise ValueError(
             f"{plan.replaced} are not the protocol's values, but the receipt names {[*receipt.replaced]}: it was "
@@ -159,9 +173,29 @@ def checked_plan(receipt: Receipt) -> EvaluationPlan:
     return plan
 
 
+def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult, trace: Trace) -> str:
+    """Returns what is wrong with an episode by itself; empty if nothing is."""
+    if (result.condition, result.episode, result.seed) != (name, index, plan.first.seed + index):
+        return "is another one"
+    steps = len(trace.actions)
+    if steps > plan.first.max_episode_steps or result.control_steps != (
+        plan.first.max_episode_steps if result.diverged else steps
+    ):
+        return f"has {steps} actions, not {result.control_steps}"
+    numbers = [result.progress, *result.measures.values()]
+    if not (np.isfinite(numbers).all() and np.isfinite(trace.actions).all()):
+        return "has numbers that are not finite"
+    if result.measures.keys() != plan.measures[name].keys():
+        return f"is measured by {[*result.measures]}, not by {[*plan.measures[name]]}"
+    return "has actions twice" if result.trace else ""
+
+
 def _circumstances(receipt: Receipt) -> list[str]:
     """Returns lines on the protocol's values that were replaced, and on versions and machine if others are here."""
     lines = [f"values replaced: {', '.join(receipt.replaced)}"] if receipt.replaced else []
+    given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
+    if unseen := sorted(given & _OF_PICTURES):
+        lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")
     here = {**installed_versions(), "processor": processor()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
     return lines + [

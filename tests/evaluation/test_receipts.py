@@ -359,3 +359,107 @@ def test_committed_receipts_are_confirmed(path, capsys):
     status = verify.main([str(path)])
     # Elsewhere numbers are rounded otherwise, which contacts multiply.
     assert status == 0 if same else status in (0, 1, DIGITS_DIFFER)
+
+
+def sealed_with(path, arrays, metadata):
+    path.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})))
+
+
+@pytest.fixture
+def opened(short, tmp_path):
+    """The arrays and the metadata of a short receipt."""
+    short.write(tmp_path / "opened.npz")
+    with np.load(tmp_path / "opened.npz") as file:
+        arrays = dict(file)
+    return arrays, json.loads(str(arrays.pop("metadata")))
+
+
+REFUSED = {
+    "episodes": lambda arrays, data: data["evaluation"].update(num_episodes=10**12),
+    "fewer episodes": lambda arrays, data: data["evaluation"].update(num_episodes=10**5),
+    "steps": lambda arrays, data: data["evaluation"].update(max_episode_steps=11),
+    "control steps": lambda arrays, data: data["episodes"]["random_4"][0].update(control_steps=10**400),
+    "measures": lambda arrays, data: data["episodes"]["random_4"][0].update(measures={"x": 1.0}),
+    "infinite": lambda arrays, data: data["episodes"]["random_4"][0].update(progress=1e999),
+    "a trace": lambda arrays, data: data["episodes"]["random_4"][0].update(trace="x"),
+    "an escape": lambda arrays, data: data["evaluation"].update(policy="x\x1b[2J"),
+    "a long name": lambda arrays, data: data["evaluation"].update(policy="x" * 10_000),
+    "types": lambda arrays, data: data["evaluation"].update(p1=False),
+    "no conditions": lambda arrays, data: (data["evaluation"].update(conditions={}), data.update(episodes={})),
+    "an array": lambda arrays, data: arrays.update(further=np.zeros(3)),
+    "dimensions": lambda arrays, data: arrays.update({"random_4/last": np.zeros((2, 3, 4), np.float32)}),
+    "NaN": lambda arrays, data: arrays.update({"random_4/actions": np.full_like(arrays["random_4/actions"], 255)}),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", REFUSED)
+def test_what_makes_no_sense_is_refused_in_one_line(run, opened, tmp_path, kind):
+    arrays, metadata = opened
+    REFUSED[kind](arrays, metadata)
+    sealed_with(tmp_path / "b.npz", arrays, metadata)
+    status, out, err = run(verify, "b.npz")
+    assert status == 1
+    assert err.count("\n") == 1
+    assert "\x1b" not in out + err
+
+
+@pytest.mark.parametrize("part", ["checks", "last"])
+def test_every_array_is_compared(run, opened, tmp_path, part):
+    arrays, metadata = opened
+    arrays[f"random_4/{part}"][0] += 1
+    sealed_with(tmp_path / "b.npz", arrays, metadata)
+    assert run(verify, "b.npz")[0] == DIGITS_DIFFER
+
+
+def test_conditions_keep_their_names(run, tmp_path):
+    path = tmp_path / "a.npz"
+    assert evaluate.main([*SMALL, "--protocol=d4rl", "--num_episodes=1", f"--receipt={path}"]) == 0
+    receipt = Receipt.read(path)
+    other = {"complete": "partial", "partial": "complete"}
+    conditions = {other.get(name, name): entry for name, entry in receipt.evaluation["conditions"].items()}
+    results = {
+        other.get(name, name): [dataclasses.replace(each, condition=other.get(name, name)) for each in results]
+        for name, results in receipt.results.items()
+    }
+    traces = {other.get(name, name): each for name, each in receipt.traces.items()}
+    evaluation = {**receipt.evaluation, "conditions": conditions}
+    dataclasses.replace(receipt, evaluation=evaluation, results=results, traces=traces).write(path)
+    status, _, err = run(verify, "a.npz")
+    assert status == 1
+    assert "are not the protocol's values" in err
+
+
+def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
+    """Of episodes with 12 actions, under a limit of 100,000 control steps."""
+    evaluation = copy.deepcopy(short.evaluation)
+    evaluation["max_episode_steps"] = 100_000
+    Forger(short, 0)._written_anew(tmp_path / "b.npz", evaluation, short.results)
+    status, out, _ = run(verify, "b.npz")
+    assert status == 1
+    assert "control_steps 12, replayed 13" in out
+
+
+def test_a_receipt_that_could_not_be_verified_is_refused_at_the_start(run, tmp_path):
+    for flags, shown in (
+        (["--num_episodes=60000"], "50,000 episodes"),
+        (["--num_episodes=40000"], "10,000,000 control steps"),
+        (["--domain_name=kitchen_suite.domains.kitchen:KITCHEN"], "could not be verified"),
+    ):
+        status, _, err = run(evaluate, *flags, "--receipt=a.npz")
+        assert status == 2
+        assert shown in err
+    assert run(evaluate, *SMALL, "--output=runs")[0] == 0
+    status, _, err = run(evaluate, *SMALL, "--output=runs", "--resume", "--receipt=a.npz")
+    assert (status, "without actions" in err) == (2, True)
+
+
+def test_a_file_does_not_grow_beyond_what_it_declares(tmp_path):
+    """The directory of a zip archive may lie about the size of a member, which some methods decompress at once."""
+    import zipfile
+
+    buffer = np.lib.format.magic(1, 0)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_BZIP2) as archive:
+        archive.writestr("metadata.npy", buffer)
+    with pytest.raises(ValueError, match="unknown method"):
+        files.unpack_arrays(tmp_path / "a.npz")
