@@ -127,7 +127,7 @@ def _facts() -> dict[str, str]:
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
         **{name: _version(name) for name in PACKAGES},
-        "kitchen": ("FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md"),
+        "reproduces": ("FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md"),
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
         **{f"extra {name}": fact for name, fact in _extras().items()},

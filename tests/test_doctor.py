@@ -58,7 +58,7 @@ def test_digests_agree_where_this_kind_is_known():
 def test_the_file_of_known_digests_has_every_domain():
     for record in doctor.files.load_json(doctor.KNOWN, "the known digests"):
         assert record["circumstances"].keys() == doctor.circumstances().keys()
-        assert record["digests"].keys() == dict(doctor.digests()).keys()
+        assert {name.partition(" ")[0] for name in record["digests"]} == {*suite.DOMAINS}
 
 
 def test_a_missing_library_is_a_fact(run, monkeypatch):

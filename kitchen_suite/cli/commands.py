@@ -60,12 +60,12 @@ def _protocol_lines() -> str:
     """Returns the lines of help on the protocols of `kitchen-evaluate`."""
     from kitchen_suite.evaluation.protocols import PROTOCOLS
 
-    names = {"all domains": [], "the kitchen": []}
+    names: dict[str, list[str]] = {"all domains": [], "the kitchen": []}
     for protocol in PROTOCOLS.values():
         names["all domains" if protocol.is_general else "the kitchen"].append(protocol.name)
     lines = (f"of {domains}: {', '.join(each)}" for domains, each in names.items())
-    indents = {"initial_indent": "  ", "subsequent_indent": " " * 6}
-    return "\n".join(["", *(textwrap.fill(line, WIDTH, break_on_hyphens=False, **indents) for line in lines), ""])
+    wrapper = textwrap.TextWrapper(WIDTH, "  ", subsequent_indent=" " * 6, break_on_hyphens=False)
+    return "\n".join(["", *map(wrapper.fill, lines), ""])
 
 
 rollout = Command(

@@ -140,7 +140,7 @@ _EARL_THRESHOLD = 0.1
 
 def _lexa_condition(objects: tuple[str, ...]) -> Condition:
     tasks = [_LEXA_TASKS.get(name, name.replace("_", " ")) for name in objects]
-    chosen = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
+    chosen: dict[str, Mapping[str, Any]] = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
     own = {name: {task: values[task] for task in tasks if task in values} for name, values in chosen.items()}
     return Condition(
         name=" and ".join(objects),

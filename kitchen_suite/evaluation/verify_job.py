@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from kitchen_suite import files
-from kitchen_suite.cli.command import FAILURE, SUCCESS
 from kitchen_suite.evaluation.evaluate_job import as_json, format_heading, play
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.receipts import Receipt, Replay, Trace
@@ -80,8 +79,11 @@ class VerifyJob:
     def progress(self) -> str:
         return f"after {self._finished} episodes"
 
-    def run(self) -> int:
-        """Checks what the receipt says against itself, then against a replay; returns the exit status."""
+    def run(self) -> bool | int:
+        """Checks what the receipt says against itself, then against a replay.
+
+        Returns whether all is equal, or `DIGITS_DIFFER`.
+        """
         receipt = Receipt.read(self._path)
         plan = checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
@@ -96,12 +98,12 @@ class VerifyJob:
         _print_differences(everything)
         if not all(comparison.scores_alike for comparison in everything):
             print_line("the scores are not those of the replay: the receipt was altered, or this is another machine")
-            return FAILURE
+            return False
         if any(comparison.first is not None for comparison in everything):
             print_line("the scores hold, but not all digits: actions were altered, or this is another machine")
             return DIGITS_DIFFER
         print_line("the receipt holds: all numbers are equal to the bit, and all scores follow from them")
-        return SUCCESS
+        return True
 
 
 def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: int | None) -> Iterator[Comparison]:

@@ -275,10 +275,10 @@ def check_alterations(receipt, folder, numbers):
         assert verify.main([str(path), "--num_threads=1"]) in (1, DIGITS_DIFFER), number
 
 
-@pytest.fixture
-def short(tmp_path):
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
     """A receipt of few steps, which is quickly verified."""
-    path = tmp_path / "receipt.npz"
+    path = tmp_path_factory.mktemp("short") / "receipt.npz"
     flags = ["--policy=expert", "--num_episodes=2", "--max_episode_steps=12", "--num_envs=2", f"--receipt={path}"]
     assert evaluate.main(flags) == 0
     assert verify.main([str(path)]) == 0
