@@ -44,6 +44,10 @@ for _kind in ("array", "deque", "dict", "frozenset", "list", "set", "tuple"):
     setattr(_representation, f"max{_kind}", _MAX_ELEMENTS)
 
 
+# Characters of a list of choices.
+_MAX_CHOICES = 800
+
+
 def shown(value: object) -> str:
     """Returns a value as a message repeats it: in one line of limited length, whatever its size, depth and `repr`."""
     try:
@@ -103,10 +107,10 @@ def imported(name: str, what: str) -> Any:
 
 
 def _hint(value: object, choices: Collection[str]) -> str:
-    """Returns the end of an error that suggests the nearest choice and lists all."""
+    """Returns the end of an error that suggests the nearest choice and lists all, or the ends of a long list."""
     near = nearest(value, choices) if isinstance(value, str) else None
     meant = f" (did you mean {near!r}?)" if near else ""
-    return f"{meant}; choose from {sorted(choices)}"
+    return f"{meant}; choose from {shortened(str(sorted(choices)), _MAX_CHOICES)}"
 
 
 def nearest(value: str, choices: Collection[str]) -> str | None:
