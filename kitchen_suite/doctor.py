@@ -13,7 +13,7 @@ from pathlib import Path
 
 import kitchen_suite
 from kitchen_suite import checks, files, suite
-from kitchen_suite.evaluation.receipts import Witness
+from kitchen_suite.evaluation.receipts import TraceRecorder
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.names import EXACT, FAST
 from kitchen_suite.rendering import gl
@@ -67,10 +67,10 @@ def _digest(domain: str, physics: str) -> str:
     spec = _environments(domain, physics).episodes(policy="random", seed=0, seeding="gymnasium")
     contents = {}
     with contextlib.closing(spec.make_vector_env(_EPISODES, 1)) as vector:
-        witness = Witness(vector, PolicyController(vector, spec.find_policy()))
+        recorder = TraceRecorder(vector, PolicyController(vector, spec.find_policy()))
         waiting = collections.deque((index, index) for index in range(_EPISODES))
-        for index, episode in VectorRollout(vector, witness).play(waiting):
-            contents[index] = witness.trace(episode).digest.tobytes()
+        for index, episode in VectorRollout(vector, recorder).play(waiting):
+            contents[index] = recorder.trace(episode).digest.tobytes()
     return hashlib.sha256(b"".join(contents[index] for index in range(_EPISODES))).hexdigest()
 
 
@@ -127,7 +127,7 @@ def _facts() -> dict[str, str]:
         "system": platform.platform(),
         "processor": f"{processor()}; {processors()} usable",
         **{name: _version(name) for name in PACKAGES},
-        "reproduces": ("FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md"),
+        "reproduces": "FrankaKitchen-v1 of Gymnasium-Robotics 1.4, equal to the bit; others: docs/guide/kitchens.md",
         "MUJOCO_GL": os.environ.get("MUJOCO_GL", "not set"),
         "GL": _gl(),
         **{f"extra {name}": fact for name, fact in _extras().items()},

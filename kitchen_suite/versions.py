@@ -23,8 +23,8 @@ def installed_versions() -> dict[str, str]:
 def processor() -> str:
     """Returns the kind of this processor: its architecture, and how the C library and NumPy round on it.
 
-    Processors of the same kind, with the same packages, play the same episodes to the bit. The rounding is a digest of
-    functions of fixed numbers, which extensions such as FMA change.
+    Processors of the same kind, with the same packages, are expected to play the same episodes to the bit. The rounding
+    is a digest of functions of fixed numbers, which extensions such as FMA change.
     """
     numbers = np.random.default_rng(0).uniform(-10.0, 10.0, 4096)
     scalar = [

@@ -52,7 +52,7 @@ GAS_ROBOT = (
 )
 
 # Columns of the objects of D4RL's tasks.
-_COLUMNS: Mapping[str, slice] = MappingProxyType(
+COLUMNS: Mapping[str, slice] = MappingProxyType(
     {
         "bottom burner": slice(11, 13),
         "top burner": slice(15, 17),
@@ -122,5 +122,5 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.f
     goal = np.zeros(30)
     goal[:9] = robot
     for task, value in goals.items():
-        goal[_COLUMNS[task]] = value
+        goal[COLUMNS[task]] = value
     return goal

@@ -14,7 +14,7 @@ from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.folder import EvaluationFolder, Key
 from kitchen_suite.evaluation.plan import EvaluationPlan, make_plan
 from kitchen_suite.evaluation.protocols import PROTOCOLS
-from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, Witness
+from kitchen_suite.evaluation.receipts import MAX_EPISODES, MAX_STEPS, Receipt, Trace, TraceRecorder
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
@@ -245,8 +245,9 @@ class EvaluateJob:
         num_envs = even_count(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
             controller = PolicyController(environments, spec.find_policy())
-            for result, trace in play(name, plan, environments, controller, waiting):
-                self._folder.add(dataclasses.replace(result, trace=trace.as_text() if self._settings.receipt else ""))
+            recorded = self._settings.receipt is not None
+            for result, trace in play(name, plan, environments, controller, waiting, recorded=recorded):
+                self._folder.add(dataclasses.replace(result, trace=trace.as_text()) if trace else result)
                 bar.count(result.success)
 
 
@@ -283,7 +284,9 @@ def play(
     environments: SuiteVectorEnv,
     controller: Controller,
     waiting: collections.deque[tuple[int, int]],
-) -> Iterator[tuple[EpisodeResult, Trace]]:
+    *,
+    recorded: bool,
+) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of a condition as it ends.
 
     Args:
@@ -292,15 +295,18 @@ def play(
       environments: in which they are played.
       controller: acts in them.
       waiting: numbers and seeds of the episodes.
+      recorded: whether traces are recorded, which takes some percent of the time; otherwise they are None.
     """
-    spec, witness = plan.specs[name], Witness(environments, controller)
-    for index, episode in VectorRollout(environments, witness).play(waiting):
+    spec, measures = plan.specs[name], plan.measures[name]
+    recorder = TraceRecorder(environments, controller) if recorded or measures else None
+    for index, episode in VectorRollout(environments, recorder or controller).play(waiting):
         key = {"condition": name, "episode": index, "seed": spec.seed + index}
-        result, trace = _result(environments, spec, episode, key), witness.trace(episode)
-        if measures := plan.measures[name]:
-            states = witness.observations(episode)[:, criteria.STATE]
+        result = _result(environments, spec, episode, key)
+        trace = recorder.trace(episode) if recorder else None
+        if recorder and measures:
+            states = recorder.observations(episode)[:, criteria.STATE]
             result = dataclasses.replace(result, measures={key: of(states) for key, of in measures.items()})
-        yield result, trace
+        yield result, trace if recorded else None
 
 
 def _result(

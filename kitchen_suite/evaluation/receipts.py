@@ -55,7 +55,7 @@ _ITEM = 4
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trace:
-    """The actions of an episode, and what tells whether a replay has the same numbers; see the formats above.
+    """The actions of an episode, and digests of its numbers; see the formats above.
 
     Attributes:
       actions: `(T, k)` float32.
@@ -99,7 +99,7 @@ class Trace:
         return float(np.nan_to_num(differences, nan=np.inf).max(initial=0.0))
 
 
-class _Trail:
+class _OpenTrace:
     """The trace of an episode in progress."""
 
     def __init__(self) -> None:
@@ -108,17 +108,17 @@ class _Trail:
         self._checks: list[bytes] = []
         self._actions: list[NDArray] = []
 
-    def see(self, numbers: NDArray[np.float64]) -> None:
+    def add_numbers(self, numbers: NDArray[np.float64]) -> None:
         """Adds the numbers of a reset, or of the control step that the last action has made."""
         self.numbers.append(numbers)
         self._hash.update(numbers.astype("<f8").tobytes())
         self._checks.append(self._hash.digest()[:2])
 
-    def see_divergence(self) -> None:
+    def add_divergence(self) -> None:
         """Adds a control step in which the physics diverged."""
-        self.see(np.full_like(self.numbers[-1], np.nan))
+        self.add_numbers(np.full_like(self.numbers[-1], np.nan))
 
-    def act(self, action: NDArray) -> None:
+    def add_action(self, action: NDArray) -> None:
         """Adds an action."""
         self._actions.append(action.astype("<f4"))
 
@@ -138,7 +138,7 @@ def _rounded(numbers: NDArray[np.float64]) -> NDArray[np.float32]:
         return numbers.astype("<f4")
 
 
-class Witness:
+class TraceRecorder:
     """Acts as another controller does, and keeps the traces of its episodes.
 
     Attributes:
@@ -146,9 +146,9 @@ class Witness:
     """
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
-        """Prepares to see what happens in environments."""
+        """Prepares to record what happens in environments."""
         self._environments, self._controller = environments, controller
-        self._trails: dict[int, _Trail] = {}
+        self._open: dict[int, _OpenTrace] = {}
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
@@ -156,29 +156,29 @@ class Witness:
 
     def start(self, i: int, seed: int) -> None:
         self._controller.start(i, seed)
-        self._trails[i] = _Trail()
+        self._open[i] = _OpenTrace()
 
     def act(self, step: BatchStep) -> NDArray:
         playing = np.flatnonzero(step.is_playing).tolist()
         numbers = self._numbers(np.where(step.is_first, 0.0, step.rewards))
         actions = self._controller.act(step)
         for i in playing:
-            self._trails[i].see(numbers[i])
-            self._trails[i].act(actions[i])
+            self._open[i].add_numbers(numbers[i])
+            self._open[i].add_action(actions[i])
         return actions
 
     def trace(self, episode: EndedEpisode) -> Trace:
         """Returns the trace of an episode that has just ended."""
-        trail = self._trails[episode.i]
+        opened = self._open[episode.i]
         if episode.diverged:
-            trail.see_divergence()
+            opened.add_divergence()
         else:
-            trail.see(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
-        return trail.trace
+            opened.add_numbers(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
+        return opened.trace
 
     def observations(self, episode: EndedEpisode) -> NDArray[np.float64]:
         """Returns the observed numbers `(T + 1, m)` of an episode whose trace has been taken."""
-        return np.stack(self._trails[episode.i].numbers)[:, 1:]
+        return np.stack(self._open[episode.i].numbers)[:, 1:]
 
     def _numbers(self, rewards: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the numbers `(n, 1 + m)` of the present step."""

@@ -99,7 +99,7 @@ class Controller(Protocol):
 
     @property
     def labels(self) -> Mapping[str, NDArray]:
-        """What the policies say of the last actions, `(n, ...)` by name; see `policies.labels_of`."""
+        """Labels `(n, ...)` of the last actions by name; see `policies.labels_of`."""
 
     def start(self, i: int, seed: int) -> None:
         """Prepares for an episode of a seed in environment `i`."""

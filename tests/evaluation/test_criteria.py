@@ -114,10 +114,10 @@ def test_goals_of_conditions_are_those_that_are_measured(name):
         task, goal = environment.composer_task, start.copy()
         columns = {
             "bottom right burner": slice(9, 11),
-            **{f"close {key}": part for key, part in criteria._COLUMNS.items()},
-            **{f"turn off {key}": part for key, part in criteria._COLUMNS.items()},
+            **{f"close {key}": part for key, part in criteria.COLUMNS.items()},
+            **{f"turn off {key}": part for key, part in criteria.COLUMNS.items()},
             "close hinge cabinet": slice(21, 22),
-            **criteria._COLUMNS,
+            **criteria.COLUMNS,
         }
         for each, value in task.goals.items():
             goal[columns[each]] = value

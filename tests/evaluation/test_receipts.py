@@ -47,6 +47,8 @@ def written(tmp_path_factory):
         ["--domain_name=open_cabinet", "--policy=zero", "--physics=exact"],
         ["--domain_name=microwave_table", "--policy=random", "--physics=fast"],
         ["--protocol=diffusion-policy", "--policy=random"],
+        # Every episode ends with a reward, which is not that of the next one's reset.
+        ["--policy=zero", "--task_name=kettle", '--task_kwargs={"threshold": 10}'],
     ],
     ids=str,
 )
@@ -113,7 +115,7 @@ def test_a_diverged_episode_is_replayed(run, monkeypatch):
 
 
 def test_the_format_is_read_as_documented(written):
-    """What the docstring of `receipts` says, with NumPy and the standard library."""
+    """By NumPy and the standard library, from the docstring of `receipts`."""
     import hashlib
     import zipfile
 
@@ -219,7 +221,7 @@ class Forger:
         }
         evaluation = copy.deepcopy(self.receipt.evaluation)
         evaluation["seed"] += shift
-        self._written_anew(path, evaluation, moved)
+        self.written_anew(path, evaluation, moved)
 
     def score(self, path):
         """Another result of an episode, and the scores that follow from it."""
@@ -237,7 +239,7 @@ class Forger:
         ]
         results[index] = dataclasses.replace(one, **changes[int(self.generator.integers(len(changes)))])
         evaluation = copy.deepcopy(self.receipt.evaluation)
-        self._written_anew(path, evaluation, {**self.receipt.results, name: results})
+        self.written_anew(path, evaluation, {**self.receipt.results, name: results})
 
     def setting(self, path):
         """Another setting of the environments."""
@@ -256,9 +258,9 @@ class Forger:
         if self.generator.random() < 0.2:
             evaluation = {**copy.deepcopy(self.receipt.evaluation)}
             evaluation["max_episode_steps"] -= int(self.generator.integers(1, 11))
-        self._written_anew(path, evaluation, self.receipt.results)
+        self.written_anew(path, evaluation, self.receipt.results)
 
-    def _written_anew(self, path, evaluation, results):
+    def written_anew(self, path, evaluation, results):
         """Writes a receipt whose scores and list of replaced values follow from its settings and results."""
         plan = EvaluationPlan.of(evaluation)
         scores = {name: score_episodes(each, plan.score) for name, each in results.items()}
@@ -434,7 +436,7 @@ def test_an_episode_that_goes_on_is_not_played_to_its_end(run, short, tmp_path):
     """Of episodes with 12 actions, under a limit of 100,000 control steps."""
     evaluation = copy.deepcopy(short.evaluation)
     evaluation["max_episode_steps"] = 100_000
-    Forger(short, 0)._written_anew(tmp_path / "b.npz", evaluation, short.results)
+    Forger(short, 0).written_anew(tmp_path / "b.npz", evaluation, short.results)
     status, out, _ = run(verify, "b.npz")
     assert status == 1
     assert "control_steps 12, replayed 13" in out
