@@ -387,6 +387,7 @@ class EvaluateSettings(TaskSettings, PageSettings):
     max_episode_steps: int | None = max_episode_steps_flag(None, unset=_OF_PROTOCOL)
     num_envs: int = num_envs_flag(16)
     num_threads: int | None = num_threads_flag(None)
+    dataset: Path | None = flag("Folder of a recording, from whose episodes some protocols take their goals.", None)
     resume: bool = flag("Continue the evaluation in the folder.", False)
     output: Path | None = output_flag(None)
     json: Path | None = flag(

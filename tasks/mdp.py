@@ -200,6 +200,7 @@ class SceneIndices:
       robot_qvel: `(9,)`, qvel of the robot's joints.
       object_qpos: qpos of the objects' joints, in the order of observation; `(21,)` in the kitchen.
       object_qvel: qvel of the objects' joints, in the order of observation; `(20,)` in the kitchen.
+      state_qpos: qpos of the robot's joints, then of the objects'; `(30,)` in the kitchen.
       goal_qpos: `(k,)`, qpos that the goals are set for, end to end.
       ctrl: `(9,)`, ctrl of the robot's actuators.
     """
@@ -208,6 +209,7 @@ class SceneIndices:
         """Looks up all indices; raises a ValueError if a goal has not as many values as its joints."""
         self.robot_qpos, self.robot_qvel = addresses(physics, scene.robot.joints)
         self.object_qpos, self.object_qvel = addresses(physics, scene.object_joints)
+        self.state_qpos = np.concatenate([self.robot_qpos, self.object_qpos])
         goal_qpos = [addresses(physics, goal.joints_in(scene))[0] for goal in goals.goals]
         for task, goal, indices in zip(goals.tasks, goals.goals, goal_qpos, strict=True):
             if indices.size != len(goal.value):

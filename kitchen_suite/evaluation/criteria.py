@@ -1,12 +1,13 @@
-"""Success in publications on the Franka kitchen, as functions of the 30 positions that their environments observe.
+"""Success and goals in publications on the Franka kitchen, as functions of the 30 positions that they observe.
 
 A state `(..., 30)` has the positions of the robot's 9 joints, then of the objects' 21: knob and burner of the bottom
 right, bottom left, top right and top left burner (9 to 16), light switch and light (17, 18), slide cabinet (19), left
 and right door of the hinge cabinet (20, 21), microwave (22), position and quaternion of the kettle (23 to 29) [rad, m].
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +51,18 @@ GAS_ROBOT = (
     *(-2.4308119, -1.4440080, 1.0221981, -1.7869282, 0.18872257, 1.6170777, 1.2863032),
     *(0.025421469, 0.0074267522),
 )
+
+# Last states of a demonstration that are BESO's goal; `beso/envs/franka_kitchen/goals.py` of intuitive-robots/beso,
+# lines 82 to 93.
+BESO_FRAMES = 2
+
+# Control steps from a start to the goal, and to the end of the episode; `docs/api/world.md` of stable-worldmodel, lines
+# 95 to 105.
+GOAL_OFFSET, GOAL_STEPS = 30, 50
+
+# Distance of all positions of objects from those of a goal at which it is reached.
+_GOAL_DISTANCE = 0.1
+_OBJECTS = slice(9, 30)
 
 # Columns of the objects of D4RL's tasks.
 COLUMNS: Mapping[str, slice] = MappingProxyType(
@@ -124,3 +137,49 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.f
     for task, value in goals.items():
         goal[COLUMNS[task]] = value
     return goal
+
+
+def last_frames(
+    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
+) -> dict[str, Any] | None:
+    """Returns the options of a reset that ask for what a demonstration did: its tasks, and its last states.
+
+    Args:
+      states: `(T + 1, 30)`, of the demonstration.
+      completed: the tasks that it completed, in order; None is returned if there are none.
+      generator: not drawn from.
+    """
+    if not completed:
+        return None
+    return {"requested_tasks": [*completed], "goal_states": states[-BESO_FRAMES:].tolist()}
+
+
+def later_state(
+    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
+) -> dict[str, Any] | None:
+    """Returns the options of a reset that start in a state of an episode, and ask for the one `GOAL_OFFSET` later.
+
+    Args:
+      states: `(T + 1, 30)`, of the episode; None is returned if nothing moves far enough.
+      completed: not used.
+      generator: that the start is drawn from, of all in which the goal is not yet reached.
+    """
+    starts, goals = states[:-GOAL_OFFSET], states[GOAL_OFFSET:]
+    firsts = np.flatnonzero(_distances(starts, goals) > _GOAL_DISTANCE)
+    if not firsts.size:
+        return None
+    first = generator.choice(firsts)
+    return {"start_state": starts[first].tolist(), "goal_states": goals[[first]].tolist()}
+
+
+def goal_reached(states: NDArray[np.float64], goals: NDArray[np.float64]) -> bool:
+    """Returns whether in some state `(T, 30)` after the first all objects are where the last goal `(k, 30)` has them.
+
+    The Euclidean distance of their 21 positions is at most 0.1.
+    """
+    return bool((_distances(states[1:], goals[-1]) <= _GOAL_DISTANCE).any())
+
+
+def _distances(states: NDArray[np.float64], goals: NDArray[np.float64]) -> NDArray[np.float64]:
+    distances: NDArray[np.float64] = np.linalg.norm(states[..., _OBJECTS] - goals[..., _OBJECTS], axis=-1)
+    return distances

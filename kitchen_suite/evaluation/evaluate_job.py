@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 from dm_control.rl.control import PhysicsError
 
 from kitchen_suite import files, policies, suite
@@ -32,6 +33,7 @@ from kitchen_suite.rollouts.rollout import (
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Scores that are means in a unit of their own; all others are rates.
@@ -139,10 +141,11 @@ class EpisodePage:
             return
         with self._page.open() as show:
             for name, spec in self._plan.specs.items():
-                self._play(f"{name}, " if len(self._plan.specs) > 1 else "", spec, show)
+                self._play(name, spec, show)
 
-    def _play(self, prefix: str, spec: EpisodeSpec, show: PageStep) -> None:
-        """Plays the episodes of a condition, whose names begin with a prefix."""
+    def _play(self, name: str, spec: EpisodeSpec, show: PageStep) -> None:
+        """Plays the episodes of a condition, whose names begin with that of the condition if there are several."""
+        prefix = f"{name}, " if len(self._plan.specs) > 1 else ""
         rollout = SingleRollout(spec, visuals=True, render_quality="fast")
         environment = suite_env(rollout.environment).environment
 
@@ -155,7 +158,7 @@ class EpisodePage:
             for index in range(self._count):
                 # The page has an episode until its physics diverges.
                 with contextlib.suppress(PhysicsError):
-                    rollout.play(index, spec.seed + index, watch)
+                    rollout.play(index, spec.seed + index, watch, self._plan.reset_options(name, index))
 
 
 class EvaluateJob:
@@ -297,15 +300,17 @@ def play(
       waiting: numbers and seeds of the episodes.
       recorded: whether traces are recorded, which takes some percent of the time; otherwise they are None.
     """
-    spec, measures = plan.specs[name], plan.measures[name]
+    spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
     recorder = TraceRecorder(environments, controller) if recorded or measures else None
-    for index, episode in VectorRollout(environments, recorder or controller).play(waiting):
-        key = {"condition": name, "episode": index, "seed": spec.seed + index}
+    for index, episode in VectorRollout(environments, recorder or controller, resets).play(waiting):
+        reset = plan.reset_options(name, index)
+        key = {"condition": name, "episode": index, "seed": spec.seed + index, "reset": reset}
         result = _result(environments, spec, episode, key)
         trace = recorder.trace(episode) if recorder else None
         if recorder and measures:
             states = recorder.observations(episode)[:, criteria.STATE]
-            result = dataclasses.replace(result, measures={key: of(states) for key, of in measures.items()})
+            goals = np.array(reset.get(GOAL_STATES, ()))
+            result = dataclasses.replace(result, measures={key: of(states, goals) for key, of in measures.items()})
         yield result, trace if recorded else None
 
 
@@ -318,7 +323,7 @@ def _result(
         infos = episode.last_info
         return EpisodeResult.of(task, infos, control_steps=int(infos["episode_step"]), **key)
     with contextlib.closing(spec.make_environment()) as environment:
-        _, infos = reset_to_seed(environment, key["seed"], spec.seeding)
+        _, infos = reset_to_seed(environment, key["seed"], spec.seeding, key["reset"])
         task = suite_env(environment).composer_task
         result = EpisodeResult.of(task, infos, control_steps=spec.max_episode_steps, diverged=True, **key)
     assert not result.success

@@ -1,16 +1,28 @@
 """The plan of an evaluation: its protocol with all replaced values, and the episodes of each condition."""
 
+import contextlib
 import dataclasses
+import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from kitchen_suite import checks, files, policies, suite
-from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Measure, Protocol, Score, domain_protocols
+from kitchen_suite.evaluation import criteria
+from kitchen_suite.evaluation.protocols import PROTOCOLS, Condition, Goals, Measure, Protocol, Score, domain_protocols
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.episode import unflatten
+from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
+
+# Distinguishes the random stream of an episode's goals from those of its environment and its policy.
+_GOAL_STREAM = 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -23,6 +35,8 @@ class EvaluationPlan:
       num_episodes: of each condition.
       score: a published score; None if the protocol has none, or if it is for other tasks.
       measures: further measures of episodes, by the names of the conditions.
+      resets: options of the reset of each episode, as JSON, by the names of the conditions; empty where the seeds say
+        it all.
     """
 
     protocol: str
@@ -30,6 +44,11 @@ class EvaluationPlan:
     num_episodes: int
     score: Score | None
     measures: Mapping[str, Mapping[str, Measure]]
+    resets: Mapping[str, Sequence[dict[str, Any]]] = dataclasses.field(default_factory=dict)
+
+    def reset_options(self, name: str, index: int) -> dict[str, Any]:
+        """Returns the options of the reset of an episode of a condition."""
+        return self.resets[name][index] if name in self.resets else {}
 
     @property
     def first(self) -> EpisodeSpec:
@@ -47,6 +66,7 @@ class EvaluationPlan:
             "seed": first.seed,
             "num_episodes": self.num_episodes,
             "max_episode_steps": first.max_episode_steps,
+            **({"goals_sha256": _digest(self.resets)} if self.resets else {}),
             "versions": dict(first.versions),
             "conditions": {name: _described(spec) for name, spec in self.specs.items()},
         }
@@ -59,10 +79,17 @@ class EvaluationPlan:
         return [name for name in mine if mine[name] != its[name]]
 
     @classmethod
-    def of(cls, description: Mapping[str, Any]) -> "EvaluationPlan":
+    def of(
+        cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None
+    ) -> "EvaluationPlan":
         """Returns the plan of a description, with what the policy has observed, but not prepared for the policy.
 
-        Raises a ValueError or TypeError if it is of another version of the suite, or no description.
+        Args:
+          description: of the plan.
+          resets: attribute of this name; none when omitted.
+
+        Raises:
+          TypeError, ValueError: it is of another version of the suite, or no description.
         """
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
@@ -84,7 +111,8 @@ class EvaluationPlan:
             specs=specs,
             num_episodes=record.num_episodes,
             score=_score(protocol, specs),
-            measures=_measures(protocol, specs),
+            measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
+            resets=_checked(resets or {}, protocol, specs, record.num_episodes),
         )
 
 
@@ -108,13 +136,99 @@ class _Description:
     num_episodes: Annotated[int, Meta(ge=1, le=MAX_COUNT)]
     max_episode_steps: Annotated[int, Meta(ge=1, le=MAX_EPISODE_STEPS)]
     versions: dict[str, str]
+    goals_sha256: str | None = None
     conditions: Annotated[dict[str, _Condition], Meta(min_length=1)]
 
 
 def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
     plan = _unprepared(settings)
-    return dataclasses.replace(plan, specs={name: spec.prepared() for name, spec in plan.specs.items()})
+    prepared = {name: spec.prepared() for name, spec in plan.specs.items()}
+    return dataclasses.replace(plan, specs=prepared, resets=_resets(plan, settings.dataset))
+
+
+def _resets(plan: EvaluationPlan, dataset: Path | None) -> dict[str, list[dict[str, Any]]]:
+    """Returns the options of the resets of all episodes whose goals are taken from a recording, by condition."""
+    protocol = PROTOCOLS[plan.protocol]
+    goals = {name: condition.goals for name, condition in _own_conditions(protocol, plan.specs).items()}
+    taken = {name: take for name, take in goals.items() if take}
+    if dataset is None and taken:
+        raise ValueError(f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from")
+    if dataset is None:
+        return {}
+    if not taken:
+        raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")
+    recorded = _Recorded(dataset, plan.first.domain_name)
+    resets = {
+        name: [recorded.options(take, plan.first.seed + index) for index in range(plan.num_episodes)]
+        for name, take in taken.items()
+    }
+    return _checked(resets, protocol, plan.specs, plan.num_episodes)
+
+
+def _checked(
+    resets: Mapping[str, list[dict[str, Any]]], protocol: Protocol, specs: Mapping[str, EpisodeSpec], count: int
+) -> dict[str, list[dict[str, Any]]]:
+    """Returns the options of resets; raises a ValueError unless they are of the conditions with goals, and fit these.
+
+    Args:
+      resets: by condition.
+      protocol: of the evaluation.
+      specs: by condition.
+      count: number of episodes of each condition.
+    """
+    wanted = {name for name, condition in _own_conditions(protocol, specs).items() if condition.goals}
+    if resets.keys() != wanted:
+        raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
+    for name, each in resets.items():
+        with contextlib.closing(specs[name].make_environment()) as environment:
+            requests = suite_env(environment).composer_task.requests
+        for options in each:
+            checks.reset_options(options, requests.options)
+            requests.checked(options)
+        if len(each) != count:
+            raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {count}")
+    return dict(resets)
+
+
+def _digest(resets: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(resets).encode()).hexdigest()
+
+
+class _Recorded:
+    """The episodes of a recording."""
+
+    def __init__(self, folder: Path, domain_name: str) -> None:
+        """Opens the recording; raises an OSError if there is none, a ValueError if it is of another domain."""
+        self._path, self._folder = folder, RecordingFolder.open(folder)
+        spec = self._folder.spec
+        if spec.domain_name != domain_name:
+            raise ValueError(f"{folder} holds episodes of {spec.domain_name}, not of {domain_name}")
+        if not self._folder.indices:
+            raise ValueError(f"{folder} holds no episodes")
+        with contextlib.closing(spec.make_environment()) as environment:
+            self._observations = suite_env(environment).observations
+
+    def options(self, take: Goals, seed: int) -> dict[str, Any]:
+        """Returns the options of the reset of a seed, of an episode that is drawn, by a function of it."""
+        generator = np.random.default_rng((seed, _GOAL_STREAM))
+        for index in generator.permutation(self._folder.indices).tolist():
+            states, completed = self._episode(index)
+            if (options := take(states, completed, generator)) is not None:
+                return options
+        raise ValueError(f"{self._path} holds no episode with a goal: nothing is completed, or nothing moves")
+
+    def _episode(self, index: int) -> tuple[NDArray[np.float64], list[str]]:
+        """Returns the states `(T + 1, 30)` of an episode, and the tasks that it completed, in order."""
+        observation = unflatten(self._folder.load(index).arrays, "observation")
+        try:
+            states = self._observations.recover_flat(observation)
+        except (IndexError, KeyError, TypeError):
+            states = None
+        if states is None:
+            raise ValueError(f"{self._path} holds no observations of the state")
+        completed = self._folder.load_stats(index).metrics["tasks_completed"]
+        return states[:, criteria.STATE], sorted(completed, key=completed.__getitem__)
 
 
 def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
@@ -126,7 +240,7 @@ def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
         specs=specs,
         num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
         score=_score(protocol, specs),
-        measures=_measures(protocol, specs),
+        measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
     )
 
 
@@ -147,10 +261,17 @@ def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None
     return protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None
 
 
-def _measures(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> dict[str, Mapping[str, Measure]]:
-    """Returns the measures of each condition; none where its task was replaced."""
-    own = {(condition.name, condition.task_name): condition.measures for condition in protocol.conditions}
-    return {name: own.get((name, spec.task_name), {}) for name, spec in specs.items()}
+def _own_conditions(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> dict[str, Condition]:
+    """Returns the protocol's condition of each specification; one of no further measures where its task was replaced.
+
+    Goals are those of the protocol for any task.
+    """
+    by_name = {condition.name: condition for condition in protocol.conditions}
+    replaced = Condition(goals=protocol.conditions[0].goals)
+    return {
+        name: by_name[name] if name in by_name and by_name[name].task_name == spec.task_name else replaced
+        for name, spec in specs.items()
+    }
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:

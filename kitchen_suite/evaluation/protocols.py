@@ -41,8 +41,13 @@ EARL_STEPS, METRA_STEPS = 400, 50
 # Control steps of LEXA's goals.
 LEXA_STEPS = 150
 
-# What an episode is measured by: a function of the states `(T + 1, 30)` of `criteria`, from the reset on.
-Measure = Callable[[NDArray[np.float64]], bool | float]
+# What an episode is measured by: a function of the states `(T + 1, 30)` of `criteria`, from the reset on, and of the
+# goal states `(k, 30)` of its reset.
+Measure = Callable[[NDArray[np.float64], NDArray[np.float64]], bool | float]
+
+# What an episode asks for: options of its reset, given the states `(T + 1, 30)` of a recorded episode, the tasks that
+# it completed, and a generator to draw from; None where that episode has no goal.
+Goals = Callable[[NDArray[np.float64], Sequence[str], np.random.Generator], dict[str, Any] | None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -54,12 +59,14 @@ class Condition:
       task_name: one of the domain's tasks; that of its `DomainProtocols` when None.
       task_kwargs: arguments of the Gymnasium environment.
       measures: further measures of its episodes by name; only in the kitchen.
+      goals: what its episodes ask for, taken from a recording; None where their seeds say it all.
     """
 
     name: str = ""
     task_name: str | None = None
     task_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     measures: Mapping[str, Measure] = dataclasses.field(default_factory=dict)
+    goals: Goals | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -138,6 +145,11 @@ _LEXA_THRESHOLDS = {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2
 _EARL_THRESHOLD = 0.1
 
 
+def _of_states(function: Callable[..., bool], **arguments: Any) -> Measure:
+    """Returns the measure that is a function of states alone."""
+    return lambda states, goals: function(states, **arguments)
+
+
 def _lexa_condition(objects: tuple[str, ...]) -> Condition:
     tasks = [_LEXA_TASKS.get(name, name.replace("_", " ")) for name in objects]
     chosen: dict[str, Mapping[str, Any]] = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
@@ -152,8 +164,8 @@ def _lexa_condition(objects: tuple[str, ...]) -> Condition:
             **{name: values for name, values in own.items() if values},
         },
         measures={
-            "task_relevant_success": functools.partial(criteria.lexa_task_relevant, objects=objects),
-            "all_objects_success": functools.partial(criteria.lexa_all_objects, objects=objects),
+            "task_relevant_success": _of_states(criteria.lexa_task_relevant, objects=objects),
+            "all_objects_success": _of_states(criteria.lexa_all_objects, objects=objects),
         },
     )
 
@@ -218,7 +230,7 @@ def _earl_condition(pair: tuple[str, str]) -> Condition:
             "threshold": _EARL_THRESHOLD,
             **_EXACTLY_SEEN,
         },
-        measures={"earl_success": criteria.earl_success},
+        measures={"earl_success": _of_states(criteria.earl_success)},
     )
 
 
@@ -331,8 +343,7 @@ _PROTOCOLS = (
                 task_name="all",
                 task_kwargs={"control_mode": "ee_delta_pose", **_EXACTLY_SEEN},
                 measures={
-                    name: functools.partial(criteria.lexa_task_relevant, objects=(name,))
-                    for (name,) in criteria.LEXA_SINGLES
+                    name: _of_states(criteria.lexa_task_relevant, objects=(name,)) for (name,) in criteria.LEXA_SINGLES
                 },
             ),
         ),
@@ -372,6 +383,48 @@ _PROTOCOLS = (
         conditions=(Condition(task_name="random_4", task_kwargs={"control_mode": "joint_velocity"}),),
         num_episodes=1_000,
         max_episode_steps=KITCHEN_STEPS,
+    ),
+    Protocol(
+        name="beso",
+        follows="Reuss et al. 2023: the last two states of a demonstration are the goal, its tasks count; --dataset",
+        conditions=(
+            Condition(
+                name="goals",
+                task_name="all",
+                task_kwargs={
+                    "tasks_per_episode": [1, 7],
+                    "goal_states": criteria.BESO_FRAMES,
+                    "control_mode": "joint_velocity",
+                },
+                goals=criteria.last_frames,
+            ),
+        ),
+        num_episodes=1_000,
+        max_episode_steps=KITCHEN_STEPS,
+        differences=(
+            "The policy may also observe which tasks are meant, as our own do. The demonstrations are those of the "
+            "given recording: BESO's are Relay Policy Learning's, which kitchen-convert reads."
+        ),
+    ),
+    Protocol(
+        name="goal-reaching",
+        follows="as stable-worldmodel: from a recorded state to the one 30 control steps later, within 50; --dataset",
+        conditions=(
+            Condition(
+                name="goals",
+                task_name="all",
+                task_kwargs={"goal_states": 1, "control_mode": "joint_velocity", **_EXACTLY_SEEN},
+                measures={"goal_reached": criteria.goal_reached},
+                goals=criteria.later_state,
+            ),
+        ),
+        num_episodes=100,
+        max_episode_steps=criteria.GOAL_STEPS,
+        overall=functools.partial(_means, names=("goal_reached",)),
+        differences=(
+            "stable-worldmodel leaves success to its environments: here all objects have to come within 0.1 of the "
+            "goal, where they are not at the start. Episodes start at rest."
+        ),
     ),
     Protocol(
         name="shift",

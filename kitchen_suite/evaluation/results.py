@@ -103,6 +103,7 @@ class EpisodeResult:
         cannot be counted.
       diverged: whether its physics diverged; it then counts as a failure of the greatest length, at its start.
       measures: further measures of its protocol by name.
+      reset: options of its reset, as JSON; empty where its seed says it all.
       trace: its actions and digests, see `receipts.Trace.as_text`; empty where they are kept elsewhere.
     """
 
@@ -115,6 +116,7 @@ class EpisodeResult:
     asked: dict[str, Count | None] | None = None
     diverged: bool = False
     measures: dict[str, bool | float] = dataclasses.field(default_factory=dict)
+    reset: dict[str, Any] = dataclasses.field(default_factory=dict)
     trace: str = ""
 
     @classmethod

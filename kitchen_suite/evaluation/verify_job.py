@@ -152,7 +152,8 @@ def _comparison(recorded: EpisodeResult, one: Trace, replayed: EpisodeResult, ot
 
 def checked_plan(receipt: Receipt) -> EvaluationPlan:
     """Returns the plan of the episodes; raises a ValueError unless all that the receipt says agrees with the rest."""
-    plan = EvaluationPlan.of(receipt.evaluation)
+    resets = {name: [result.reset for result in each] for name, each in receipt.results.items()}
+    plan = EvaluationPlan.of(receipt.evaluation, {name: each for name, each in resets.items() if any(each)})
     if [*plan.specs] != [*receipt.results]:
         raise ValueError(f"there are episodes of {[*receipt.results]}, not of {[*plan.specs]}: the receipt was altered")
     for name, results in receipt.results.items():
@@ -196,6 +197,8 @@ def _problem(plan: EvaluationPlan, name: str, index: int, result: EpisodeResult,
 def _circumstances(receipt: Receipt) -> list[str]:
     """Returns lines on the protocol's values that were replaced, and on versions and machine if others are here."""
     lines = [f"values replaced: {', '.join(receipt.replaced)}"] if receipt.replaced else []
+    if "goals_sha256" in receipt.evaluation:
+        lines.append("not verified, since their recording is not here: where the goals were taken from")
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
     if unseen := sorted(given & _OF_PICTURES):
         lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")

@@ -3,7 +3,7 @@
 import contextlib
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, STATE_SIZE
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -37,6 +37,18 @@ class KitchenObservations(observations.Observations):
     def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
         """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
         self._mdp, self._flat_goals = environment.task.mdp, flat_goals
+        mdp, readers = (
+            self._mdp,
+            {
+                GOAL_STATES: lambda state: state.goal_states.copy(),
+                REQUESTED: lambda state: mdp.current_mask(state).astype(np.float64),
+            },
+        )
+        observed = {GOAL_STATES: mdp.goal_states, REQUESTED: mdp.task_draw}
+        # What is observed of the request of an episode: functions of the state that return fresh arrays, by key.
+        self._requests: dict[str, Callable[[KitchenState], NDArray[np.float64]]] = {
+            name: read for name, read in readers.items() if observed[name]
+        }
         super().__init__(environment, *args, **settings)
 
     def goal_parts(self) -> dict[str, observations.Part]:
@@ -52,21 +64,22 @@ class KitchenObservations(observations.Observations):
         }
 
     def request_parts(self) -> dict[str, observations.Part]:
-        if not self._mdp.task_draw:
-            return {}
-        space = spaces.Box(0.0, 1.0, (len(self._mdp.goals.tasks),), np.float64)
-        return {REQUESTED: observations.Part(space, lambda flat, state, pictures: self._requests(state))}
+        spaces_of = {
+            GOAL_STATES: _unbounded((STATE_SIZE * self._mdp.goal_states,)),
+            REQUESTED: spaces.Box(0.0, 1.0, (len(self._mdp.goals.tasks),), np.float64),
+        }
+        return {
+            name: observations.Part(spaces_of[name], lambda flat, state, pictures, read=read: read(state))
+            for name, read in self._requests.items()
+        }
 
     def suite_goals(self, state: KitchenState) -> dict[str, NDArray]:
         goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
         parts = {f"{key}/{task}": part for key, flat in goals for task, part in self._mdp.goals.split(flat).items()}
-        return {**parts, **({REQUESTED: self._requests(state)} if self._mdp.task_draw else {})}
+        return {**parts, **{name: read(state) for name, read in self._requests.items()}}
 
     def _desired(self, state: KitchenState) -> NDArray:
         return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
-
-    def _requests(self, state: KitchenState) -> NDArray[np.float64]:
-        return self._mdp.current_mask(state).astype(np.float64)
 
 
 class FrankaKitchenEnv(SuiteEnv, GoalEnv):
@@ -74,7 +87,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
 
     Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
       `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`. With `tasks_per_episode` also
-      `requested_tasks` `(n,)` float64, 1 where a task is requested and 0 elsewhere.
+      `requested_tasks` `(n,)` float64, 1 where a task is requested and 0 elsewhere; with `goal_states=k` before it
+      `goal_states` `(30 k,)` float64.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
       order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
@@ -101,7 +115,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     free_camera = {"distance": 2.2, "azimuth": 70.0, "elevation": -35.0, "lookat": np.array([-0.2, 0.5, 2.0])}
     array_options = {"info_format": "arrays"}
     flat_options = {"goal_format": "flat"}
-    goal_options = ("tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "goals")
+    goal_options = ("tasks_to_complete", "tasks_per_episode", "tasks_in_turn", "goal_states", "goals")
 
     def __init__(
         self,
@@ -150,7 +164,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _make_observations(self, obs_type: str) -> KitchenObservations:
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in self._task.task_observables.items():
-            part.enabled = not key.startswith((*_GOALS, REQUESTED))
+            part.enabled = not key.startswith((*_GOALS, GOAL_STATES, REQUESTED))
         settings = self._observation_settings()
         return KitchenObservations(self._environment, obs_type, flat_goals=self._goal_format == "flat", **settings)
 

@@ -43,9 +43,12 @@ class SingleRollout:
         self.environment = spec.make_environment(**extra)
         self._build_policy = spec.find_policy()
 
-    def start(self, seed: int, name: str = "") -> None:
-        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
-        self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding), name=name)
+    def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
+        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built.
+
+        `options` are those of the reset.
+        """
+        self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
         self._policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
 
     def step(self) -> None:
@@ -60,11 +63,18 @@ class SingleRollout:
         self.buffer.step(self.environment, action, labels_of(self._policy))
 
     def play(
-        self, index: int, seed: int, watch: Callable[[EpisodeBuffer], None] = lambda buffer: None
+        self,
+        index: int,
+        seed: int,
+        watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
+        options: Mapping[str, Any] | None = None,
     ) -> EpisodeArrays:
-        """Plays the episode of a number and a seed; `watch` is called after the reset and after every step."""
+        """Plays the episode of a number, a seed and the options of its reset.
+
+        `watch` is called after the reset and after every step.
+        """
         started = time.perf_counter()
-        self.start(seed, episode_name(index, seed))
+        self.start(seed, episode_name(index, seed), options)
         watch(self.buffer)
         while not self.buffer.has_ended:
             self.step()
@@ -216,9 +226,14 @@ class EndedEpisode:
 class VectorRollout:
     """Plays many episodes at once; each is the one that a new environment of its seed would play alone."""
 
-    def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
-        """Prepares to play in environments with autoreset mode `Disabled`, by the actions of a controller."""
-        self._environments, self._controller = environments, controller
+    def __init__(
+        self, environments: SuiteVectorEnv, controller: Controller, resets: Sequence[Mapping[str, Any]] = ()
+    ) -> None:
+        """Prepares to play in environments with autoreset mode `Disabled`, by the actions of a controller.
+
+        `resets` has the options of the reset of each episode, by its number; none where it is empty.
+        """
+        self._environments, self._controller, self._resets = environments, controller, resets
         count = environments.num_envs
         self._running: list[_Running | None] = [None] * count
         self._observations: Any = None  # After the last step or reset.
@@ -263,8 +278,17 @@ class VectorRollout:
             return
         self._environments.reset_statistics(mask)
         seeds = [running.seed if running and new else None for running, new in zip(self._running, mask, strict=True)]
-        self._observations, infos = self._environments.reset(seed=seeds, options={"reset_mask": mask})
+        options = {"reset_mask": mask, **self._options(mask)}
+        self._observations, infos = self._environments.reset(seed=seeds, options=options)
         self._history.add_reset(self._observations, infos, mask)
+
+    def _options(self, mask: NDArray[np.bool_]) -> dict[str, list[Any]]:
+        """Returns the options with which episodes start in the environments of the mask, by name."""
+        if not self._resets:
+            return {}
+        starting = zip(self._running, mask, strict=True)
+        each = [self._resets[running.index] if running and new else {} for running, new in starting]
+        return {name: [options.get(name) for options in each] for name in {key for options in each for key in options}}
 
     def _step(self, is_playing: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Makes a control step; returns in which environments the episode has ended, and the physics has diverged."""

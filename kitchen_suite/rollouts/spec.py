@@ -274,15 +274,16 @@ def _policy_digest(policy: str) -> str | None:
 
 
 def reset_to_seed(
-    environment: gymnasium.Env, seed: int, seeding: str, options: dict[str, Any] | None = None
+    environment: gymnasium.Env, seed: int, seeding: str, options: Mapping[str, Any] | None = None
 ) -> tuple[Any, dict[str, Any]]:
     """Starts an episode that depends on nothing but its seed, by one of `SEEDINGS`, and the options of its reset."""
     inner = suite_env(environment)
     inner.composer_task.reset_statistics()
+    chosen = None if options is None else dict(options)
     if seeding == "gymnasium":
-        return environment.reset(seed=seed, options=options)
+        return environment.reset(seed=seed, options=chosen)
     inner.np_random = legacy_generator(seed)
-    return environment.reset(options=options)
+    return environment.reset(options=chosen)
 
 
 def policy_generator(seed: int) -> np.random.Generator:

@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 from kitchen_suite.entities.scenes import Scene
 from kitchen_suite.tasks.goals import GoalSet, Progress, Success
 from kitchen_suite.tasks.kitchen import observation
+from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, counted_in_order, next_in_turn
+from kitchen_suite.tasks.kitchen.requests import (
+    REQUESTED,
+    REQUESTED_ORDER,
+    Request,
+    TaskDraw,
+    counted_in_order,
+    next_in_turn,
+)
 from kitchen_suite.tasks.kitchen.reward import REWARDS, Shaping, Shares, task_shares
 from kitchen_suite.tasks.mdp import MDP, Simulation
 
@@ -26,6 +34,9 @@ REWARD_STATE = "reward_state"
 
 # First part of the name of the info on the tasks that a step could complete, where they are requested in turn.
 ATTEMPTED = "attempted_tasks"
+
+# A request that leaves all open.
+_OPEN = Request()
 
 
 class KitchenState(NamedTuple):
@@ -41,6 +52,7 @@ class KitchenState(NamedTuple):
       terms: `(...)` each, the terms of the last step's reward by name.
       shaping: state of a dense reward; None for the sparse one.
       requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
+      goal_states: `(..., 30 k)`, see `requests`; None if none are observed.
       shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
@@ -53,6 +65,7 @@ class KitchenState(NamedTuple):
     terms: dict[str, NDArray[np.float64]]
     shaping: Shaping | None = None
     requested_order: NDArray[np.int64] | None = None
+    goal_states: NDArray[np.float64] | None = None
     shares: Shares | None = None
 
     @property
@@ -99,6 +112,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
       tasks_in_turn: whether the next of them is requested only once the one before has been completed.
       tasks_in_order: whether a task counts only once those before it have been completed.
       max_task_steps: control steps without a completion after which an episode truncates; None for no limit.
+      goal_states: number of goal states that are observed.
     """
 
     sensors: KitchenSensors
@@ -111,6 +125,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
     tasks_in_turn: bool = False
     tasks_in_order: bool = False
     max_task_steps: int | None = None
+    goal_states: int = 0
 
     @property
     def noise_draws(self) -> int:
@@ -133,9 +148,32 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             shaping=self.start_shaping(reading),
         )
 
-    def with_request(self, state: KitchenState, order: NDArray[np.int64]) -> KitchenState:
-        """Returns the state before the first step of an episode that asks for tasks; see `requests.requested_order`."""
-        return state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
+    def with_request(
+        self, state: KitchenState, order: NDArray[np.int64] | None, request: Request = _OPEN
+    ) -> KitchenState:
+        """Returns the state before the first step of an episode that asks for tasks, and for goal states.
+
+        Args:
+          state: of the start.
+          order: `(n,)`, of the tasks; None for all.
+          request: of the reset; where it asks for no goal states, they are the kitchen's start with the tasks done.
+        """
+        if order is not None:
+            state = state._replace(requested_order=order, progress=state.progress._replace(remaining=order >= 0))
+        if not self.goal_states:
+            return state
+        if request.goal_states is not None:
+            return state._replace(goal_states=request.goal_states)
+        return state._replace(goal_states=np.tile(self._state_with(self.current_mask(state)), self.goal_states))
+
+    def _state_with(self, done: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Returns the state `(30,)` of the kitchen at its start, but with some of the tasks `(n,)` done."""
+        indices = self.sensors.indices
+        elements = np.repeat(done, [len(goal.value) for goal in self.goals.goals])
+        qpos = np.zeros(indices.state_qpos.max() + 1)
+        qpos[indices.state_qpos] = INITIAL_QPOS
+        qpos[indices.goal_qpos[elements]] = self.goals.desired[elements]
+        return qpos[indices.state_qpos]
 
     def current_mask(self, state: KitchenState) -> NDArray[np.bool_]:
         """Returns which tasks `(..., n)` are requested at present."""
@@ -185,6 +223,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             progress=state.progress.update(within, remove_task_when_completed=self.remove_task_when_completed),
             terms={},
             requested_order=state.requested_order,
+            goal_states=state.goal_states,
         )
         if hand_distances is not None:
             shaping = self._next_shaping(state, hand_distances)

@@ -17,7 +17,7 @@ from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
 # Amplitudes of the noise [rad, m, rad/s, m/s]. The reference has them from a table for another scene, hence no pattern.
@@ -140,6 +140,8 @@ class KitchenObservables:
       objects' joints; noise by `object_noise_ratio`.
     - `achieved_goal/<task>` and `desired_goal/<task>` `(m,)` [rad, m, quaternion]: present positions of the joints that
       a task's goal is set for, from qpos, and the goal; no noise.
+    - `goal_states` `(30 k,)` [rad, m, quaternion], with `goal_states=k` only: positions of robot and objects that are
+      wanted, end to end; no noise.
     - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is requested, 0 elsewhere.
 
     The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
@@ -155,6 +157,7 @@ class KitchenObservables:
         scene: Scene,
         goals: GoalSet,
         extra: Mapping[str, observable.Observable],
+        goal_states: Callable[[], NDArray[np.float64]] | None = None,
         requested: Callable[[], NDArray[np.float64]] | None = None,
     ) -> None:
         """Builds the observables.
@@ -163,6 +166,7 @@ class KitchenObservables:
           scene: the kitchen.
           goals: the tasks.
           extra: observables that come between state and goals.
+          goal_states: returns the observable `goal_states`; None for none.
           requested: returns the last observable, `requested_tasks`; None for none.
         """
         self.noise = np.zeros(SIZE)
@@ -187,8 +191,9 @@ class KitchenObservables:
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             {**state, **extra, **achieved, **desired}
         )
-        if requested is not None:
-            self.by_name[REQUESTED] = observable.Generic(lambda physics: requested())
+        for name, read in {GOAL_STATES: goal_states, REQUESTED: requested}.items():
+            if read is not None:
+                self.by_name[name] = observable.Generic(functools.partial(_read, read))
         for part in self.by_name.values():
             part.enabled = True
 
@@ -197,6 +202,10 @@ def _noisy(
     noise: NDArray[np.float64], observation: NDArray, random_state: np.random.RandomState | None = None
 ) -> NDArray[np.float64]:
     return observation + noise
+
+
+def _read(read: Callable[[], NDArray[np.float64]], physics: mjcf.Physics) -> NDArray[np.float64]:
+    return read()
 
 
 def _constant(value: NDArray[np.float64], physics: mjcf.Physics) -> NDArray[np.float64]:

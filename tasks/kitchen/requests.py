@@ -1,12 +1,13 @@
-"""The tasks that an episode asks for, of those configured, and their order.
+"""What an episode asks for: some of the configured tasks and their order, and goal states; and where it starts.
 
 An order is an array `(..., n)` int64 over the configured tasks: the place of each requested task, from 0, and -1 for
-the other tasks.
+the other tasks. A state of the kitchen `(30,)` has the positions of the robot's joints, then of the objects'
+[rad, m, quaternion].
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,12 @@ REQUESTED = "requested_tasks"
 
 # Name of the info on the order of the requested tasks.
 REQUESTED_ORDER = "requested_order"
+
+# Option of a reset and observation: states of the kitchen that are wanted. Option of a reset: the one at the start.
+GOAL_STATES, START_STATE = "goal_states", "start_state"
+
+# Number of elements of a state of the kitchen, and their greatest magnitude in a request.
+STATE_SIZE, _GREATEST = 30, 10.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -138,25 +145,53 @@ def checked_weights(value: object, tasks: Sequence[str]) -> NDArray[np.float64]:
     return weights
 
 
+def checked_states(value: object, count: int, name: str) -> NDArray[np.float64]:
+    """Returns `count` states of the kitchen end to end, `(30 count,)`, given as rows `(count, 30)`."""
+    rows = value if isinstance(value, list | tuple | np.ndarray) else ()
+    if len(rows) != count:
+        raise ValueError(f"{name} must be an array ({count}, {STATE_SIZE}), got {checks.shown(value)}")
+    states = np.concatenate([checks.vector(row, STATE_SIZE, name) for row in rows])
+    if np.abs(states).max() > _GREATEST:
+        raise ValueError(f"{name} must be positions within {_GREATEST:g} rad or m, got {checks.shown(value)}")
+    return states
+
+
+class Request(NamedTuple):
+    """What the options of a reset ask for; None where they leave it open.
+
+    Attributes:
+      order: `(n,)`, of the tasks.
+      goal_states: `(30 k,)`, end to end.
+      start_state: `(30,)`.
+    """
+
+    order: NDArray[np.int64] | None = None
+    goal_states: NDArray[np.float64] | None = None
+    start_state: NDArray[np.float64] | None = None
+
+
 class TaskRequests(ResetRequests):
-    """The tasks that episodes of a kitchen task ask for: all, or those drawn or requested at each reset.
+    """What episodes of a kitchen task ask for: all tasks, or those drawn or requested at each reset; and goal states.
 
     Attributes:
       order: `(n,)`, of the episode that starts; None if every episode asks for all tasks.
+      request: what the options of its reset asked for.
     """
 
-    options = (REQUESTED,)
+    options = (REQUESTED, GOAL_STATES, START_STATE)
 
-    def __init__(self, goals: GoalSet, draw: TaskDraw | None) -> None:
+    def __init__(self, goals: GoalSet, draw: TaskDraw | None, goal_states: int) -> None:
         """Makes the first episode ask for all tasks.
 
         Args:
           goals: the `n` configured tasks.
           draw: how many of them an episode asks for; None for all.
+          goal_states: number of goal states that are observed.
         """
         count = len(goals.tasks)
         self._goals, self._draw, self._weights = goals, draw, np.ones(count)
-        self._request: NDArray[np.int64] | None = None
+        self._goal_states, self._next = goal_states, Request()
+        self.request = Request()
         self.order = None if draw is None else order_of(range(count), count)
         self.drawn_tasks = () if draw is None else goals.tasks
 
@@ -176,23 +211,32 @@ class TaskRequests(ResetRequests):
             )
         self._weights = weights
 
-    def checked(self, options: Mapping[str, Any]) -> NDArray[np.int64] | None:
-        if options.get(REQUESTED) is None:
-            return None
-        if self._draw is None:
+    def checked(self, options: Mapping[str, Any]) -> Request:
+        tasks, goal_states, start = (options.get(name) for name in self.options)
+        if tasks is not None and self._draw is None:
             raise ValueError(
                 f"{REQUESTED} cannot be chosen, as every episode asks for all tasks: build the environment with "
                 "tasks_per_episode"
             )
-        return requested_order(options[REQUESTED], self._goals.tasks)
+        if goal_states is not None and not self._goal_states:
+            raise ValueError(
+                f"{GOAL_STATES} cannot be chosen, as none is observed: build the environment with goal_states, their "
+                "number"
+            )
+        return Request(
+            order=None if tasks is None else requested_order(tasks, self._goals.tasks),
+            goal_states=None if goal_states is None else checked_states(goal_states, self._goal_states, GOAL_STATES),
+            start_state=None if start is None else checked_states([start], 1, START_STATE),
+        )
 
-    def follow(self, request: NDArray[np.int64] | None) -> None:
-        self._request = request
+    def follow(self, request: Request) -> None:
+        self._next = request
 
     def draw(self, random_state: np.random.RandomState) -> None:
+        self.request, self._next = self._next, Request()
         if self._draw is not None:
             drawn = self._draw.draw(random_state, self._weights)
-            self.order, self._request = drawn if self._request is None else self._request, None
+            self.order = drawn if self.request.order is None else self.request.order
 
     def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
         orders = arrays.get(f"info/{REQUESTED_ORDER}")

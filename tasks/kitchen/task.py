@@ -22,12 +22,15 @@ from kitchen_suite.tasks.kitchen.observation import (
     KitchenSensors,
     noise_scale,
 )
-from kitchen_suite.tasks.kitchen.requests import REQUESTED, TaskDraw, TaskRequests
+from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, STATE_SIZE, TaskDraw, TaskRequests
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
+
+# Greatest number of goal states.
+MAX_GOAL_STATES = 16
 
 
 class KitchenTask(SuiteTask):
@@ -40,7 +43,7 @@ class KitchenTask(SuiteTask):
     End: discount 0 once every task has been completed at some step (see `terminate_on_tasks_completed`); discount 1 at
       the time limit, and after `max_task_steps` without a completed task.
     Observations: noisy joint positions and velocities of robot and objects, 59 numbers; goals without noise; with
-      `tasks_per_episode` the requested tasks.
+      `goal_states` these; with `tasks_per_episode` the requested tasks.
     Source: FrankaKitchen-v1 of gymnasium-robotics 1.4.2 (Relay Policy Learning, D4RL).
 
     Attributes:
@@ -74,6 +77,7 @@ class KitchenTask(SuiteTask):
         tasks_in_turn: bool = False,
         tasks_in_order: bool = False,
         max_task_steps: int | None = None,
+        goal_states: int = 0,
         control_mode: str = "joint_velocity",
         **options: Any,
     ) -> None:
@@ -102,6 +106,9 @@ class KitchenTask(SuiteTask):
             together with `tasks_per_episode`.
           max_task_steps: control steps after which the episode is truncated unless a task has been completed for the
             first time; counted from the reset, and again from each completion. No such limit when omitted.
+          goal_states: number of goal states that are observed: positions of robot and objects that are wanted, which
+            do not change reward and success. The option `goal_states` of a reset gives them, `(k, 30)`; otherwise all
+            are the start of the kitchen with the requested tasks done.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_velocity` has `velocity_scale`,
             velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and
@@ -121,6 +128,7 @@ class KitchenTask(SuiteTask):
             raise ValueError("tasks_in_order=True and tasks_per_episode exclude each other: give one of them")
         if max_task_steps is not None:
             checks.integer(max_task_steps, "max_task_steps", minimum=1)
+        checks.integer(goal_states, "goal_states", minimum=0, maximum=MAX_GOAL_STATES)
         control, observables = split_options(options, self.control_modes)
         goal_set = build_goals(tasks_to_complete, goals)
         self.reward_name = checks.choice(reward, REWARDS, "reward")
@@ -143,9 +151,10 @@ class KitchenTask(SuiteTask):
             tasks_in_turn=tasks_in_turn,
             tasks_in_order=tasks_in_order,
             max_task_steps=max_task_steps,
+            goal_states=goal_states,
         )
         super().__init__(scene, mdp, **observables)
-        self.requests = TaskRequests(goal_set, mdp.task_draw)
+        self.requests = TaskRequests(goal_set, mdp.task_draw, goal_states)
         handles = (goal.handle_in(scene) for goal in goal_set.goals)
         self.vary(
             handles=[handle for handle in handles if handle.name not in OUT_OF_REACH],
@@ -154,15 +163,16 @@ class KitchenTask(SuiteTask):
             correct=self._away_from_goals,
         )
         requested = None if mdp.task_draw is None else lambda: mdp.current_mask(self.state).astype(np.float64)
-        self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requested)
+        wanted = (lambda: self.state.goal_states) if goal_states else None
+        self._observables = KitchenObservables(scene, goal_set, self.extra_observables, wanted, requested)
         self.observed = self._observables.by_name
         self.policy_inputs = PolicyInputs(
             names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
             state_size=mdp.noise_scale.size + self.extra_size,
-            goal_size=2 * goal_set.desired.size,
+            goal_size=2 * goal_set.desired.size + STATE_SIZE * goal_states,
             tasks=goal_set.tasks,
             observes_requests=mdp.task_draw is not None,
-            keys=("achieved_goal", "desired_goal", REQUESTED),
+            keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),
         )
         self.set_timesteps(control_timestep=CONTROL_TIMESTEP, physics_timestep=scene.physics_timestep)
 
@@ -294,7 +304,7 @@ class KitchenTask(SuiteTask):
 
     def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
         state: KitchenState = super().initial_state(draws)
-        return state if self.requests.order is None else self.mdp.with_request(state, self.requests.order)
+        return self.mdp.with_request(state, self.requests.order, self.requests.request)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, (goal.geoms_in(self.scene) for goal in self.mdp.goals.goals))
@@ -306,6 +316,8 @@ class KitchenTask(SuiteTask):
         data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
         for start in self._requested_starts():
             data.qpos[start.columns] = start.positions
+        if self.requests.request.start_state is not None:
+            data.qpos[indices.state_qpos] = self.requests.request.start_state
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
 

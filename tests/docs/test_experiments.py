@@ -323,7 +323,7 @@ def kitchen_policy(tmp_path, monkeypatch):
     seen = script.Recording("exact", "start", 2, 120, "pixels")
     monkeypatch.setattr(script, "ROUNDS", {"kitchen": (few, few), "kitchen_strict": ((strict,),), "pixels": ((seen,),)})
     small = ('--hyperparameters={"width": 8, "batch_size": 8}', "--eval_episodes=1")
-    monkeypatch.setattr(script, "STEPS", dict.fromkeys(script.STEPS, 20))
+    monkeypatch.setattr(script, "STEPS", {name: (20,) * len(rounds) for name, rounds in script.ROUNDS.items()})
     monkeypatch.setattr(script, "TRAINING", dict.fromkeys(script.TRAINING, small))
     monkeypatch.setattr(script, "LATEST", 5)
     monkeypatch.setattr(script, "EPISODES", 1)

@@ -3,12 +3,15 @@
 import dataclasses
 import itertools
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.errors import refused
 
 from kitchen_suite import suite
+from kitchen_suite.cli.commands import record
+from kitchen_suite.evaluation import criteria
 from kitchen_suite.evaluation.plan import find_protocol, make_plan
 from kitchen_suite.evaluation.protocols import (
     KITCHEN,
@@ -22,6 +25,7 @@ from kitchen_suite.evaluation.protocols import (
 )
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.trained import shipped_as
+from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen import observation as noise
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
@@ -171,6 +175,10 @@ LITERAL = {
         ("mean_length", 5.0, 5),
     ),
     "random-4": ([("random_4", VELOCITY)], 400_000_000, 1_000, 280, None),
+    # beso/envs/franka_kitchen/goals.py of intuitive-robots/beso: the last two states; configs: 100 runs of ten seeds.
+    "beso": ([("all", VELOCITY | {"tasks_per_episode": [1, 7], "goal_states": 2})], 400_000_000, 1_000, 280, None),
+    # docs/api/world.md of stable-worldmodel: goal_offset 30, eval_budget 50.
+    "goal-reaching": ([("all", VELOCITY | EXACTLY | {"goal_states": 1})], 400_000_000, 100, 50, None),
     "shift": (
         [
             ("random_4", {}),
@@ -189,8 +197,22 @@ LITERAL = {
 }
 
 
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Recorded episodes of the expert, two of which complete tasks."""
+    folder = tmp_path_factory.mktemp("dataset") / "runs"
+    flags = ["--policy=expert", "--task_name=random_4", "--num_episodes=2", "--max_episode_steps=60"]
+    assert record.main([f"--output={folder}", *flags]) == 0
+    return folder
+
+
 def plan(**settings):
     return make_plan(EvaluateSettings(**settings))
+
+
+def takes_goals(protocol):
+    """Whether a protocol needs a dataset."""
+    return any(condition.goals for condition in protocol.conditions)
 
 
 def test_the_table_here_has_every_protocol():
@@ -231,8 +253,8 @@ def test_a_protocol_cannot_be_changed(settings, values):
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "shift" else name for name in PROTOCOLS]
 )
-def test_a_protocol_has_its_numbers(name):
-    made = plan(protocol=name)
+def test_a_protocol_has_its_numbers(name, dataset):
+    made = plan(protocol=name, dataset=dataset if takes_goals(PROTOCOLS[name]) else None)
     conditions, seed, episodes, steps, score = LITERAL[name]
     assert [(spec.task_name, dict(spec.task_kwargs)) for spec in made.specs.values()] == conditions
     assert {(spec.seed, spec.max_episode_steps, spec.seeding) for spec in made.specs.values()} == {
@@ -376,3 +398,64 @@ def test_settings_are_the_protocols_by_default():
         "max_episode_steps",
     }
     assert all(getattr(EvaluateSettings(), name) is None for name in replaced)
+
+
+def test_goals_are_those_of_the_dataset(dataset):
+    folder = RecordingFolder.open(dataset)
+    episodes = [folder.load(index).arrays["observation/observation"][:, criteria.STATE] for index in folder.indices]
+    demonstrated = plan(protocol="beso", dataset=dataset, num_episodes=8)
+    for options in demonstrated.resets["goals"]:
+        (index,) = (i for i, states in enumerate(episodes) if np.array_equal(states[-2:], options["goal_states"]))
+        assert set(options["requested_tasks"]) == folder.load_stats(index).metrics["tasks_completed"].keys()
+    reached = plan(protocol="goal-reaching", dataset=dataset, num_episodes=8)
+    for options in reached.resets["goals"]:
+        places = [np.flatnonzero((states == options["start_state"]).all(axis=1)) for states in episodes]
+        ((index, (step,)),) = ((i, steps.tolist()) for i, steps in enumerate(places) if steps.size)
+        np.testing.assert_array_equal(episodes[index][step + 30], options["goal_states"][0])
+    # They depend on nothing but the seed of an episode.
+    later = plan(protocol="beso", dataset=dataset, num_episodes=4, seed=UNSEEN_SEED + 4)
+    assert later.resets["goals"] == demonstrated.resets["goals"][4:]
+    assert len({each.description["goals_sha256"] for each in (demonstrated, reached, later)}) == 3
+
+
+def test_recorded_actions_lead_to_the_goal(dataset):
+    """From the start of a goal, which is at rest, some of the recorded actions lead to the goal."""
+    folder, made = RecordingFolder.open(dataset), plan(protocol="goal-reaching", dataset=dataset, num_episodes=6)
+    episodes = [folder.load(index).arrays for index in folder.indices]
+    envs, reached = made.first.make_environment(), []
+    for index, options in enumerate(made.resets["goals"]):
+        for arrays in episodes:
+            states = arrays["observation/observation"][:, criteria.STATE]
+            for step in np.flatnonzero((states == options["start_state"]).all(axis=1)):
+                observation, _ = envs.reset(seed=made.first.seed + index, options=options)
+                rows = [
+                    observation["observation"],
+                    *(envs.step(a)[0]["observation"] for a in arrays["action"][step:][:30]),
+                ]
+                seen = np.stack(rows)[:, criteria.STATE]
+                np.testing.assert_allclose(seen[0], options["start_state"], atol=1e-12)
+                reached.append(criteria.goal_reached(seen, np.array(options["goal_states"])))
+    assert len(reached) == 6
+    assert np.mean(reached) >= 0.5
+
+
+@pytest.mark.parametrize(
+    ("settings", "shown"),
+    [
+        ({"protocol": "beso"}, ("'beso'", "needs --dataset")),
+        ({"protocol": "default", "dataset": Path("runs")}, ("'default'", "takes no goals")),
+        ({"protocol": "beso", "dataset": Path("none")}, ("none",)),
+    ],
+    ids=str,
+)
+def test_a_dataset_is_given_where_it_is_needed(settings, shown):
+    with refused((ValueError, OSError), *shown):
+        plan(**settings)
+
+
+def test_a_dataset_without_goals_is_named(tmp_path):
+    folder = tmp_path / "runs"
+    assert record.main([f"--output={folder}", "--policy=zero", "--num_episodes=1", "--max_episode_steps=3"]) == 0
+    for protocol in ("beso", "goal-reaching"):
+        with refused(ValueError, "runs", "no episode with a goal"):
+            plan(protocol=protocol, dataset=folder)

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,12 +14,13 @@ import numpy as np
 import pytest
 
 from kitchen_suite import files
-from kitchen_suite.cli.commands import evaluate, verify
+from kitchen_suite.cli.commands import evaluate, record, verify
 from kitchen_suite.evaluation import evaluate_job
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
 from kitchen_suite.evaluation.results import score_episodes
 from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER
+from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
 from kitchen_suite.versions import installed_versions, processor
 
@@ -82,6 +84,57 @@ def test_a_replay_needs_no_pictures(run):
     script = "import sys; from kitchen_suite.cli.commands import verify; sys.exit(verify.main(['a.npz']))"
     without = {**os.environ, "MUJOCO_GL": "disable"}
     assert subprocess.run([sys.executable, "-c", script], env=without, check=False).returncode == 0
+
+
+def test_a_receipt_holds_the_goals_that_were_taken_from_a_recording(run, tmp_path):
+    playing = ["--policy=expert", "--task_name=random_4", "--max_episode_steps=60"]
+    for seed in (0, 1):
+        assert run(record, f"--output=runs{seed}", *playing, "--num_episodes=1", f"--seed={seed}")[0] == 0
+    flags = ["--policy=expert", "--protocol=beso", "--output=out"]
+    assert run(evaluate, *SMALL, *flags, "--dataset=runs0", "--receipt=a.npz")[0] == 0
+    # Other goals are another evaluation.
+    status, _, err = run(evaluate, *SMALL, *flags, "--dataset=runs1", "--resume")
+    assert status == 2
+    assert "goals_sha256" in err
+    shutil.rmtree("runs0")
+    status, out, _ = run(verify, "a.npz")
+    assert status == 0
+    assert "not verified, since their recording is not here: where the goals were taken from" in out
+
+    receipt = Receipt.read(tmp_path / "a.npz")
+    resets = [result.reset for result in receipt.results["goals"]]
+    assert [*resets[0]] == ["requested_tasks", "goal_states"]
+
+    def forge(changed):
+        """Writes the receipt with other goals, and all that follows from them."""
+        results = {
+            "goals": [
+                dataclasses.replace(one, reset=new) for one, new in zip(receipt.results["goals"], changed, strict=True)
+            ]
+        }
+        given = {"goals": changed} if any(changed) else None
+        plan = EvaluationPlan.of(receipt.evaluation, given)
+        scores = {"goals": score_episodes(results["goals"], plan.score)}
+        anew = evaluate_job.as_json(plan, scores)
+        dataclasses.replace(receipt, evaluation=anew, results=results).write(tmp_path / "b.npz")
+
+    moved = copy.deepcopy(resets)
+    moved[1]["goal_states"][0][3] += 1e-9
+    forge(moved)
+    assert run(verify, "b.npz")[0] == DIGITS_DIFFER
+    others = copy.deepcopy(resets)
+    others[2]["requested_tasks"] = [task for task in DEFAULT_TASKS if task not in others[2]["requested_tasks"]][:1]
+    forge(others)
+    assert run(verify, "b.npz")[0] == 1
+    for broken in ({}, {"goal_states": [[0.0] * 30]}, {"state": {}}, {"goal_states": [[float("nan")] * 30] * 2}):
+        with pytest.raises(ValueError, match=r"goal|option"):
+            forge([broken, *resets[1:]])
+        results = {
+            "goals": [dataclasses.replace(receipt.results["goals"][0], reset=broken), *receipt.results["goals"][1:]]
+        }
+        dataclasses.replace(receipt, results=results).write(tmp_path / "b.npz")
+        status, _, err = run(verify, "b.npz")
+        assert (status, err.count("\n")) == (1, 1)
 
 
 def test_an_interrupted_evaluation_has_the_same_receipt(run, tmp_path):
