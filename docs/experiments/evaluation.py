@@ -28,14 +28,19 @@ POLICIES = ("random", "expert", "trained")
 # Policy, sometimes a task instead of the protocol's, and protocol.
 Case = tuple[str, ...]
 
-# Protocols whose tasks or control mode no policy of the package was trained for.
-UNTRAINED = ("lexa", "metra", "earl", "calvin")
+# Protocols that a policy does not apply to: whose tasks or control mode no policy of the package was trained for; and
+# whose goals are not those of the expert's tasks.
+UNTRAINED = ("lexa", "metra", "earl", "calvin", "goal-reaching")
+NOT_FOR = {"random": (), "expert": ("goal-reaching",), "trained": UNTRAINED}
+
+# Demonstrations that goals are taken from: random 4 of the 7 tasks.
+DEMONSTRATIONS = 100
 
 CASES: tuple[Case, ...] = tuple(
     case
     for policy in POLICIES
     for case in (*((policy, each) for each in PROTOCOLS), (policy, "all", "default"))
-    if policy != "trained" or case[-1] not in UNTRAINED
+    if case[-1] not in NOT_FOR[policy]
 )
 
 # Greatest receipt that is kept in the repository [bytes].
@@ -61,11 +66,29 @@ def command(case: Case, folder: Path) -> list[str]:
         f"--policy={policy}",
         f"--protocol={protocol}",
         *(f"--task_name={each}" for each in task),
+        *([f"--dataset={demonstrations(folder)}"] if takes_goals(case) else []),
         f"--output={output}",
         f"--json={result_file(case)}",
         f"--receipt={receipt_file(case, folder)}",
     ]
     return [sys.executable, "-m", "kitchen_suite", "evaluate", *flags, *resume]
+
+
+def takes_goals(case: Case) -> bool:
+    """Whether the protocol of an evaluation takes goals from demonstrations."""
+    return any(condition.goals for condition in PROTOCOLS[case[-1]].conditions)
+
+
+def demonstrations(folder: Path) -> Path:
+    """Returns the recording that goals are taken from."""
+    return folder / "demonstrations"
+
+
+def record(folder: Path) -> None:
+    """Records the demonstrations, or what is missing of them."""
+    flags = [f"--output={demonstrations(folder)}", "--policy=expert(action_noise=0.1)", "--task_name=random_4"]
+    command = [sys.executable, "-m", "kitchen_suite", "record", *flags, f"--num_episodes={DEMONSTRATIONS}"]
+    subprocess.run(command, check=True)
 
 
 def cases_of(names: Sequence[str]) -> list[Case]:
@@ -91,6 +114,8 @@ def main(arguments: Sequence[str]) -> int:
         path.mkdir(parents=True, exist_ok=True)
     for case in cases:
         if not result_file(case).exists():
+            if takes_goals(case):
+                record(folder)
             subprocess.run(command(case, folder), check=True)
             receipt = receipt_file(case, folder)
             if receipt.stat().st_size <= MAX_RECEIPT:

@@ -184,7 +184,8 @@ def _checked(
         with contextlib.closing(specs[name].make_environment()) as environment:
             requests = suite_env(environment).composer_task.requests
         for options in each:
-            checks.reset_options(options, requests.options)
+            if not options or not options.keys() <= {*requests.options}:
+                raise ValueError(f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}")
             requests.checked(options)
         if len(each) != count:
             raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {count}")

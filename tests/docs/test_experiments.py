@@ -278,6 +278,18 @@ def test_the_script_makes_what_is_missing_and_continues(evaluations, tmp_path, m
 
 
 @pytest.mark.thorough
+def test_goals_are_taken_from_demonstrations_that_are_recorded_first(evaluations, tmp_path, monkeypatch):
+    commands = []
+    monkeypatch.setattr(evaluations.subprocess, "run", lambda command, check: commands.append(command))
+    with pytest.raises(FileNotFoundError):
+        evaluations.main([str(tmp_path / "runs"), "random:goal-reaching"])
+    recorded, evaluated = commands
+    assert recorded[3] == "record"
+    assert f"--dataset={tmp_path / 'runs' / 'demonstrations'}" in evaluated
+    assert recorded[4] == f"--output={tmp_path / 'runs' / 'demonstrations'}"
+
+
+@pytest.mark.thorough
 def test_the_tables_have_the_results(evaluations, tmp_path, monkeypatch):
     tables = load_script("scripts/result_tables")
     monkeypatch.setattr(tables, "RESULTS", evaluations.RESULTS.parent)
