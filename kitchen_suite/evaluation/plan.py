@@ -226,9 +226,9 @@ class _Recorded:
             states = self._observations.recover_flat(observation)
         except (IndexError, KeyError, TypeError):
             states = None
-        if states is None:
-            raise ValueError(f"{self._path} holds no observations of the state")
-        completed = self._folder.load_stats(index).metrics["tasks_completed"]
+        completed = self._folder.load_stats(index).metrics.get("tasks_completed")
+        if states is None or not isinstance(completed, dict):
+            raise ValueError(f"{self._path} holds no observations of the state, or no completed tasks")
         return states[:, criteria.STATE], sorted(completed, key=completed.__getitem__)
 
 

@@ -3,7 +3,7 @@
 import contextlib
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,18 +37,6 @@ class KitchenObservations(observations.Observations):
     def __init__(self, environment: Environment, *args: Any, flat_goals: bool, **settings: Any) -> None:
         """Finds the parts; goals are one array each if `flat_goals`, otherwise dicts by task."""
         self._mdp, self._flat_goals = environment.task.mdp, flat_goals
-        mdp, readers = (
-            self._mdp,
-            {
-                GOAL_STATES: lambda state: state.goal_states.copy(),
-                REQUESTED: lambda state: mdp.current_mask(state).astype(np.float64),
-            },
-        )
-        observed = {GOAL_STATES: mdp.goal_states, REQUESTED: mdp.task_draw}
-        # What is observed of the request of an episode: functions of the state that return fresh arrays, by key.
-        self._requests: dict[str, Callable[[KitchenState], NDArray[np.float64]]] = {
-            name: read for name, read in readers.items() if observed[name]
-        }
         super().__init__(environment, *args, **settings)
 
     def goal_parts(self) -> dict[str, observations.Part]:
@@ -64,19 +52,27 @@ class KitchenObservations(observations.Observations):
         }
 
     def request_parts(self) -> dict[str, observations.Part]:
-        spaces_of = {
-            GOAL_STATES: _unbounded((STATE_SIZE * self._mdp.goal_states,)),
-            REQUESTED: spaces.Box(0.0, 1.0, (len(self._mdp.goals.tasks),), np.float64),
-        }
-        return {
-            name: observations.Part(spaces_of[name], lambda flat, state, pictures, read=read: read(state))
-            for name, read in self._requests.items()
-        }
+        mdp = self._mdp
+        spaces_of: dict[str, spaces.Box] = {}
+        if mdp.goal_states:
+            spaces_of[GOAL_STATES] = _unbounded((STATE_SIZE * mdp.goal_states,))
+        if mdp.task_draw:
+            spaces_of[REQUESTED] = spaces.Box(0.0, 1.0, (len(mdp.goals.tasks),), np.float64)
+        return {name: self._request_part(name, space) for name, space in spaces_of.items()}
+
+    def _request_part(self, name: str, space: spaces.Space) -> observations.Part:
+        return observations.Part(space, lambda flat, state, pictures: self._requests(state)[name])
+
+    def _requests(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
+        """Returns what is observed of the requests of episodes, by key, in fresh arrays."""
+        mdp = self._mdp
+        goal_states = {} if state.goal_states is None else {GOAL_STATES: state.goal_states.copy()}
+        return {**goal_states, **({REQUESTED: mdp.current_mask(state).astype(np.float64)} if mdp.task_draw else {})}
 
     def suite_goals(self, state: KitchenState) -> dict[str, NDArray]:
         goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
         parts = {f"{key}/{task}": part for key, flat in goals for task, part in self._mdp.goals.split(flat).items()}
-        return {**parts, **{name: read(state) for name, read in self._requests.items()}}
+        return {**parts, **self._requests(state)}
 
     def _desired(self, state: KitchenState) -> NDArray:
         return np.broadcast_to(self._mdp.goals.desired, state.achieved.shape).copy()
