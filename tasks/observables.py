@@ -263,6 +263,33 @@ class Pictures:
         for taker in self.by_name.values():
             taker.enabled = True
 
+    @property
+    def colour(self) -> tuple[Picture, ...]:
+        """Those of kind `pixels`."""
+        return tuple(picture for picture in self.pictures if picture.kind == "pixels")
+
+    def taken_at(
+        self, physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """Returns the `colour` pictures `(c, height, width, 3)` of a physics with other positions.
+
+        Args:
+          physics: whose qpos is as before afterwards.
+          columns: `(k,)`, of the positions in qpos.
+          positions: `(k,)`, while the pictures are taken [rad, m, quaternion].
+        """
+        model, data = physics.model.ptr, physics.data.ptr
+        present = data.qpos.copy()
+        try:
+            data.qpos[columns] = positions
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            return np.stack([picture.taker.observation_callable(physics)() for picture in self.colour])
+        finally:
+            data.qpos[:] = present
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+
     def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
         """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}

@@ -159,6 +159,7 @@ def _lexa_condition(objects: tuple[str, ...]) -> Condition:
         task_name="all",
         task_kwargs={
             "tasks_to_complete": tasks,
+            "goal_states": 1,
             "control_mode": "ee_delta_pose",
             **_EXACTLY_SEEN,
             **{name: values for name, values in own.items() if values},
@@ -331,7 +332,8 @@ _PROTOCOLS = (
         overall=functools.partial(_means, names=("task_relevant_success", "all_objects_success")),
         differences=(
             "LEXA moves a hand welded to a mocap body, for 16 physics steps; here it is `ee_delta_pose`, for 40. Its "
-            "code leaves the length of an episode open. Success counts at any control step, as METRA counts it."
+            "code leaves the length of an episode open. Success counts at any control step, as METRA counts it. The "
+            "goal is observed as a state and, with pictures, as one: of the suite's cameras, not of LEXA's."
         ),
     ),
     Protocol(

@@ -19,7 +19,7 @@ from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, STATE_SIZE
+from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, STATE_SIZE
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -53,21 +53,36 @@ class KitchenObservations(observations.Observations):
 
     def request_parts(self) -> dict[str, observations.Part]:
         mdp = self._mdp
-        spaces_of: dict[str, spaces.Box] = {}
+        parts: dict[str, observations.Part] = {}
+        if mdp.goal_states and self.has_pictures:
+            shown = {observations.picture_key(each.camera): each for each in self._task.pictures.colour}
+            part = observations.picture_part(shown)
+            parts[GOAL_PIXELS] = part._replace(read=lambda flat, state, _: part.read(flat, state, self._shown(state)))
         if mdp.goal_states:
-            spaces_of[GOAL_STATES] = _unbounded((STATE_SIZE * mdp.goal_states,))
+            parts[GOAL_STATES] = self._request_part(GOAL_STATES, _unbounded((STATE_SIZE * mdp.goal_states,)))
         if mdp.task_draw:
-            spaces_of[REQUESTED] = spaces.Box(0.0, 1.0, (len(mdp.goals.tasks),), np.float64)
-        return {name: self._request_part(name, space) for name, space in spaces_of.items()}
+            space = spaces.Box(0.0, 1.0, (len(mdp.goals.tasks),), np.float64)
+            parts[REQUESTED] = self._request_part(REQUESTED, space)
+        return parts
 
     def _request_part(self, name: str, space: spaces.Space) -> observations.Part:
         return observations.Part(space, lambda flat, state, pictures: self._requests(state)[name])
 
     def _requests(self, state: KitchenState) -> dict[str, NDArray[np.float64]]:
-        """Returns what is observed of the requests of episodes, by key, in fresh arrays."""
+        """Returns vectors that are observed of the requests of episodes, by key, in fresh arrays."""
         mdp = self._mdp
         goal_states = {} if state.goal_states is None else {GOAL_STATES: state.goal_states.copy()}
         return {**goal_states, **({REQUESTED: mdp.current_mask(state).astype(np.float64)} if mdp.task_draw else {})}
+
+    def _shown(self, state: KitchenState) -> dict[str, NDArray[np.uint8]]:
+        """Returns the pictures `(..., height, width, 3)` of goal states by camera, in fresh arrays; empty if none."""
+        if state.goal_pictures is None:
+            return {}
+        rows = np.moveaxis(state.goal_pictures, -4, 0)
+        return {each.camera: row.copy() for each, row in zip(self._task.pictures.colour, rows, strict=True)}
+
+    def suite_goal_pictures(self, state: KitchenState) -> dict[str, NDArray]:
+        return {f"{GOAL_PIXELS}/{camera}": picture for camera, picture in self._shown(state).items()}
 
     def suite_goals(self, state: KitchenState) -> dict[str, NDArray]:
         goals = zip(_GOALS, (state.achieved.copy(), self._desired(state)), strict=True)
@@ -84,7 +99,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     Observation: a dict of `observation` (59 numbers, float64; table in docs/domains/kitchen.md), `achieved_goal` and
       `desired_goal`. Each goal is a dict by task, or one array with `goal_format="flat"`. With `tasks_per_episode` also
       `requested_tasks` `(n,)` float64, 1 where a task is requested and 0 elsewhere; with `goal_states=k` before it
-      `goal_states` `(30 k,)` float64.
+      `goal_states` `(30 k,)` float64, and with pictures `goal_pixels`, those of the last goal state, in the form of
+      `pixels`.
     Action: nine joint velocities in [-1, 1], float32; float64 actions are used unrounded.
     Info, `info_format="lists"` only: lists of task names, `tasks_to_complete` and `step_task_completions` in configured
       order, `episode_task_completions` in order of completion. With `instructions=True` also `instruction`, the task's
@@ -160,7 +176,7 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _make_observations(self, obs_type: str) -> KitchenObservations:
         # Goals are read from the task's state: faster than one observable for each task.
         for key, part in self._task.task_observables.items():
-            part.enabled = not key.startswith((*_GOALS, GOAL_STATES, REQUESTED))
+            part.enabled = not key.startswith((*_GOALS, GOAL_STATES, REQUESTED, GOAL_PIXELS))
         settings = self._observation_settings()
         return KitchenObservations(self._environment, obs_type, flat_goals=self._goal_format == "flat", **settings)
 

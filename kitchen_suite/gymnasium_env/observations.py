@@ -132,11 +132,15 @@ class Observations:
         return {}
 
     def request_parts(self) -> dict[str, Part]:
-        """Returns vectors that every observation type has after its own parts."""
+        """Returns parts that every observation type has after its own."""
         return {}
 
     def suite_goals(self, state: Any) -> dict[str, NDArray]:
         """Returns goals and requests as the suite's own observation has them, in fresh arrays."""
+        return {}
+
+    def suite_goal_pictures(self, state: Any) -> dict[str, NDArray]:
+        """Returns pictures of goals as the suite's own observation has them, in fresh arrays."""
         return {}
 
     def _elements(self, indices: NDArray[np.int64]) -> Part:
@@ -149,7 +153,7 @@ class Observations:
         kinds: dict[str, dict[str, Picture]] = {}
         for picture in self._task.pictures.pictures:
             kinds.setdefault(picture.kind, {})[picture_key(picture.camera)] = picture
-        return {kind: _picture_part(by_camera) for kind, by_camera in kinds.items()}
+        return {kind: picture_part(by_camera) for kind, by_camera in kinds.items()}
 
     def _make_space(self) -> spaces.Space:
         boxes = {key: part.space for key, part in self._parts.items()}
@@ -209,6 +213,7 @@ class Observations:
         """Returns an observation of the suite's own environment, pictures last; arguments as of `Part.read`."""
         return {
             **self.suite_numbers(flat, state),
+            **self.suite_goal_pictures(state),
             **{key: pictures[key] for key in self._task.pictures.by_name},
         }
 
@@ -218,8 +223,8 @@ def picture_key(camera: str) -> str:
     return camera.replace("/", "_")
 
 
-def _picture_part(by_camera: Mapping[str, Picture]) -> Part:
-    """Returns the part with the pictures of one kind."""
+def picture_part(by_camera: Mapping[str, Picture]) -> Part:
+    """Returns the part with the pictures of one kind: an array of one camera, or a dict by camera."""
     boxes = {key: _box(picture) for key, picture in by_camera.items()}
     if len(by_camera) == 1:
         ((key, picture),) = by_camera.items()

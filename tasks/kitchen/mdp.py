@@ -53,6 +53,7 @@ class KitchenState(NamedTuple):
       shaping: state of a dense reward; None for the sparse one.
       requested_order: `(..., n)`, see `requests`; None if every episode asks for all tasks.
       goal_states: `(..., 30 k)`, see `requests`; None if none are observed.
+      goal_pictures: `(..., c, height, width, 3)`, pictures of the last of them; None without these or cameras.
       shares: of each task, while the terms of a dense reward are computed; None otherwise.
     """
 
@@ -66,6 +67,7 @@ class KitchenState(NamedTuple):
     shaping: Shaping | None = None
     requested_order: NDArray[np.int64] | None = None
     goal_states: NDArray[np.float64] | None = None
+    goal_pictures: NDArray[np.uint8] | None = None
     shares: Shares | None = None
 
     @property
@@ -224,6 +226,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
             terms={},
             requested_order=state.requested_order,
             goal_states=state.goal_states,
+            goal_pictures=state.goal_pictures,
         )
         if hand_distances is not None:
             shaping = self._next_shaping(state, hand_distances)

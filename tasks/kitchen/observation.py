@@ -17,7 +17,6 @@ from kitchen_suite.entities.joints import JointState
 from kitchen_suite.entities.scenes import OBSERVED_PROPS, in_observed_order
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import GoalSet
-from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED
 from kitchen_suite.tasks.mdp import SceneIndices, Simulation
 
 # Amplitudes of the noise [rad, m, rad/s, m/s]. The reference has them from a table for another scene, hence no pattern.
@@ -143,6 +142,7 @@ class KitchenObservables:
     - `goal_states` `(30 k,)` [rad, m, quaternion], with `goal_states=k` only: positions of robot and objects that are
       wanted, end to end; no noise.
     - `requested_tasks` `(n,)`, with `tasks_per_episode` only: 1 where a task is requested, 0 elsewhere.
+    - `goal_pixels/<camera>` `(height, width, 3)` uint8, with goal states and cameras only: pictures of the last state.
 
     The task draws the noise of all parts at once and writes it to `noise`, from which each part's corruptor reads.
 
@@ -157,8 +157,7 @@ class KitchenObservables:
         scene: Scene,
         goals: GoalSet,
         extra: Mapping[str, observable.Observable],
-        goal_states: Callable[[], NDArray[np.float64]] | None = None,
-        requested: Callable[[], NDArray[np.float64]] | None = None,
+        requests: Mapping[str, Callable[[], NDArray]],
     ) -> None:
         """Builds the observables.
 
@@ -166,8 +165,7 @@ class KitchenObservables:
           scene: the kitchen.
           goals: the tasks.
           extra: observables that come between state and goals.
-          goal_states: returns the observable `goal_states`; None for none.
-          requested: returns the last observable, `requested_tasks`; None for none.
+          requests: functions that return what is observed of the request of an episode, by key, in order.
         """
         self.noise = np.zeros(SIZE)
         prefix, robot = scene.robot.mjcf_model.full_identifier, scene.robot.observables
@@ -191,9 +189,8 @@ class KitchenObservables:
         self.by_name: collections.OrderedDict[str, observable.Observable] = collections.OrderedDict(
             {**state, **extra, **achieved, **desired}
         )
-        for name, read in {GOAL_STATES: goal_states, REQUESTED: requested}.items():
-            if read is not None:
-                self.by_name[name] = observable.Generic(functools.partial(_read, read))
+        for name, read in requests.items():
+            self.by_name[name] = observable.Generic(functools.partial(_read, read))
         for part in self.by_name.values():
             part.enabled = True
 
@@ -204,7 +201,7 @@ def _noisy(
     return observation + noise
 
 
-def _read(read: Callable[[], NDArray[np.float64]], physics: mjcf.Physics) -> NDArray[np.float64]:
+def _read(read: Callable[[], NDArray], physics: mjcf.Physics) -> NDArray:
     return read()
 
 

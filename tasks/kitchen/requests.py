@@ -25,6 +25,9 @@ REQUESTED_ORDER = "requested_order"
 # Option of a reset and observation: states of the kitchen that are wanted. Option of a reset: the one at the start.
 GOAL_STATES, START_STATE = "goal_states", "start_state"
 
+# Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
+GOAL_PIXELS = "goal_pixels"
+
 # Number of elements of a state of the kitchen, and their greatest magnitude in a request.
 STATE_SIZE, _GREATEST = 30, 10.0
 

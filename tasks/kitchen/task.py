@@ -1,6 +1,7 @@
 """The task of the kitchen domain: bring the objects of some tasks to their goals."""
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,17 @@ from kitchen_suite.tasks.kitchen.observation import (
     KitchenSensors,
     noise_scale,
 )
-from kitchen_suite.tasks.kitchen.requests import GOAL_STATES, REQUESTED, STATE_SIZE, TaskDraw, TaskRequests
+from kitchen_suite.tasks.kitchen.requests import (
+    GOAL_PIXELS,
+    GOAL_STATES,
+    REQUESTED,
+    STATE_SIZE,
+    TaskDraw,
+    TaskRequests,
+)
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
 from kitchen_suite.tasks.kitchen.variations import VARIED, done_parameter
+from kitchen_suite.tasks.observables import Pictures
 from kitchen_suite.tasks.task import Completions, Highlighting, Metrics, PolicyInputs, SuiteTask
 from kitchen_suite.tasks.variations.randomizer import Values
 from kitchen_suite.tasks.variations.variations import START_DISTANCE
@@ -108,7 +117,7 @@ class KitchenTask(SuiteTask):
             first time; counted from the reset, and again from each completion. No such limit when omitted.
           goal_states: number of goal states that are observed: positions of robot and objects that are wanted, which
             do not change reward and success. The option `goal_states` of a reset gives them, `(k, 30)`; otherwise all
-            are the start of the kitchen with the requested tasks done.
+            are the start of the kitchen with the requested tasks done. With `cameras` also pictures of the last one.
           control_mode: meaning of the action, one of `action.CONTROL_MODES`.
           **options: those of `SuiteTask`, and arguments of the control mode. `joint_velocity` has `velocity_scale`,
             velocity that a unit of action stands for, by default 2 rad/s and 2 m/s. `joint_velocity` and
@@ -162,9 +171,8 @@ class KitchenTask(SuiteTask):
             home=INITIAL_QPOS[: len(scene.robot.joints)],
             correct=self._away_from_goals,
         )
-        requested = None if mdp.task_draw is None else lambda: mdp.current_mask(self.state).astype(np.float64)
-        wanted = (lambda: self.state.goal_states) if goal_states else None
-        self._observables = KitchenObservables(scene, goal_set, self.extra_observables, wanted, requested)
+        requests = _request_readers(mdp, self.pictures, lambda: self.state)
+        self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requests)
         self.observed = self._observables.by_name
         self.policy_inputs = PolicyInputs(
             names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
@@ -304,7 +312,20 @@ class KitchenTask(SuiteTask):
 
     def initial_state(self, draws: NDArray[np.float64]) -> KitchenState:
         state: KitchenState = super().initial_state(draws)
-        return self.mdp.with_request(state, self.requests.order, self.requests.request)
+        state = self.mdp.with_request(state, self.requests.order, self.requests.request)
+        if state.goal_states is None or not self.pictures.colour:
+            return state
+        # Taken once the episode has started, and the physics can be rendered.
+        blank = [np.zeros(picture.taker.array_spec.shape, np.uint8) for picture in self.pictures.colour]
+        return state._replace(goal_pictures=np.stack(blank))
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        super().initialize_episode(physics, random_state)
+        state = self.state
+        if state.goal_pictures is not None:
+            columns, goal = self.mdp.sensors.indices.state_qpos, state.goal_states[-STATE_SIZE:]
+            pictures = self.pictures.taken_at(physics, columns, goal)
+            self.set_mdp_state(state._replace(goal_pictures=pictures), physics)
 
     def bind(self, physics: mjcf.Physics) -> None:
         self._highlighting = Highlighting(physics, (goal.geoms_in(self.scene) for goal in self.mdp.goals.goals))
@@ -354,6 +375,32 @@ class KitchenTask(SuiteTask):
         self._observables.noise[:] = self.state.noise
         if self._visualize_reward:
             self._highlighting.update(self.state.progress.within)
+
+
+def _request_readers(
+    mdp: KitchenMDP, pictures: Pictures, state: Callable[[], KitchenState]
+) -> dict[str, Callable[[], NDArray]]:
+    """Returns functions that return what is observed of the request of the present episode, by key, in order."""
+    readers: dict[str, Callable[[], NDArray]] = {}
+    if mdp.goal_states:
+        readers[GOAL_STATES] = functools.partial(_goal_states, state)
+    if mdp.task_draw is not None:
+        readers[REQUESTED] = lambda: mdp.current_mask(state()).astype(np.float64)
+    for place, picture in enumerate(pictures.colour if mdp.goal_states else ()):
+        readers[f"{GOAL_PIXELS}/{picture.camera}"] = functools.partial(_goal_picture, state, place)
+    return readers
+
+
+def _goal_states(state: Callable[[], KitchenState]) -> NDArray:
+    goals = state().goal_states
+    assert goals is not None, "goal states are observed"
+    return goals
+
+
+def _goal_picture(state: Callable[[], KitchenState], place: int) -> NDArray:
+    pictures = state().goal_pictures
+    assert pictures is not None, "goal states and pictures are observed"
+    return pictures[place]
 
 
 def _policy_names(mdp: KitchenMDP, reward: str, *, sees: bool) -> tuple[str, ...]:

@@ -164,3 +164,15 @@ def test_scores_over_all_conditions():
     reached = dict(zip([name for (name,) in criteria.LEXA_SINGLES], [0.0, 0.1, 1.0, 0.0, 0.0, 0.5], strict=True))
     assert PROTOCOLS["metra"].overall({"skills": reached}) == {"goals_reached": 3}
     assert PROTOCOLS["default"].overall(scores) == {}
+
+
+def test_the_goal_state_of_a_condition_of_lexa_is_lexas():
+    plan = make_plan(EvaluateSettings(protocol="lexa", policy="zero"))
+    for objects, spec in zip(criteria.LEXA_GOALS, plan.specs.values(), strict=True):
+        environment = suite_env(spec.make_environment())
+        environment.reset(seed=0)
+        observed = environment.present_observation
+        start = environment.observations.flat(observed)[criteria.STATE]
+        difference = observed["goal_states"] - criteria.lexa_goal(start, objects)
+        # LEXA sets the position of the kettle alone, the suite its orientation as well.
+        assert np.abs(difference[:26]).max() < 0.02, objects

@@ -94,7 +94,7 @@ LITERAL = {
         [
             (
                 "all",
-                {"tasks_to_complete": [*tasks], "control_mode": "ee_delta_pose"}
+                {"tasks_to_complete": [*tasks], "goal_states": 1, "control_mode": "ee_delta_pose"}
                 | EXACTLY
                 | {
                     name: {task: values[task] for task in tasks if task in values}

@@ -155,3 +155,62 @@ def test_a_bad_number_of_goal_states_is_named(value, error):
 def test_goal_states_need_the_argument():
     with refused(ValueError, "build the environment with goal_states"):
         FrankaKitchenEnv().reset(options={"goal_states": wanted()})
+
+
+PICTURES = {"obs_type": "pixels_agent_pos", "image_size": [24, 32], "render_quality": "fast"}
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize("cameras", [["workspace"], ["workspace", "franka/hand"]], ids=["one camera", "two cameras"])
+def test_a_goal_is_shown_as_the_kitchen_looks_there(cameras):
+    env = FrankaKitchenEnv(goal_states=2, cameras=cameras, **PICTURES)
+    observation, _ = env.reset(seed=0, options={"goal_states": wanted()})
+    assert env.observation_space.contains(observation)
+    there, _ = FrankaKitchenEnv(cameras=cameras, **PICTURES).reset(seed=0, options={"start_state": wanted()[-1]})
+    plain = FrankaKitchenEnv(cameras=cameras, **PICTURES)
+    here, _ = plain.reset(seed=0)
+    np.testing.assert_equal(observation["goal_pixels"], there["pixels"])
+    np.testing.assert_equal(observation["pixels"], here["pixels"])
+    state = env.get_state()
+    for action in np.random.default_rng(0).uniform(-1, 1, (3, 9)):
+        stepped, *_ = env.step(action)
+        expected, *_ = plain.step(action)
+        np.testing.assert_equal({key: stepped[key] for key in expected}, expected)
+        np.testing.assert_equal(stepped["goal_pixels"], observation["goal_pixels"])
+    env.reset(seed=1)
+    np.testing.assert_equal(env.set_state(state), observation)
+
+
+@pytest.mark.rendering
+def test_the_suites_own_environment_shows_goals():
+    arguments = {"goal_states": 1, "cameras": ["workspace", "franka/hand"], "image_size": [24, 32]}
+    environment = suite.load("kitchen", "microwave", task_kwargs={"random": 0, **arguments})
+    observation = environment.reset().observation
+    env = FrankaKitchenEnv(["microwave"], obs_type="pixels_agent_pos", **arguments)
+    env.reset(seed=0)
+    assert [*env.present_observation] == [*observation]
+    assert [*observation][-4:] == ["goal_pixels/workspace", "goal_pixels/franka/hand", "workspace", "franka/hand"]
+    for key, value in env.present_observation.items():
+        spec = environment.observation_spec()[key]
+        assert (
+            (value.shape, value.dtype) == (spec.shape, spec.dtype) == (observation[key].shape, observation[key].dtype)
+        )
+        if "goal_pixels" in key:
+            np.testing.assert_array_equal(value, observation[key])
+
+
+@pytest.mark.rendering
+def test_vectorised_kitchens_show_their_own_goals():
+    arguments = {"tasks_per_episode": (1, 3), "goal_states": 1, "cameras": ["workspace", "franka/hand"], **PICTURES}
+    envs = FrankaKitchenVectorEnv(2, num_threads=1, **arguments)
+    observations, _ = envs.reset(seed=5, options={"goal_states": [None, wanted(1)]})
+    assert envs.observation_space.contains(observations)
+    for i in range(2):
+        single = FrankaKitchenEnv(**arguments)
+        expected, _ = single.reset(seed=5 + i, options={"goal_states": wanted(1)} if i else None)
+        np.testing.assert_equal(
+            {key: rows[i] for key, rows in observations["goal_pixels"].items()}, expected["goal_pixels"]
+        )
+        np.testing.assert_equal(
+            {key: rows[i] for key, rows in envs.present_observation.items()}, single.present_observation
+        )
