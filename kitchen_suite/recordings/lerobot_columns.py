@@ -68,7 +68,7 @@ class LeRobotObservations:
         if AGENT_POS not in found:
             raise ValueError(f"LeRobot needs obs_type={' or '.join(map(repr, LEROBOT.obs_types))}")
         assert isinstance(given, spaces.Dict)
-        if refused := sorted(found & {"depth", "segmentation"}):
+        if refused := sorted(found & {"depth", "segmentation", "goal_pixels"}):
             raise ValueError(f"LeRobot's policies do not read {' and '.join(refused)}: leave it out")
         # Of the parts of `environment_state` in the suite's observation: of that of its name, and of those beside it.
         self._state_size = _shape(given[ENVIRONMENT_STATE])[0] if ENVIRONMENT_STATE in found else 0

@@ -146,6 +146,7 @@ def test_pictures_are_by_camera_also_with_one_camera(cameras):
     [
         ({}, ["obs_type", "'environment_state_agent_pos'", "'pixels_agent_pos'"]),
         ({**PICTURES, "depth": True}, ["LeRobot's policies do not read depth: leave it out"]),
+        ({**PICTURES, "goal_states": 1}, ["LeRobot's policies do not read goal_pixels: leave it out"]),
     ],
 )
 def test_other_observations_are_refused(task_kwargs, shown):
