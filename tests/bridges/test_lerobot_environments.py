@@ -146,12 +146,18 @@ def test_pictures_are_by_camera_also_with_one_camera(cameras):
     [
         ({}, ["obs_type", "'environment_state_agent_pos'", "'pixels_agent_pos'"]),
         ({**PICTURES, "depth": True}, ["LeRobot's policies do not read depth: leave it out"]),
-        ({**PICTURES, "goal_states": 1}, ["LeRobot's policies do not read goal_pixels: leave it out"]),
     ],
 )
 def test_other_observations_are_refused(task_kwargs, shown):
     with refused(ValueError, *shown):
         features_of(spec_of(task_kwargs, domain_name="microwave_table"))
+
+
+@pytest.mark.rendering
+def test_pictures_of_goals_are_refused():
+    kwargs = {"goal_states": 1, "obs_type": "pixels_agent_pos", "image_size": [8, 8], "cameras": ["workspace"]}
+    with refused(ValueError, "LeRobot's policies do not read goal_pixels: leave it out"):
+        features_of(spec_of(kwargs, domain_name="kitchen"))
 
 
 def test_other_autoreset_modes_are_refused():
