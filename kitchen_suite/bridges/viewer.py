@@ -1,11 +1,15 @@
 """The live viewer: episodes in a browser; needs the extra `web`."""
 
 import dataclasses
+import functools
 import queue
 import time
 from typing import TYPE_CHECKING, Any
 
-from kitchen_suite import suite
+import numpy as np
+
+from kitchen_suite import policies, suite
+from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
@@ -117,8 +121,8 @@ class ViewerPanel:
         with gui.add_folder("Task"):
             self._domain = gui.add_dropdown("Domain", tuple(tasks), initial_value=first.domain_name)
             self._task = gui.add_dropdown("Task", tuple(tasks[first.domain_name]), initial_value=first.task_name)
-            policies = dict.fromkeys((first.policy, *POLICIES))
-            self._policy = gui.add_dropdown("Policy", tuple(policies), initial_value=first.policy)
+            self._policy = gui.add_dropdown("Policy", (first.policy,), initial_value=first.policy)
+            self._offer_policies()
             with gui.add_folder("Variations", expand_by_default=False):
                 given = (first.variations or "").split(",")
                 self._groups = {name: gui.add_checkbox(name, initial_value=name in given) for name in GROUPS}
@@ -128,6 +132,7 @@ class ViewerPanel:
                 self._split = gui.add_dropdown("Split", tuple(SPLITS), initial_value=split)
             self._add_button("Load", "load", "Builds the environment that is chosen here.")
         self._domain.on_update(lambda event: self._offer_tasks())
+        self._task.on_update(lambda event: self._offer_policies())
 
     def _add_button(self, label: str, command: str, hint: str) -> None:
         button = self._gui.add_button(label, hint=hint)
@@ -144,6 +149,31 @@ class ViewerPanel:
         domain = self._domain.value
         self._task.options = tuple(suite.TASKS_BY_DOMAIN[domain])
         self._task.value = suite.default_task(domain)
+        self._offer_policies()
+
+    def _offer_policies(self) -> None:
+        """Offers the policies that can act in the chosen task, and the one that was given with it."""
+        first, chosen = self._settings, self._policy.value
+        task = self._domain.value, self._task.value
+        given = (first.policy,) if (first.domain_name, first.task_name) == task else ()
+        offered = tuple(dict.fromkeys((*given, *policies_for(*task))))
+        self._policy.options = offered
+        self._policy.value = chosen if chosen in offered else offered[0]
+
+
+@functools.cache
+def policies_for(domain_name: str, task_name: str) -> tuple[str, ...]:
+    """Returns the names of the policies that can act in a task without options, the scripted expert first."""
+    environment = suite.load(domain_name, task_name, {"visuals": False})
+    return tuple(name for name in sorted(POLICIES, key=lambda name: name != "expert") if _can_act(name, environment))
+
+
+def _can_act(name: str, environment: Environment) -> bool:
+    try:
+        policies.find(name)(environment, np.random.default_rng(0))
+    except _ERRORS:
+        return False
+    return True
 
 
 class LiveEpisode:

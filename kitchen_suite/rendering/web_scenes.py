@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import functools
+import io
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,13 @@ _FIRST_HIDDEN_GROUP = 3
 # Of the light from all sides, beside that of lamps; chosen so that the kitchen's white counter is not blown out.
 _BRIGHTNESS = 0.4
 
+# Greatest height and width of a texture [pixels], which a page holds; and the least length of a surface that has one
+# [m]. Smaller ones have the texture's mean colour.
+_TEXTURE_SIZE, _LEAST_LENGTH = 256, 0.5
+
+# Half the length of a floor without edges [m].
+_FLOOR = 5.0
+
 # Fields of a model on which the shapes and colours depend that a scene shows.
 _APPEARANCE = (
     *("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "geom_rgba", "geom_matid", "geom_dataid"),
@@ -40,6 +48,8 @@ class WebScene:
         self._model.geom_rgba[self._model.geom_group >= _FIRST_HIDDEN_GROUP, 3] = 0.0
         set_camera(server, physics, camera)
         server.scene.configure_default_lights(cast_shadow=False)
+        _add_surfaces(server, self._model, physics.data.ptr)
+        _colour_by_textures(self._model)
         self._scene = _scene_class()(server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         server.scene.configure_environment_map(environment_intensity=_BRIGHTNESS)
@@ -90,6 +100,114 @@ def _scene_class() -> Any:
             pass
 
     return Scene
+
+
+def _textures(model: "mujoco.MjModel") -> dict[int, NDArray[np.uint8]]:
+    """Returns the texture `(h, w, 3)` of each material that has one, of a cube that of its first face."""
+    found = {}
+    for material, roles in enumerate(model.mat_texid):
+        if (texture := int(roles.max())) >= 0:
+            height, width, channels = (
+                int(field[texture]) for field in (model.tex_height, model.tex_width, model.tex_nchannel)
+            )
+            start = model.tex_adr[texture]
+            rows = model.tex_data[start : start + height * width * channels].reshape(height, width, channels)
+            found[material] = rows[:width, :, :3]
+    return found
+
+
+def _colour_by_textures(model: "mujoco.MjModel") -> None:
+    """Gives materials the mean colour of their textures, in place of these, which mjviser shows on few shapes."""
+    for material, texture in _textures(model).items():
+        model.mat_rgba[material, :3] *= texture.mean(axis=(0, 1)) / 255
+        model.mat_texid[material] = -1
+
+
+def _add_surfaces(server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
+    """Adds large textured surfaces that never move, such as floor and worktop, and hides them in the model."""
+    import mujoco
+
+    textures = _textures(model)
+    for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0).tolist():
+        material, lengths = model.geom_matid[geom], 2 * model.geom_size[geom]
+        is_floor = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        if material not in textures or not model.geom_rgba[geom, 3] or not (is_floor or lengths.max() >= _LEAST_LENGTH):
+            continue
+        mesh = _floor_mesh(model, geom) if is_floor else _solid_mesh(model, geom)
+        if mesh is None:
+            continue
+        vertices, texture_coordinates = mesh
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+        server.scene.add_mesh_trimesh(
+            f"/surfaces/{geom}",
+            _textured(vertices, texture_coordinates, textures[material], model.mat_rgba[material]),
+            cast_shadow=False,
+            receive_shadow=0.2,
+            position=data.geom_xpos[geom],
+            wxyz=quaternion,
+        )
+        model.geom_rgba[geom, 3] = 0.0
+        if is_floor:
+            # mjviser shows a grid in place of any plane.
+            model.geom_type[geom] = mujoco.mjtGeom.mjGEOM_BOX
+
+
+def _floor_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns vertices `(6, 3)` [m] of the two triangles of a plane, and their texture coordinates `(6, 2)`."""
+    half = np.where(model.geom_size[geom, :2] > 0.0, model.geom_size[geom, :2], _FLOOR)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, -1), (1, 1), (-1, 1)]) * half
+    material = model.geom_matid[geom]
+    scale = model.mat_texrepeat[material] / (1.0 if model.mat_texuniform[material] else 2 * half)
+    return np.pad(corners, ((0, 0), (0, 1))), corners * scale
+
+
+def _solid_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Returns vertices `(3 n, 3)` [m] of the triangles of a box or mesh, and their texture coordinates `(3 n, 2)`.
+
+    The texture covers each side once, as that of a cube does in MuJoCo. None for other shapes.
+    """
+    import mujoco
+    import trimesh
+
+    half = model.geom_size[geom]
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        triangles = trimesh.creation.box(extents=2 * half).triangles
+    elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = model.mesh(model.geom_dataid[geom])
+        vertices = model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
+        triangles = vertices[model.mesh_face[mesh.faceadr[0] : mesh.faceadr[0] + mesh.facenum[0]]].astype(np.float64)
+    else:
+        return None
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    # The two axes along the side that a triangle is most nearly parallel to.
+    axes = np.argsort(np.abs(normals), axis=1)[:, :2]
+    axes.sort(axis=1)
+    along = np.take_along_axis(triangles / half, axes[:, np.newaxis], axis=2)
+    return triangles.reshape(-1, 3), (along.reshape(-1, 2) + 1) / 2
+
+
+def _textured(
+    vertices: NDArray[np.float64],
+    texture_coordinates: NDArray[np.float64],
+    texture: NDArray[np.uint8],
+    rgba: NDArray[np.float32],
+) -> Any:
+    """Returns a mesh of trimesh, of triangles `(3 n, 3)` with texture coordinates `(3 n, 2)`."""
+    import trimesh
+    from PIL import Image
+
+    image = Image.fromarray(texture)
+    image.thumbnail((_TEXTURE_SIZE, _TEXTURE_SIZE))
+    # A tenth of the bytes of PNG: trimesh keeps the format that an image was read from.
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=85)
+    image = Image.open(buffer)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=rgba, baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0
+    )
+    visual = trimesh.visual.TextureVisuals(uv=texture_coordinates, material=material)
+    return trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), visual=visual, process=False)
 
 
 class SceneRecorder(contextlib.ExitStack):

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from kitchen_suite.bridges.viewer import policies_for
 from kitchen_suite.cli.commands import view
 
 TIMEOUT = 120.0  # [s], on a machine with other work
@@ -76,7 +77,7 @@ class Browser:
         self._socket = connect(
             address, subprotocols=[f"viser-v{viser.__version__}"], origin=f"http://localhost:{port}", max_size=None
         )
-        self.widgets, self.text, self.nodes = {}, {}, set()
+        self.widgets, self.text, self.nodes, self.options = {}, {}, set(), {}
         self._send(CAMERA)
 
     def close(self):
@@ -107,7 +108,9 @@ class Browser:
             self.widgets[message["props"]["label"]] = message["uuid"]
         elif kind == "GuiUpdateMessage" and "_markdown" in message["updates"]:
             self.text[message["uuid"]] = message["updates"]["_markdown"]
-        elif kind == "BatchedGlbMessage":
+        elif kind == "GuiUpdateMessage" and "options" in message["updates"]:
+            self.options[message["uuid"]] = [*message["updates"]["options"]]
+        elif kind in ("BatchedGlbMessage", "GlbMessage"):
             self.nodes.add(message["name"])
 
     def _send(self, message):
@@ -133,6 +136,7 @@ def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
     browser = Browser(port)
     try:
         browser.wait(lambda: any("microwave/door" in name for name in browser.nodes) and "time" in browser.report())
+        assert any(name.startswith("/surfaces/") for name in browser.nodes), "floor and worktop have their textures"
         browser.set("Run", False)
         browser.set("Seed", 7)
         browser.set("Reset", True)
@@ -151,6 +155,8 @@ def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
         browser.wait(lambda: "**Error:** policy 'moon'" in browser.report())
         browser.set("Policy", "zero")
         browser.set("Domain", "open_cabinet")
+        offered = ["expert", "random", "zero", "trained", "takeover"]
+        browser.wait(lambda: browser.options.get(browser.widgets["Policy"]) == offered)
         browser.set("Load", True)
         browser.wait(lambda: "drawer opening" in browser.report())
     finally:
@@ -158,6 +164,18 @@ def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=TIMEOUT)
     assert (process.returncode, out, err) == (130, "", "kitchen-view: interrupted while showing episodes\n")
+
+
+@pytest.mark.parametrize(
+    ("domain", "task", "offered"),
+    [
+        ("kitchen", "kettle", ("expert", "random", "zero", "trained", "takeover")),
+        ("kitchen", "top_right_burner", ("expert", "random", "zero")),
+        ("microwave_table", "open", ("expert", "random", "zero")),
+    ],
+)
+def test_the_policies_on_offer_can_act(domain, task, offered):
+    assert policies_for(domain, task) == offered
 
 
 def status(port, host):
