@@ -533,3 +533,5 @@ class ViewSettings(EpisodeSettings):
     camera: str = camera_flag("overview")
     render_quality: str = render_quality_flag("fast")
     port: int = flag("Port of the page, on this machine alone.", 8080, minimum=1024, maximum=65535)
+    teleop: bool = flag("Move the hand in the page, in place of a policy.", False)
+    output: Path | None = output_flag(None)

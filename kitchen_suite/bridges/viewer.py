@@ -1,28 +1,65 @@
-"""The live viewer: episodes in a browser; needs the extra `web`."""
+"""The live viewer: episodes of policies, and of a person, in a browser; needs the extra `web`."""
 
 import dataclasses
 import functools
+import math
 import queue
 import time
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kitchen_suite import policies, suite
+from kitchen_suite import checks, policies, suite
 from kitchen_suite.environment import Environment
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import POLICIES
+from kitchen_suite.policies.registry import EXPERT_PACKAGES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, local_server
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout import SingleRollout
+from kitchen_suite.rollouts.rollout import RewindableRollout, SingleRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
 
 if TYPE_CHECKING:
     from dm_control import mjcf
+
+    from kitchen_suite.policies.experts.teleoperation import Teleoperation
+
+# Lengths and angles of a nudge [m, degrees] by name.
+NUDGES = {"2 mm, 1 degree": (0.002, 1.0), "1 cm, 5 degrees": (0.01, 5.0), "3 cm, 15 degrees": (0.03, 15.0)}
+
+# Keys of the nudges, and their directions in the frame of the robot's base: offset, and axis of the turn. The letters
+# are robosuite's.
+MOVES = {
+    "Forward": ("arrowup", (1, 0, 0), (0, 0, 0)),
+    "Back": ("arrowdown", (-1, 0, 0), (0, 0, 0)),
+    "Left": ("arrowleft", (0, 1, 0), (0, 0, 0)),
+    "Right": ("arrowright", (0, -1, 0), (0, 0, 0)),
+    "Up": ("pageup", (0, 0, 1), (0, 0, 0)),
+    "Down": ("pagedown", (0, 0, -1), (0, 0, 0)),
+    "Yaw left": ("O", (0, 0, 0), (0, 0, 1)),
+    "Yaw right": ("P", (0, 0, 0), (0, 0, -1)),
+    "Pitch up": ("Y", (0, 0, 0), (0, 1, 0)),
+    "Pitch down": ("H", (0, 0, 0), (0, -1, 0)),
+    "Roll left": ("E", (0, 0, 0), (1, 0, 0)),
+    "Roll right": ("R", (0, 0, 0), (-1, 0, 0)),
+}
+_HELP = (
+    "Drag the arrows and rings at the hand, or use keys: arrows, page up and down; O P, Y H, E R to turn; space opens "
+    "or closes the fingers; backspace goes back a second; enter saves. Time stands still until you move the hand."
+)
+
+# Control steps of an episode that a person plays, by default: a program needs a tenth.
+_PERSONS_STEPS = 2_000
+
+# Policy in the recordings of episodes that a person has played.
+TELEOP = "teleop"
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
@@ -33,18 +70,24 @@ _IDLE = 0.05
 _ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
+# A command of the panel: `load`, `reset`, `step` or `camera`; or what to do with an episode that a person plays.
+Command = str | Callable[["TeleoperatedEpisode"], None]
+
+
 class ViewerPanel:
     """Widgets of the panel. Their callbacks run in threads of viser's, so they only put commands into the queue.
 
     Attributes:
-      commands: names of commands, in the order in which they were given: `load`, `reset`, `step`, `camera`.
+      commands: in the order in which they were given.
     """
 
     def __init__(self, gui: Any, settings: ViewSettings) -> None:
         """Adds the widgets to the panel of a viser server, with the settings as their initial values."""
-        self.commands: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._settings, self._gui = settings, gui
         self._add_episode_widgets()
+        if settings.teleop:
+            self._add_hand_widgets()
         self._add_task_widgets()
 
     @property
@@ -114,6 +157,38 @@ class ViewerPanel:
             self._add_button("Reset", "reset", "Starts the episode of the seed.")
             self._camera = gui.add_dropdown("Camera", (first.camera,), initial_value=first.camera)
             self._camera.on_update(lambda event: self.commands.put("camera"))
+
+    def _add_hand_widgets(self) -> None:
+        gui = self._gui
+        with gui.add_folder("Hand"):
+            gui.add_markdown(_HELP)
+            self._size = gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1])
+            for label, (key, offset, turn) in MOVES.items():
+                self._add_hotkey(label, key, functools.partial(self._nudge, offset, turn))
+            self._add_action("Open or close", "space", TeleoperatedEpisode.turn_gripper)
+            self._add_action("Back 1 s", "backspace", lambda episode: episode.rewind(1.0))
+            self._add_action("Back 5 s", None, lambda episode: episode.rewind(5.0))
+            if self._settings.output is not None:
+                self._add_action("Save", "enter", self._save)
+
+    def _add_action(self, label: str, key: str | None, action: Callable[["TeleoperatedEpisode"], None]) -> None:
+        """Adds a button, and a key if there is one, that do something with the episode."""
+        self._gui.add_button(label).on_click(lambda event: self.commands.put(action))
+        if key:
+            self._add_hotkey(label, key, lambda: self.commands.put(action))
+
+    def _add_hotkey(self, label: str, key: str, call: Callable[[], None]) -> None:
+        self._gui.add_command(label, hotkey=key).on_trigger(lambda event: call())
+
+    def _nudge(self, offset: Sequence[float], turn: Sequence[float]) -> None:
+        length, angle = NUDGES[self._size.value]
+        moved, turned = length * np.array(offset), math.radians(angle) * np.array(turn)
+        self.commands.put(lambda episode: episode.arm.nudge(moved, turned))
+
+    def _save(self, episode: "TeleoperatedEpisode") -> None:
+        episode.save()
+        self.seed = episode.seed + 1
+        self.commands.put("reset")
 
     def _add_task_widgets(self) -> None:
         gui, first = self._gui, self._settings
@@ -185,12 +260,15 @@ class LiveEpisode:
 
     def __init__(self, settings: ViewSettings) -> None:
         """Builds environment and policy, and starts the episode of the settings' seed."""
-        spec = EpisodeSpec.of(settings, seeding="gymnasium")
-        self._rollout = SingleRollout(spec.prepared(), visuals=True, render_quality=settings.render_quality)
-        self._max_steps = spec.max_episode_steps
+        self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
+        self._rollout = self._make_rollout(settings)
+        self._max_steps = self._spec.max_episode_steps
         self._environment = suite_env(self._rollout.environment).environment
         find_camera(self.physics, settings.camera)
         self.start(settings.seed)
+
+    def _make_rollout(self, settings: ViewSettings) -> SingleRollout:
+        return SingleRollout(self._spec.prepared(), visuals=True, render_quality=settings.render_quality)
 
     @property
     def physics(self) -> "mjcf.Physics":
@@ -206,6 +284,11 @@ class LiveEpisode:
     def has_ended(self) -> bool:
         """Whether the episode has terminated or was truncated."""
         return self._rollout.buffer.has_ended
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether time stands still until a person does something."""
+        return False
 
     def start(self, seed: int) -> None:
         """Starts the episode of a seed; raises a PolicyError if the policy cannot be built."""
@@ -247,6 +330,97 @@ class LiveEpisode:
         return f"- {name}" if step is None else f"- **{name}**: completed after {step * self.timestep:.1f} s"
 
 
+class TeleoperatedEpisode(LiveEpisode):
+    """An episode that a person plays, which can go back, and be saved.
+
+    Attributes:
+      saved: number of episodes that have been saved.
+    """
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self.saved = 0
+        super().__init__(dataclasses.replace(settings, max_episode_steps=settings.max_episode_steps or _PERSONS_STEPS))
+        self._folder = None if settings.output is None else RecordingFolder.claim(settings.output, self._spec)
+
+    def _make_rollout(self, settings: ViewSettings) -> SingleRollout:
+        # The names of policies are those of programs.
+        self._spec = dataclasses.replace(self._spec, policy=TELEOP)
+        checks.installed(EXPERT_PACKAGES, "--teleop", "experts")
+        from kitchen_suite.policies.experts.teleoperation import make_policy
+
+        return RewindableRollout(self._spec, make_policy, visuals=True, render_quality=settings.render_quality)
+
+    @property
+    def is_waiting(self) -> bool:
+        return self.has_ended or self.arm.is_idle
+
+    @property
+    def arm(self) -> "Teleoperation":
+        """The arm, to be commanded."""
+        arm: Teleoperation = self._rollout.policy.arm  # type: ignore[attr-defined]
+        return arm
+
+    def start(self, seed: int) -> None:
+        super().start(seed)
+        self._observe()
+
+    def turn_gripper(self) -> None:
+        """Closes the fingers if they are open, and opens them otherwise."""
+        self.arm.grasp(not self.arm.is_closed)
+
+    def rewind(self, seconds: float) -> None:
+        """Goes back, as far as states are kept; the hand stays where it was then."""
+        assert isinstance(self._rollout, RewindableRollout)
+        self._rollout.rewind(round(seconds / self.timestep))
+        self._observe()
+        self.arm.hold()
+
+    def save(self) -> None:
+        """Saves the episode up to now as that of its seed; raises a ValueError if there is nothing to save, or one."""
+        buffer, index = self._rollout.buffer, self.seed - self._spec.seed
+        if self._folder is None or not buffer.steps:
+            raise ValueError("there is nothing to save: make a control step first")
+        if index < 0 or index in self._folder.indices:
+            raise ValueError(f"{self.seed} cannot be saved: choose a seed from {self._spec.seed} on that is not there")
+        task, arrays = self._environment.task, buffer.arrays()
+        seconds = buffer.steps * self.timestep
+        episode = EpisodeArrays(
+            index=index, seed=self.seed, arrays=arrays, seconds=seconds, instruction=task.instruction
+        )
+        self._folder.save(episode, EpisodeStats.of(episode, task.metrics(episode.last_info)))
+        self.saved += 1
+
+    def report(self) -> str:
+        fingers = "closed" if self.arm.is_closed else "open"
+        return f"{super().report()}\n| fingers | {fingers} |\n| episodes saved | {self.saved} |"
+
+    def _observe(self) -> None:
+        """Shows the person's policy where the hand is."""
+        policy, environment = self._rollout.policy, suite_env(self._rollout.environment)
+        policy.observe(self._rollout.buffer.timestep(environment))  # type: ignore[attr-defined]
+
+
+class HandGizmo:
+    """Arrows and rings at the commanded pose of the hand, which can be dragged."""
+
+    def __init__(self, server: Any, episode: TeleoperatedEpisode, commands: "queue.SimpleQueue[Command]") -> None:
+        """Adds them to the scene."""
+        self._handle = server.scene.add_transform_controls("/hand", scale=0.2, depth_test=False, opacity=0.7)
+        self._commands, self._is_dragged = commands, False
+        self._handle.on_update(lambda event: self._move(event.phase))
+        self.update(episode)
+
+    def update(self, episode: TeleoperatedEpisode) -> None:
+        """Moves them to the commanded pose, unless they are being dragged."""
+        if not self._is_dragged:
+            self._handle.position, self._handle.wxyz = episode.arm.command or episode.arm.hand
+
+    def _move(self, phase: str) -> None:
+        self._is_dragged = phase != "end"
+        position, orientation = self._handle.position, self._handle.wxyz
+        self._commands.put(lambda episode: episode.arm.move_to(position, orientation))
+
+
 class Viewer:
     """Plays an episode in real time, and does what is chosen in the panel.
 
@@ -270,25 +444,37 @@ class Viewer:
     def update(self) -> None:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
         panel, now = self._panel, time.monotonic()
-        if not panel.is_paused and not self._problem and now >= self._due:
+        stands_still = panel.is_paused or bool(self._problem) or self.episode.is_waiting
+        if not stands_still and now >= self._due:
             self._step()
             # Where steps take longer than they should, time passes more slowly.
             self._due = max(self._due + self.episode.timestep / panel.speed, now)
-        wait = _IDLE if panel.is_paused or self._problem else min(_IDLE, max(self._due - time.monotonic(), 0.0))
+        wait = _IDLE if stands_still else min(_IDLE, max(self._due - time.monotonic(), 0.0))
         try:
             command = panel.commands.get(timeout=wait) if wait else panel.commands.get_nowait()
         except queue.Empty:
             return
         self._carry_out(command)
 
-    def _carry_out(self, command: str) -> None:
-        if command == "step":
+    def _carry_out(self, command: Command) -> None:
+        if callable(command):
+            self._command_arm(command)
+        elif command == "step":
             self._step()
         elif command == "camera":
             self._move_cameras()
         else:
             self._try(self._load if command == "load" else self._reset)
-        self._due = time.monotonic()
+        if not callable(command):
+            self._due = time.monotonic()
+
+    def _command_arm(self, command: Callable[["TeleoperatedEpisode"], None]) -> None:
+        episode = self.episode
+        if isinstance(episode, TeleoperatedEpisode):
+            was_waiting = episode.is_waiting
+            self._try(lambda: command(episode))
+            if was_waiting:
+                self._due = time.monotonic()
 
     def _step(self) -> None:
         if not self.episode.has_ended:
@@ -299,7 +485,7 @@ class Viewer:
 
     def _load(self) -> None:
         self._panel.show("Loading.")
-        episode = LiveEpisode(self._panel.settings())
+        episode = live_episode(self._panel.settings())
         self.episode.close()
         self.episode = episode
         self._scene = self._show_scene()
@@ -317,6 +503,8 @@ class Viewer:
         except _ERRORS as error:
             self._problem = " ".join(str(error).split())
         self._scene.update(self.episode.physics)
+        if isinstance(self.episode, TeleoperatedEpisode):
+            self._gizmo.update(self.episode)
         self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
 
     def _show_scene(self) -> WebScene:
@@ -327,6 +515,8 @@ class Viewer:
         self._panel.offer_cameras(camera_names(physics))
         scene = WebScene(server, physics, find_camera(physics, self._panel.camera))
         scene.update(physics)
+        if isinstance(self.episode, TeleoperatedEpisode):
+            self._gizmo = HandGizmo(server, self.episode, self._panel.commands)
         self._panel.show(self.episode.report())
         self._move_cameras()
         return scene
@@ -341,6 +531,11 @@ class Viewer:
                 client.camera.fov = view.fov
 
 
+def live_episode(settings: ViewSettings) -> LiveEpisode:
+    """Returns the episode that settings ask for: of a policy, or of a person."""
+    return TeleoperatedEpisode(settings) if settings.teleop else LiveEpisode(settings)
+
+
 class ViewJob:
     """Shows episodes in a browser until it is interrupted."""
 
@@ -351,7 +546,9 @@ class ViewJob:
         """Builds the first environment, so that bad settings are refused."""
         task_name = settings.task_name or suite.default_task(settings.domain_name)
         self._settings = dataclasses.replace(settings, task_name=task_name)
-        self._episode = LiveEpisode(self._settings)
+        if settings.output is not None and not settings.teleop:
+            raise ValueError("--output is the folder of the episodes that a person plays: it needs --teleop")
+        self._episode = live_episode(self._settings)
 
     def progress(self) -> str:
         return "while showing episodes"

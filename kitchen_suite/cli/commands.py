@@ -291,6 +291,7 @@ view = Command(
   kitchen-view --policy=expert --task_name=kettle          the scripted expert moves the kettle
   kitchen-view --domain_name=open_cabinet --policy=trained
   kitchen-view --variations=layout,appearance --port=9000  every episode in another kitchen, at another port
+  kitchen-view --teleop --task_name=kettle --output=mine   you move the hand, and save episodes as kitchen-record does
 
 In the page, choose domain, task, policy, variations and seed; reset, pause, step and set the speed. Other machines are
 refused; from one, use ssh -L 8080:localhost:8080 HOST. Exit status: 1 if the port is in use; 2 for a bad argument, with

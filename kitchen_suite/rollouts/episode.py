@@ -210,6 +210,15 @@ class EpisodeBuffer:
         observation, reward, termination, truncation, info = environment.step(action)
         self.add(Step(action, float(reward), termination, truncation), observation, info, labels)
 
+    def truncate(self) -> None:
+        """Makes the last step truncate the episode."""
+        self._steps[-1] = self._steps[-1]._replace(truncation=True)
+
+    def cut(self, steps: int, observation: Any) -> None:
+        """Goes back to a number of control steps, after which the observation was the given one."""
+        self.observation = observation
+        del self._rows[steps + 1 :], self._steps[steps:], self._labels[steps:]
+
     @property
     def steps(self) -> int:
         """Number of control steps so far."""

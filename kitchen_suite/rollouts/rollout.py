@@ -21,6 +21,9 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, f
 from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
+# Control steps that an episode can go back.
+REWIND_STEPS = 250
+
 
 def episode_name(index: int, seed: int | None) -> str:
     """Returns the name of the episode of a number and a seed, if that is known."""
@@ -33,15 +36,17 @@ class SingleRollout:
     Attributes:
       environment: in which they are played.
       buffer: the steps of the episode in progress.
+      policy: that of this episode.
     """
 
     buffer: EpisodeBuffer
+    policy: Policy
 
-    def __init__(self, spec: EpisodeSpec, **extra: Any) -> None:
-        """Makes the environment, with `extra` further arguments, and finds the policy."""
+    def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder | None = None, **extra: Any) -> None:
+        """Makes the environment, with `extra` further arguments, and finds the policy, if no builder is given."""
         self._spec = spec
         self.environment = spec.make_environment(**extra)
-        self._build_policy = spec.find_policy()
+        self._build_policy = build_policy or spec.find_policy()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built.
@@ -49,7 +54,7 @@ class SingleRollout:
         `options` are those of the reset.
         """
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
-        self._policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
+        self.policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
 
     def step(self) -> None:
         """Makes a control step with the policy's action.
@@ -59,8 +64,8 @@ class SingleRollout:
           PolicyError: the policy raised an exception, or returned a bad action.
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
-        action = clipped_action(self._policy, timestep, self.environment.action_space)
-        self.buffer.step(self.environment, action, labels_of(self._policy))
+        action = clipped_action(self.policy, timestep, self.environment.action_space)
+        self.buffer.step(self.environment, action, labels_of(self.policy))
 
     def play(
         self,
@@ -86,6 +91,38 @@ class SingleRollout:
             seconds=time.perf_counter() - started,
             instruction=suite_env(self.environment).instruction,
         )
+
+
+class RewindableRollout(SingleRollout):
+    """Also goes back to earlier control steps of an episode, and on from there in another way.
+
+    What is left of the episode afterwards is to the bit what it would be if it had never gone otherwise.
+    """
+
+    def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder | None = None, **extra: Any) -> None:
+        # Gymnasium's time limit could not go back.
+        super().__init__(spec, build_policy, max_episode_steps=-1, **extra)
+
+    def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
+        self._states: collections.deque[dict[str, Any]] = collections.deque(maxlen=REWIND_STEPS)
+        super().start(seed, name, options)
+
+    def step(self) -> None:
+        state = suite_env(self.environment).get_state()
+        super().step()
+        self._states.append(state)
+        if self.buffer.steps >= self._spec.max_episode_steps:
+            self.buffer.truncate()
+
+    def rewind(self, steps: int) -> int:
+        """Goes back by a number of control steps, or as far as states are kept; returns by how many."""
+        count = min(steps, len(self._states))
+        if count <= 0:
+            return 0
+        state = [self._states.pop() for _ in range(count)][-1]
+        observation = suite_env(self.environment).set_state(state)
+        self.buffer.cut(self.buffer.steps - count, observation)
+        return count
 
 
 class BatchStep(NamedTuple):

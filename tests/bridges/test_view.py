@@ -7,10 +7,14 @@ import socket
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+from helpers.errors import refused
 
-from kitchen_suite.bridges.viewer import policies_for
-from kitchen_suite.cli.commands import view
+from kitchen_suite.bridges.viewer import TeleoperatedEpisode, policies_for
+from kitchen_suite.cli.commands import replay, view
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.settings import ViewSettings
 
 TIMEOUT = 120.0  # [s], on a machine with other work
 MAX_WINDOWS = 10_000  # Windows of messages, some 25 in a second.
@@ -176,6 +180,56 @@ def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
 )
 def test_the_policies_on_offer_can_act(domain, task, offered):
     assert policies_for(domain, task) == offered
+
+
+def teleoperated(**settings):
+    return TeleoperatedEpisode(
+        ViewSettings(domain_name="kitchen", task_name="kettle", teleop=True, render_quality="fast", **settings)
+    )
+
+
+def test_a_person_plays_goes_back_and_saves(tmp_path):
+    episode = teleoperated(output=tmp_path / "mine", seed=5)
+    assert episode.is_waiting
+    with refused(ValueError, "nothing to save"):
+        episode.save()
+    episode.arm.nudge([0.0, 0.0, 0.05])
+    for _ in range(25):
+        assert not episode.is_waiting
+        episode.step()
+    episode.rewind(1.0)
+    assert episode.is_waiting, "until the person goes on"
+    assert "control step | 13 of 2000" in episode.report()
+    episode.turn_gripper()
+    episode.step()
+    assert "fingers | closed" in episode.report()
+    episode.save()
+    with refused(ValueError, "5 cannot be saved"):
+        episode.save()
+    for seed in (4, 6):
+        episode.start(seed)
+        episode.arm.nudge([0.02, 0.0, 0.0])
+        episode.step()
+        if seed == 4:
+            with refused(ValueError, "4 cannot be saved", "from 5 on"):
+                episode.save()
+    episode.save()
+    assert "episodes saved | 2" in episode.report()
+    episode.close()
+    assert sorted(path.name for path in (tmp_path / "mine").glob("*.npz")) == [
+        "episode_000000.npz",
+        "episode_000001.npz",
+    ]
+    arrays = RecordingFolder.open(tmp_path / "mine").load(0).arrays
+    assert arrays["label/is_intervention"].all()
+    np.testing.assert_array_equal(arrays["label/teleop_action"], arrays["action"])
+    assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+@pytest.mark.web
+def test_a_folder_is_for_episodes_of_a_person(capsys, tmp_path):
+    assert view.main([f"--output={tmp_path / 'mine'}"]) == 2
+    assert "it needs --teleop" in capsys.readouterr().err
 
 
 def status(port, host):

@@ -4,8 +4,12 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from helpers import pages
+
+from kitchen_suite.cli.commands import replay
+from kitchen_suite.rollouts.folder import RecordingFolder
 
 pytestmark = pytest.mark.browser
 
@@ -34,6 +38,29 @@ def test_the_viewer_is_driven_in_a_browser(address, tmp_path):
         pages.take_picture(page, page, picture)
         assert all(url.startswith((address, "data:", "blob:")) for url in asked), asked
     pages.assert_shows_a_scene(picture, slice(0, 330))
+
+
+def test_a_person_moves_the_hand_and_saves_an_episode(port, tmp_path):
+    """With real keys."""
+    folder = tmp_path / "mine"
+    flags = ["--teleop", "--domain_name=microwave_table", f"--output={folder}", f"--port={port}"]
+    command = [sys.executable, "-m", "kitchen_suite", "view", *flags]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        with pages.opened(running.stdout.readline().split()[0]) as (page, _):
+            wait_for_report(page, r"control step\s+0 of 2000")
+            page.locator(".mantine-Notification-closeButton").click()
+            page.keyboard.press("PageUp")
+            wait_for_report(page, r"control step\s+[1-9]")
+            page.keyboard.press("Space")
+            wait_for_report(page, r"fingers\s+closed")
+            page.keyboard.press("Enter")
+            wait_for_report(page, r"episodes saved\s+1")
+            wait_for_report(page, r"control step\s+0 of 2000")
+        running.kill()
+    arrays = RecordingFolder.open(folder).load(0).arrays
+    assert arrays["label/is_intervention"].all()
+    assert np.abs(arrays["action"]).max() > 0.0
+    assert replay.main([str(folder)]) == 0
 
 
 def wait_for_report(page, pattern):

@@ -69,11 +69,21 @@ class Expert(abc.ABC):
     @classmethod
     def for_task(cls, task: Any, **options: Any) -> Self:
         """Builds the expert for a task from the task's settings, with other options as `make`."""
-        mode = task.mdp.action_mode
-        settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
-        expert = cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+        expert = cls.unchecked(task, **options)
         expert.check_observes(task.variations.layout)
         return expert
+
+    @classmethod
+    def unchecked(cls, task: Any, **options: Any) -> Self:
+        """Builds the expert as `for_task`, also where it does not observe all objects that it would move."""
+        mode = task.mdp.action_mode
+        settings = mode.settings if options.get("control_mode", mode.name) == mode.name else {}
+        return cls(**{"control_mode": mode.name, **settings, **cls._task_settings(task), **options})
+
+    @property
+    def encoder(self) -> ActionEncoder:
+        """Turns the planned joint positions into actions."""
+        return self._encoder
 
     @classmethod
     def missing_in(cls, task: Any) -> list[str]:
@@ -115,7 +125,7 @@ class Expert(abc.ABC):
           observation: the flat observation of the environment, without goals; checked for its shape and finite numbers.
         """
         observation = checks.vector(observation, self.observation_size, "observation")
-        positions = self._robot_positions(observation)
+        positions = self.robot_positions(observation)
         joints = positions[ARM]
         if self._trajectory is None:
             self._encoder.reset(joints)
@@ -160,7 +170,7 @@ class Expert(abc.ABC):
         return self._generator.uniform(-self._style.jitter, self._style.jitter, (count, 3))
 
     @abc.abstractmethod
-    def _robot_positions(self, observation: Array) -> Array:
+    def robot_positions(self, observation: Array) -> Array:
         """Returns the observed positions of the robot's joints, those of the arm first [rad, m]."""
 
     @abc.abstractmethod

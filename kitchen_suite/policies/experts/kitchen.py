@@ -167,7 +167,7 @@ class KitchenExpert(Expert):
         self._tasks: tuple[str, ...] = ()
         self._remaining: collections.deque[str] = collections.deque()
 
-    def _robot_positions(self, observation: Array) -> Array:
+    def robot_positions(self, observation: Array) -> Array:
         return observation[ROBOT_POSITIONS]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:

@@ -73,7 +73,7 @@ class MicrowaveExpert(Expert):
     def _task_settings(cls, task: MicrowaveTableTask) -> dict[str, Any]:
         return {}
 
-    def _robot_positions(self, observation: Array) -> Array:
+    def robot_positions(self, observation: Array) -> Array:
         return observation[PARTS["joint_positions"]]
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:

@@ -114,7 +114,7 @@ class DrawerExpert(Expert):
         self._phase = _Phase.START
         self._handle_poses: list[Array] = []
 
-    def _robot_positions(self, observation: Array) -> Array:
+    def robot_positions(self, observation: Array) -> Array:
         fraction = (observation[SLICES["joint_positions"]] + 1.0) / 2.0
         return JOINT_LOW + fraction * (JOINT_HIGH - JOINT_LOW)
 
