@@ -9,7 +9,7 @@ from kitchen_suite import suite
 from kitchen_suite.policies.experts.teleoperation import Teleoperation, make_policy
 
 TASKS = {"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer"}
-MODES = [(domain, mode) for domain in TASKS for mode in suite.load(domain, TASKS[domain]).task.control_modes]
+MODES = [(domain, mode) for domain in TASKS for mode in suite.DOMAINS[domain].resolve("expert").control_modes]
 QUICK = [("kitchen", "joint_velocity"), ("microwave_table", "ee_pose"), ("open_cabinet", "joint_offset")]
 
 SECONDS = 3.0
