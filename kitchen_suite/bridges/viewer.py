@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 import queue
 import time
@@ -187,7 +188,7 @@ class ViewerPanel:
 
     def _save(self, episode: "TeleoperatedEpisode") -> None:
         episode.save()
-        self.seed = episode.seed + 1
+        self.seed = episode.next_seed
         self.commands.put("reset")
 
     def _add_task_widgets(self) -> None:
@@ -340,11 +341,13 @@ class TeleoperatedEpisode(LiveEpisode):
     def __init__(self, settings: ViewSettings) -> None:
         self.saved = 0
         super().__init__(dataclasses.replace(settings, max_episode_steps=settings.max_episode_steps or _PERSONS_STEPS))
-        self._folder = None if settings.output is None else RecordingFolder.claim(settings.output, self._spec)
+        if self.seed in self._present:
+            self.start(self.next_seed)
 
     def _make_rollout(self, settings: ViewSettings) -> SingleRollout:
-        # The names of policies are those of programs.
-        self._spec = dataclasses.replace(self._spec, policy=TELEOP)
+        # The names of policies are those of programs. Episodes have the numbers of their seeds.
+        self._spec = dataclasses.replace(self._spec, policy=TELEOP, seed=0)
+        self._folder = None if settings.output is None else RecordingFolder.claim(settings.output, self._spec)
         checks.installed(EXPERT_PACKAGES, "--teleop", "experts")
         from kitchen_suite.policies.experts.teleoperation import make_policy
 
@@ -359,6 +362,16 @@ class TeleoperatedEpisode(LiveEpisode):
         """The arm, to be commanded."""
         arm: Teleoperation = self._rollout.policy.arm  # type: ignore[attr-defined]
         return arm
+
+    @property
+    def next_seed(self) -> int:
+        """The first seed from that of this episode on of which no episode has been saved."""
+        return next(seed for seed in itertools.count(self.seed) if seed not in self._present)
+
+    @property
+    def _present(self) -> list[int]:
+        """Seeds of the episodes that have been saved."""
+        return self._folder.indices if self._folder else []
 
     def start(self, seed: int) -> None:
         super().start(seed)
@@ -376,16 +389,18 @@ class TeleoperatedEpisode(LiveEpisode):
         self.arm.hold()
 
     def save(self) -> None:
-        """Saves the episode up to now as that of its seed; raises a ValueError if there is nothing to save, or one."""
-        buffer, index = self._rollout.buffer, self.seed - self._spec.seed
+        """Saves the episode up to now; raises a ValueError where there is nothing to save, or its seed has been."""
+        buffer, task = self._rollout.buffer, self._environment.task
         if self._folder is None or not buffer.steps:
             raise ValueError("there is nothing to save: make a control step first")
-        if index < 0 or index in self._folder.indices:
-            raise ValueError(f"{self.seed} cannot be saved: choose a seed from {self._spec.seed} on that is not there")
-        task, arrays = self._environment.task, buffer.arrays()
-        seconds = buffer.steps * self.timestep
+        if self.seed in self._present:
+            raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
         episode = EpisodeArrays(
-            index=index, seed=self.seed, arrays=arrays, seconds=seconds, instruction=task.instruction
+            index=self.seed,
+            seed=self.seed,
+            arrays=buffer.arrays(),
+            seconds=buffer.steps * self.timestep,
+            instruction=task.instruction,
         )
         self._folder.save(episode, EpisodeStats.of(episode, task.metrics(episode.last_info)))
         self.saved += 1
@@ -406,8 +421,8 @@ class HandGizmo:
     def __init__(self, server: Any, episode: TeleoperatedEpisode, commands: "queue.SimpleQueue[Command]") -> None:
         """Adds them to the scene."""
         self._handle = server.scene.add_transform_controls("/hand", scale=0.2, depth_test=False, opacity=0.7)
-        self._commands, self._is_dragged = commands, False
-        self._handle.on_update(lambda event: self._move(event.phase))
+        self._commands, self._is_dragged, self._is_waiting = commands, False, False
+        self._handle.on_update(self._move)
         self.update(episode)
 
     def update(self, episode: TeleoperatedEpisode) -> None:
@@ -415,10 +430,17 @@ class HandGizmo:
         if not self._is_dragged:
             self._handle.position, self._handle.wxyz = episode.arm.command or episode.arm.hand
 
-    def _move(self, phase: str) -> None:
-        self._is_dragged = phase != "end"
-        position, orientation = self._handle.position, self._handle.wxyz
-        self._commands.put(lambda episode: episode.arm.move_to(position, orientation))
+    async def _move(self, event: Any) -> None:
+        # In viser's event loop, which keeps the order of events; its threads do not.
+        self._is_dragged = event.phase != "end"
+        if not self._is_waiting:
+            self._is_waiting = True
+            self._commands.put(self._follow)
+
+    def _follow(self, episode: TeleoperatedEpisode) -> None:
+        """Commands the present pose, in place of all poses since the last time."""
+        self._is_waiting = False
+        episode.arm.move_to(self._handle.position, self._handle.wxyz)
 
 
 class Viewer:
@@ -432,6 +454,7 @@ class Viewer:
         """Shows an episode of the settings in a server of viser."""
         self._server, self.episode = server, episode
         self._panel = ViewerPanel(server.gui, settings)
+        self._panel.seed = episode.seed
         self._problem = ""
         self._due = time.monotonic()
         self._scene = self._show_scene()

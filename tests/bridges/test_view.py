@@ -204,23 +204,21 @@ def test_a_person_plays_goes_back_and_saves(tmp_path):
     episode.step()
     assert "fingers | closed" in episode.report()
     episode.save()
-    with refused(ValueError, "5 cannot be saved"):
+    with refused(ValueError, "an episode of seed 5 has been saved already"):
         episode.save()
-    for seed in (4, 6):
-        episode.start(seed)
-        episode.arm.nudge([0.02, 0.0, 0.0])
-        episode.step()
-        if seed == 4:
-            with refused(ValueError, "4 cannot be saved", "from 5 on"):
-                episode.save()
-    episode.save()
-    assert "episodes saved | 2" in episode.report()
+    assert episode.next_seed == 6
     episode.close()
-    assert sorted(path.name for path in (tmp_path / "mine").glob("*.npz")) == [
-        "episode_000000.npz",
-        "episode_000001.npz",
-    ]
-    arrays = RecordingFolder.open(tmp_path / "mine").load(0).arrays
+    # The next viewer goes on with the next seed.
+    episode = teleoperated(output=tmp_path / "mine", seed=5)
+    assert episode.seed == 6
+    episode.start(3)
+    episode.arm.nudge([0.02, 0.0, 0.0])
+    episode.step()
+    episode.save()
+    assert "episodes saved | 1" in episode.report()
+    episode.close()
+    assert sorted(path.stem for path in (tmp_path / "mine").glob("*.npz")) == ["episode_000003", "episode_000005"]
+    arrays = RecordingFolder.open(tmp_path / "mine").load(5).arrays
     assert arrays["label/is_intervention"].all()
     np.testing.assert_array_equal(arrays["label/teleop_action"], arrays["action"])
     assert replay.main([str(tmp_path / "mine")]) == 0
