@@ -268,7 +268,8 @@ class ImitationHyperparameters:
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
         positive.
       features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
-      shift: greatest displacement of pictures in training [pixels].
+      shift: greatest displacement of pictures in training [pixels]. Of small pictures of a whole kitchen, three pixels
+        are several centimetres there: the policy no longer finds the handle of a door that is shut.
       tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
     """
 
@@ -283,7 +284,7 @@ class ImitationHyperparameters:
     input_noise: float = 0.0
     standardisation_epsilon: float = 0.01
     features: int = 128
-    shift: int = 3
+    shift: int = 1
     tint: float = 0.2
 
 

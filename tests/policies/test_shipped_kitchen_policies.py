@@ -1,16 +1,20 @@
 """The policies that come with the package for the kitchen's seven tasks do them, in all kinds of environments."""
 
+import json
+
 import gymnasium
 import numpy as np
 import pytest
+from docs_scripts import DOCS
 from helpers.episodes import play
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import play as play_command
-from kitchen_suite.gymnasium_env import KITCHEN_ID
+from kitchen_suite.cli.commands import rollout as rollout_command
+from kitchen_suite.gymnasium_env import KITCHEN_ID, FrankaKitchenEnv
 from kitchen_suite.policies import find, load_policy
-from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped_as
+from kitchen_suite.policies.trained import SHIPPED, TrainedPolicy, shipped, shipped_as
 from kitchen_suite.tasks import DEFAULT_TASKS
 
 TASKS = [task.replace(" ", "_") for task in DEFAULT_TASKS]
@@ -85,7 +89,38 @@ def test_one_network_does_the_task_that_is_asked(task):
 def test_the_policies_are_small():
     sizes = {path.stem: path.stat().st_size for path in SHIPPED.glob("*.npz")}
     assert sizes.pop("kitchen") < 5_000_000
+    assert sizes.pop("pixels") < 10_000_000
     assert max(sizes.values()) < 300_000
+
+
+def test_their_actions_are_quick():
+    """By the processor times that `docs/experiments/kitchen_policy.py` has measured."""
+    measured = json.loads((DOCS / "experiments" / "results" / "kitchen_policy.json").read_text("utf-8"))
+    assert measured["kitchen"]["action_milliseconds"] < 1.0
+    assert measured["pixels"]["action_milliseconds"] < 10.0
+
+
+SIGHT = {
+    "obs_type": "pixels_agent_pos",
+    "cameras": ["workspace", "franka/hand"],
+    "image_size": [64, 64],
+    "render_quality": "fast",
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.rendering
+def test_a_policy_sees_and_does_what_is_asked(capsys):
+    kwargs = {**SIGHT, "variations": ["start"]}
+    flags = ["--policy=trained", "--task_name=complete", f"--task_kwargs={json.dumps(kwargs)}", f"--seed={UNSEEN}"]
+    assert rollout_command.main([*flags, "--num_episodes=3"]) == 0
+    assert "policy trained" in capsys.readouterr().out
+    environment = FrankaKitchenEnv(["kettle"], **SIGHT)
+    assert shipped(environment.composer_task) == shipped_as("pixels")
+    assert shipped(FrankaKitchenEnv(["kettle"]).composer_task) == shipped_as("kettle")
+    # Without one of its cameras it cannot act.
+    environment = FrankaKitchenEnv(["kettle"], **{**SIGHT, "cameras": ["workspace"]})
+    assert shipped(environment.composer_task) == shipped_as("kettle")
 
 
 def completed_share(task, count, **arguments):
