@@ -19,7 +19,7 @@ from kitchen_suite.evaluation import evaluate_job
 from kitchen_suite.evaluation.plan import EvaluationPlan
 from kitchen_suite.evaluation.receipts import FORMAT, Receipt, sealed
 from kitchen_suite.evaluation.results import score_episodes
-from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER
+from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER, checked_plan
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
 from kitchen_suite.versions import installed_versions, processor
@@ -398,7 +398,7 @@ def test_committed_receipts_are_of_the_committed_results():
         result = json.loads((path.parents[1] / "evaluation" / f"{path.stem}.json").read_text("utf-8"))
         assert receipt.evaluation == result, path
         assert receipt.replaced == [], path
-        assert EvaluationPlan.of(receipt.evaluation).protocol == path.stem.rpartition("_")[2]
+        assert checked_plan(receipt).protocol == path.stem.rpartition("_")[2]
 
 
 @pytest.mark.parametrize(
