@@ -268,8 +268,7 @@ class ImitationHyperparameters:
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
         positive.
       features: number of features of each camera's picture; from pictures alone, as `shift` and `tint`.
-      shift: greatest displacement of pictures in training [pixels]. Of small pictures of a whole kitchen, three pixels
-        are several centimetres there: the policy no longer finds the handle of a door that is shut.
+      shift: greatest displacement of pictures in training [pixels].
       tint: greatest change of contrast, and twice that of brightness, of each colour of pictures in training.
     """
 

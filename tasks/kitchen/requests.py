@@ -1,4 +1,4 @@
-"""What an episode asks for: some of the configured tasks and their order, and goal states; and where it starts.
+"""Requests of an episode: the tasks and their order, the goal states that are observed, and the state at the start.
 
 An order is an array `(..., n)` int64 over the configured tasks: the place of each requested task, from 0, and -1 for
 the other tasks. A state of the kitchen `(30,)` has the positions of the robot's joints, then of the objects'
@@ -160,7 +160,7 @@ def checked_states(value: object, count: int, name: str) -> NDArray[np.float64]:
 
 
 class Request(NamedTuple):
-    """What the options of a reset ask for; None where they leave it open.
+    """The options of a reset, checked; an option that was not given is None.
 
     Attributes:
       order: `(n,)`, of the tasks.
@@ -174,11 +174,11 @@ class Request(NamedTuple):
 
 
 class TaskRequests(ResetRequests):
-    """What episodes of a kitchen task ask for: all tasks, or those drawn or requested at each reset; and goal states.
+    """The requests of the episodes of a kitchen task: tasks are drawn at a reset unless its options name them.
 
     Attributes:
       order: `(n,)`, of the episode that starts; None if every episode asks for all tasks.
-      request: what the options of its reset asked for.
+      request: options of its reset.
     """
 
     options = (REQUESTED, GOAL_STATES, START_STATE)

@@ -333,8 +333,7 @@ class KitchenTask(SuiteTask):
 
     def reset_physics(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         indices, data = self.mdp.sensors.indices, physics.data
-        data.qpos[indices.robot_qpos] = INITIAL_QPOS[: indices.robot_qpos.size]
-        data.qpos[indices.object_qpos] = INITIAL_QPOS[indices.robot_qpos.size :]
+        data.qpos[indices.state_qpos] = INITIAL_QPOS
         for start in self._requested_starts():
             data.qpos[start.columns] = start.positions
         if self.requests.request.start_state is not None:
