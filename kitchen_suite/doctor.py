@@ -67,7 +67,7 @@ def _digest(domain: str, physics: str) -> str:
     spec = _environments(domain, physics).episodes(policy="random", seed=0, seeding="gymnasium")
     contents = {}
     with contextlib.closing(spec.make_vector_env(_EPISODES, 1)) as vector:
-        recorder = TraceRecorder(vector, PolicyController(vector, spec.find_policy()))
+        recorder = TraceRecorder(vector, PolicyController(vector, spec.episode_policies()))
         waiting = collections.deque((index, index) for index in range(_EPISODES))
         for index, episode in VectorRollout(vector, recorder).play(waiting):
             contents[index] = recorder.trace(episode).digest.tobytes()

@@ -533,5 +533,11 @@ class ViewSettings(EpisodeSettings):
     camera: str = camera_flag("overview")
     render_quality: str = render_quality_flag("fast")
     port: int = flag("Port of the page, on this machine alone.", 8080, minimum=1024, maximum=65535)
-    teleop: bool = flag("Move the hand in the page, in place of a policy.", False)
+    policy: str | None = policy_flag(None, unset="random; with teleop none")
+    teleop: bool = flag("Move the hand in the page; with --policy, after this policy until it is handed back.", False)
     output: Path | None = output_flag(None)
+    start_from: Path | None = flag("Recording with an episode to go on from, of any policy.", None, unset="none")
+    start_episode: int = flag("Number of that episode.", 0, minimum=0, maximum=MAX_COUNT)
+    start_step: int | None = flag(
+        "Control step to go on from.", None, minimum=0, maximum=MAX_EPISODE_STEPS, unset="the last one"
+    )

@@ -299,7 +299,8 @@ one line on stderr; 130 after Ctrl-C, which ends the viewer.
 """,
     settings=ViewSettings,
     job="kitchen_suite.bridges.viewer:ViewJob",
-    renders=lambda settings: settings.observes_pictures,
+    # A person sees pictures of the wrist where a GL library is installed.
+    renders=lambda settings: settings.observes_pictures or (None if settings.teleop else False),
     needs=(("viser", "mjviser"), "web"),
 )
 

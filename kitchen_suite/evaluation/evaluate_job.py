@@ -28,7 +28,6 @@ from kitchen_suite.rollouts.rollout import (
     PolicyController,
     SingleRollout,
     VectorRollout,
-    even_count,
 )
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
@@ -245,9 +244,9 @@ class EvaluateJob:
         )
         if not waiting:
             return
-        num_envs = even_count(len(waiting), self._settings.num_envs)
+        num_envs = spec.num_envs(len(waiting), self._settings.num_envs)
         with contextlib.closing(spec.make_vector_env(num_envs, self._settings.num_threads)) as environments:
-            controller = PolicyController(environments, spec.find_policy())
+            controller = PolicyController(environments, spec.episode_policies())
             recorded = self._settings.receipt is not None
             for result, trace in play(name, plan, environments, controller, waiting, recorded=recorded):
                 self._folder.add(dataclasses.replace(result, trace=trace.as_text()) if trace else result)

@@ -154,8 +154,8 @@ class TraceRecorder:
     def labels(self) -> Mapping[str, NDArray]:
         return self._controller.labels
 
-    def start(self, i: int, seed: int) -> None:
-        self._controller.start(i, seed)
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
+        self._controller.start(i, seed, options)
         self._open[i] = _OpenTrace()
 
     def act(self, step: BatchStep) -> NDArray:
@@ -197,7 +197,7 @@ class Replay:
         self._steps: dict[int, int] = {}
         self.labels: Mapping[str, NDArray] = {}
 
-    def start(self, i: int, seed: int) -> None:
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         self._actions[i], self._steps[i] = self._by_seed[seed], 0
 
     def act(self, step: BatchStep) -> NDArray:

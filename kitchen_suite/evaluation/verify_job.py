@@ -17,8 +17,7 @@ from kitchen_suite.evaluation.receipts import Receipt, Replay, Trace
 from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
 from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.rollout import even_count
-from kitchen_suite.rollouts.spec import EpisodeSpec
+from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
 from kitchen_suite.settings import VerifySettings
 from kitchen_suite.versions import installed_versions, processor
 

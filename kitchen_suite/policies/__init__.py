@@ -11,6 +11,8 @@ from kitchen_suite.policies.registry import (
     labels_of,
     load_policy,
     missing_observables,
+    options_of,
+    player_of,
     policy_file,
     without_file,
 )
@@ -26,6 +28,8 @@ __all__ = [
     "labels_of",
     "load_policy",
     "missing_observables",
+    "options_of",
+    "player_of",
     "policy_file",
     "without_file",
 ]

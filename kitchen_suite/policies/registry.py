@@ -1,4 +1,4 @@
-"""Policies by name: random, zero, expert and trained, and `module:callable` for a user's own.
+"""Policies by name: random, zero, expert, trained, a person, and `module:callable` for a user's own.
 
 A policy is called with the present `dm_env.TimeStep` and returns the action. An episode starts where `timestep.first()`
 is true. A policy may have an attribute `labels`, a mapping that says something of its last action, by names that are
@@ -10,6 +10,7 @@ import ast
 import contextlib
 import dataclasses
 import functools
+import pkgutil
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
+from kitchen_suite.rendering import viser_servers
 
 if TYPE_CHECKING:
     from kitchen_suite.policies.stored import StoredPolicy
@@ -48,9 +50,12 @@ class PolicySource(abc.ABC):
 
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
+      player: entry point of the function that lets each episode be played before it is stepped, called with its
+        `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
     takes_options = False
+    player: str | None = None
 
     @abc.abstractmethod
     def __call__(
@@ -243,6 +248,44 @@ class TakeoverSource(PolicySource):
         return [*dict.fromkeys(name for each in sources for name in each.missing_observables(lambda: task, options))]
 
 
+class TeleopSource(PolicySource):
+    """A person, who moves the hand in a browser. It needs the extras `experts` and `web`.
+
+    The option `policy` names one that acts until the person takes over, `rewind=False` forbids to go back, and `port`
+    is that of the page. In commands, each episode is played in the page before it is recorded or scored.
+    """
+
+    takes_options = True
+    player = "kitchen_suite.bridges.viewer:Player"
+
+    def __call__(
+        self,
+        environment: dm_env.Environment,
+        generator: np.random.Generator,
+        *,
+        policy: str | None = None,
+        rewind: bool = True,
+        port: int = 8080,
+    ) -> Policy:
+        from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
+
+        checks.boolean(rewind, "rewind")
+        checks.integer(port, "port", minimum=1024, maximum=65535)
+        return TeleoperatedPolicy(environment.task, find(policy)(environment, generator) if policy else None)
+
+    def check_installed(self, name: str) -> None:
+        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
+        viser_servers.check_extra(f"policy {checks.shown(name)}")
+
+    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
+        first = options.get("policy")
+        return policy_file(first, task) if isinstance(first, str) else None
+
+    def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
+        first = options.get("policy")
+        return missing_observables(first, make_task) if isinstance(first, str) else []
+
+
 POLICIES: Mapping[str, PolicySource] = MappingProxyType(
     {
         "random": RandomSource(),
@@ -250,6 +293,7 @@ POLICIES: Mapping[str, PolicySource] = MappingProxyType(
         "expert": ExpertSource(),
         "trained": TrainedSource(),
         "takeover": TakeoverSource(),
+        "teleop": TeleopSource(),
     }
 )
 """The policies that a name alone selects, such as `random`; each is called to build one."""
@@ -318,6 +362,17 @@ def missing_observables(name: str, make_task: "Callable[[], SuiteTask]") -> list
     """
     key, options = _key_and_options(name)
     return POLICIES[key].missing_observables(make_task, options) if key in POLICIES else []
+
+
+def options_of(name: str) -> dict[str, Any]:
+    """Returns the options in the name of a policy."""
+    return _key_and_options(name)[1]
+
+
+def player_of(name: str) -> Callable[..., Any] | None:
+    """Returns what plays the episodes of a named policy ahead, see `PolicySource.player`; None for most policies."""
+    source = POLICIES.get(_key_and_options(name)[0])
+    return pkgutil.resolve_name(source.player) if source and source.player else None
 
 
 def labels_of(policy: Policy) -> Mapping[str, NDArray]:

@@ -17,7 +17,7 @@ from kitchen_suite.recordings.formats import FORMATS, MINARI, DatasetPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report
-from kitchen_suite.rollouts.rollout import VectorRunner, even_count, play_many
+from kitchen_suite.rollouts.rollout import VectorRunner, play_many
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
@@ -114,7 +114,7 @@ class RecordJob:
     def _episodes(self, missing: Sequence[tuple[int, int]]) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
         """Yields episodes of given numbers and seeds as `play_many` does, played here or by workers."""
         # No more environments in each process than keep all of them playing to the end.
-        num_envs = even_count(math.ceil(len(missing) / self._processes), self._settings.num_envs)
+        num_envs = self._spec.num_envs(math.ceil(len(missing) / self._processes), self._settings.num_envs)
         num_threads = self._settings.num_threads
         if not self._ray:
             return play_many(self._spec, collections.deque(missing), num_envs, num_threads)

@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import importlib.metadata
 import io
-import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -75,14 +74,12 @@ def _decimate(stl: bytes) -> bytes:
 
 def _cache_path(stl: bytes) -> Path | None:
     """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    folder = os.environ.get("XDG_CACHE_HOME", "")
-    try:
-        root = Path(folder) if os.path.isabs(folder) else Path.home() / ".cache"
-    except RuntimeError:  # The user has no home.
+    root = files.cache_folder()
+    if root is None:
         return None
     settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
     digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
-    return root / "kitchen-suite" / "light-meshes" / f"{digest}.npz"
+    return root / "light-meshes" / f"{digest}.npz"
 
 
 def _read(path: Path) -> bytes | None:

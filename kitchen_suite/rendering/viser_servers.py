@@ -4,9 +4,11 @@ import contextlib
 import functools
 import http
 import io
+import logging
 import socket
 import types
 import urllib.parse
+import warnings
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +42,7 @@ def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
       label: title of the page.
     """
     _check_port(port)
-    with _server(_refusing_others, host=HOST, port=port, label=label) as server:
+    with _server(_refusing_others, host=HOST, port=port, label=label) as server, _refusing_garbage():
         # viser takes the next free port.
         if server.get_port() != port:
             raise OSError(f"port {port} is in use: choose another one with --port")
@@ -93,6 +95,21 @@ def _server(
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
+
+
+@contextlib.contextmanager
+def _refusing_garbage() -> Iterator[None]:
+    """Context in which a browser is disconnected, without a word, that sends what no page of viser's does."""
+    log = logging.getLogger("websockets.server")
+    level = log.level
+    with warnings.catch_warnings():
+        # viser would go on with arguments of another type, which raise errors later and elsewhere.
+        warnings.filterwarnings("error", r"\[viser\] .* does not match annotation")
+        log.setLevel(logging.CRITICAL)
+        try:
+            yield
+        finally:
+            log.setLevel(level)
 
 
 class _Unbound:

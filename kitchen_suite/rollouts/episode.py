@@ -234,6 +234,11 @@ class EpisodeBuffer:
         """Reward of the last step; 0 before the first one."""
         return self._steps[-1].reward if self._steps else 0.0
 
+    @property
+    def total_reward(self) -> float:
+        """Undiscounted return up to now."""
+        return math.fsum(step.reward for step in self._steps)
+
     def timestep(self, environment: SuiteEnv) -> dm_env.TimeStep:
         """Returns the present time step as the suite's own environment would."""
         observation = environment.present_observation
@@ -241,14 +246,27 @@ class EpisodeBuffer:
             return dm_env.restart(observation)
         return dm_env.transition(self.reward, observation)
 
-    def arrays(self) -> dict[str, NDArray]:
-        """Returns the arrays of the episode so far."""
-        columns = zip(*self._steps, strict=True)
+    def arrays(self, *, with_observations: bool = True) -> dict[str, NDArray]:
+        """Returns the arrays of the episode so far; without those of observations and infos if they are not wanted."""
+        columns, rows = zip(*self._steps, strict=True), self._rows if with_observations else [{}]
         return {
-            **{name: np.stack([row[name] for row in self._rows]) for name in self._rows[0]},
+            **{name: np.stack([row[name] for row in rows]) for name in rows[0]},
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
             **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
+
+    def differing(self, arrays: Mapping[str, NDArray]) -> str:
+        """Returns the name of one of the arrays of an episode of which the present steps are not the first ones.
+
+        The empty string where there is none. Of observations and infos only the last ones are compared.
+        """
+        rewards = np.array([step.reward for step in self._steps])
+        if not np.array_equal(rewards, arrays["reward"][: self.steps]):
+            return "reward"
+        last = self._rows[-1]
+        common = [name for name in last if name in arrays and arrays[name].shape[1:] == last[name].shape]
+        equal = (np.array_equal(last[name], arrays[name][self.steps], equal_nan=True) for name in common)
+        return next((name for name, is_equal in zip(common, equal, strict=True) if not is_equal), "")
 
 
 def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:

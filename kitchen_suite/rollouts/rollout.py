@@ -4,7 +4,6 @@ import collections
 import contextlib
 import dataclasses
 import itertools
-import math
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, labels_of
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, flatten
-from kitchen_suite.rollouts.spec import EpisodeSpec, clipped_action, policy_generator, reset_to_seed
+from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Control steps that an episode can go back.
@@ -36,25 +35,28 @@ class SingleRollout:
     Attributes:
       environment: in which they are played.
       buffer: the steps of the episode in progress.
+      options: those of its reset.
       policy: that of this episode.
     """
 
     buffer: EpisodeBuffer
+    options: Mapping[str, Any] | None
     policy: Policy
 
     def __init__(self, spec: EpisodeSpec, build_policy: PolicyBuilder | None = None, **extra: Any) -> None:
         """Makes the environment, with `extra` further arguments, and finds the policy, if no builder is given."""
         self._spec = spec
         self.environment = spec.make_environment(**extra)
-        self._build_policy = build_policy or spec.find_policy()
+        self._policies = SeededPolicies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built.
 
         `options` are those of the reset.
         """
+        self.options = options
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
-        self.policy = self._build_policy(suite_env(self.environment).environment, policy_generator(seed))
+        self.policy = self._policies.start(suite_env(self.environment).environment, seed, options)
 
     def step(self) -> None:
         """Makes a control step with the policy's action.
@@ -65,7 +67,11 @@ class SingleRollout:
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
         action = clipped_action(self.policy, timestep, self.environment.action_space)
-        self.buffer.step(self.environment, action, labels_of(self.policy))
+        self.repeat(action, labels_of(self.policy))
+
+    def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
+        """Makes a control step with an action, and the labels of the policy that has chosen it."""
+        self.buffer.step(self.environment, action, labels)
 
     def play(
         self,
@@ -107,9 +113,9 @@ class RewindableRollout(SingleRollout):
         self._states: collections.deque[dict[str, Any]] = collections.deque(maxlen=REWIND_STEPS)
         super().start(seed, name, options)
 
-    def step(self) -> None:
+    def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
         state = suite_env(self.environment).get_state()
-        super().step()
+        super().repeat(action, labels)
         self._states.append(state)
         if self.buffer.steps >= self._spec.max_episode_steps:
             self.buffer.truncate()
@@ -148,8 +154,8 @@ class Controller(Protocol):
     def labels(self) -> Mapping[str, NDArray]:
         """Labels `(n, ...)` of the last actions by name; see `policies.labels_of`."""
 
-    def start(self, i: int, seed: int) -> None:
-        """Prepares for an episode of a seed in environment `i`."""
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
+        """Prepares for an episode of a seed and the options of its reset, in environment `i`."""
 
     def act(self, step: BatchStep) -> NDArray:
         """Returns the actions `(n, ...)`."""
@@ -158,16 +164,17 @@ class Controller(Protocol):
 class PolicyController:
     """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
 
-    def __init__(self, environments: SuiteVectorEnv, build_policy: PolicyBuilder) -> None:
+    def __init__(self, environments: SuiteVectorEnv, episode_policies: EpisodePolicies) -> None:
         """Prepares to build the policies that act in some environments."""
-        self._environments, self._build_policy = environments, build_policy
+        self._environments, self._episode_policies = environments, episode_policies
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
         self._policies: dict[int, Policy] = {}
         self.labels: Mapping[str, NDArray] = {}
 
-    def start(self, i: int, seed: int) -> None:
-        self._policies[i] = self._build_policy(self._environments.template_env.environment, policy_generator(seed))
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
+        environment = self._environments.template_env.environment
+        self._policies[i] = self._episode_policies.start(environment, seed, options)
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
@@ -202,7 +209,7 @@ class NetworkController:
         """Takes a function from vectorised observations to actions `(n, ...)`."""
         self._network = network
 
-    def start(self, i: int, seed: int) -> None:
+    def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
         """Unused: a network has no state of an episode."""
 
     def act(self, step: BatchStep) -> NDArray:
@@ -305,7 +312,7 @@ class VectorRollout:
         if not waiting:
             return None
         index, seed = waiting.popleft()
-        self._controller.start(i, seed)
+        self._controller.start(i, seed, self._resets[index] if self._resets else {})
         return _Running(index, seed, self._history.present)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
@@ -441,15 +448,9 @@ def play_many(
     `waiting` is that of `VectorRollout.play`.
     """
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
-        controller = PolicyController(environments, spec.find_policy())
+        controller = PolicyController(environments, spec.episode_policies())
         for index, episode in VectorRollout(environments, controller).play(waiting):
             yield index, None if episode.diverged else episode.collect()
-
-
-def even_count(num_episodes: int, num_envs: int) -> int:
-    """Returns the number of environments, at most `num_envs`, of which all play episodes to the end."""
-    rounds = math.ceil(num_episodes / num_envs)
-    return math.ceil(num_episodes / rounds)
 
 
 class SingleRunner:

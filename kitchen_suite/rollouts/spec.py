@@ -3,9 +3,10 @@
 import contextlib
 import dataclasses
 import json
+import math
 import warnings
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import dm_env
 import gymnasium
@@ -228,6 +229,18 @@ class EpisodeSpec(EnvironmentSpec):
         """Returns the builder of the policy, which raises a PolicyError if the policy's file is another one."""
         return policies.find(self.policy, digest=self.policy_sha256)
 
+    def episode_policies(self) -> "EpisodePolicies":
+        """Returns what builds the policy of each episode."""
+        player = policies.player_of(self.policy)
+        return player(self) if player else SeededPolicies(self.find_policy())
+
+    def num_envs(self, num_episodes: int, most: int) -> int:
+        """Returns the number of environments, at most `most`, of which all play episodes to the end.
+
+        One where a person plays: further episodes wait until one has been stored.
+        """
+        return 1 if policies.player_of(self.policy) else even_count(num_episodes, most)
+
     def check_policy(self, environment: gymnasium.Env) -> None:
         """Builds the policy once, so that a PolicyError on bad options is raised before the first episode.
 
@@ -263,6 +276,33 @@ class EpisodeSpec(EnvironmentSpec):
             return self
         extras = [*(self.argument("extra_observables") or []), *missing]
         return dataclasses.replace(self, task_kwargs={**self.task_kwargs, "extra_observables": extras})
+
+
+class EpisodePolicies(Protocol):
+    """Builds the policy of each episode."""
+
+    def start(
+        self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None = None
+    ) -> policies.Policy:
+        """Returns the policy for the episode of a seed and the options of its reset, in an environment of the suite."""
+
+
+class SeededPolicies:
+    """Policies whose random numbers depend on the seed of the episode; an `EpisodePolicies`."""
+
+    def __init__(self, build: policies.PolicyBuilder) -> None:
+        self._build = build
+
+    def start(
+        self, environment: dm_env.Environment, seed: int, options: Mapping[str, Any] | None = None
+    ) -> policies.Policy:
+        return self._build(environment, policy_generator(seed))
+
+
+def even_count(num_episodes: int, num_envs: int) -> int:
+    """Returns the number of environments, at most `num_envs`, of which all play episodes to the end."""
+    rounds = math.ceil(num_episodes / num_envs)
+    return math.ceil(num_episodes / rounds)
 
 
 def _policy_digest(policy: str) -> str | None:

@@ -10,27 +10,12 @@ import sys
 import numpy as np
 import pytest
 from helpers.errors import refused
+from helpers.viser_client import TIMEOUT, Browser
 
-from kitchen_suite.bridges.viewer import TeleoperatedEpisode, policies_for
+from kitchen_suite.bridges.viewer import live_episode, policies_for
 from kitchen_suite.cli.commands import replay, view
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.settings import ViewSettings
-
-TIMEOUT = 120.0  # [s], on a machine with other work
-MAX_WINDOWS = 10_000  # Windows of messages, some 25 in a second.
-
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 1.0, 1.0),
-    "fov": 1.0,
-    "near": 0.01,
-    "far": 100.0,
-    "image_height": 10,
-    "image_width": 10,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(capsys, monkeypatch):
@@ -68,68 +53,6 @@ def process(port):
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         yield running
         running.kill()
-
-
-class Browser:
-    """A page's copy of the panel: values of widgets by their labels, and the text."""
-
-    def __init__(self, port):
-        import viser
-        from websockets.sync.client import connect
-
-        address = f"ws://localhost:{port}"
-        self._socket = connect(
-            address, subprotocols=[f"viser-v{viser.__version__}"], origin=f"http://localhost:{port}", max_size=None
-        )
-        self.widgets, self.text, self.nodes, self.options = {}, {}, set(), {}
-        self._send(CAMERA)
-
-    def close(self):
-        self._socket.close()
-
-    def set(self, label, value):
-        """Sets a widget, or clicks a button."""
-        self.wait(lambda: label in self.widgets)
-        self._send({"type": "GuiUpdateMessage", "uuid": self.widgets[label], "updates": {"value": value}})
-
-    def wait(self, condition):
-        """Receives messages until a condition holds."""
-        for _ in range(MAX_WINDOWS):
-            if condition():
-                return
-            for message in messages(self._socket.recv(timeout=TIMEOUT)):
-                self._take(message)
-        pytest.fail(self.report())
-
-    def report(self):
-        return "\n".join(str(text) for text in self.text.values())
-
-    def _take(self, message):
-        kind = message["type"]
-        if kind == "GuiMarkdownMessage":
-            self.text[message["uuid"]] = message["props"]["_markdown"]
-        elif kind.startswith("Gui") and "label" in message.get("props", {}):
-            self.widgets[message["props"]["label"]] = message["uuid"]
-        elif kind == "GuiUpdateMessage" and "_markdown" in message["updates"]:
-            self.text[message["uuid"]] = message["updates"]["_markdown"]
-        elif kind == "GuiUpdateMessage" and "options" in message["updates"]:
-            self.options[message["uuid"]] = [*message["updates"]["options"]]
-        elif kind in ("BatchedGlbMessage", "GlbMessage"):
-            self.nodes.add(message["name"])
-
-    def _send(self, message):
-        import msgspec
-
-        self._socket.send(msgspec.msgpack.encode(message))
-
-
-def messages(received):
-    """The messages of a window that the server has sent."""
-    import msgspec
-    import zstandard
-
-    size = int.from_bytes(received[8:16], "little")
-    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(received[16 : 16 + size]))["messages"]
 
 
 @pytest.mark.web
@@ -183,7 +106,7 @@ def test_the_policies_on_offer_can_act(domain, task, offered):
 
 
 def teleoperated(**settings):
-    return TeleoperatedEpisode(
+    return live_episode(
         ViewSettings(domain_name="kitchen", task_name="kettle", teleop=True, render_quality="fast", **settings)
     )
 
@@ -197,10 +120,10 @@ def test_a_person_plays_goes_back_and_saves(tmp_path):
     for _ in range(25):
         assert not episode.is_waiting
         episode.step()
-    episode.rewind(1.0)
+    episode.rewind(13)
     assert episode.is_waiting, "until the person goes on"
-    assert "control step | 13 of 2000" in episode.report()
-    episode.turn_gripper()
+    assert "control step | 12 of 2000" in episode.report()
+    episode.arm.grasp(True)
     episode.step()
     assert "fingers | closed" in episode.report()
     episode.save()

@@ -6,7 +6,7 @@ from helpers.errors import refused
 from helpers.sweeps import brief
 
 from kitchen_suite import suite
-from kitchen_suite.policies.experts.teleoperation import Teleoperation, make_policy
+from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy, Teleoperation
 
 TASKS = {"kitchen": "kettle", "microwave_table": "open", "open_cabinet": "top_drawer"}
 MODES = [(domain, mode) for domain in TASKS for mode in suite.DOMAINS[domain].resolve("expert").control_modes]
@@ -18,7 +18,7 @@ SECONDS = 3.0
 def started(domain="kitchen", **arguments):
     """An environment, a person's policy that has seen its start, and the first time step."""
     environment = suite.load(domain, TASKS[domain], {"visuals": False, "random": 0, **arguments})
-    policy, timestep = make_policy(environment, np.random.default_rng(0)), environment.reset()
+    policy, timestep = TeleoperatedPolicy(environment.task), environment.reset()
     policy.observe(timestep)
     return environment, policy, timestep
 

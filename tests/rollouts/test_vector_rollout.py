@@ -21,7 +21,7 @@ class Jerks:
         self.labels = {"is_fast": np.zeros(num_envs, bool)}
         self._actions = np.zeros((num_envs, 8))
 
-    def start(self, i, seed):
+    def start(self, i, seed, options):
         self._actions[i] = 4.0 * (seed % 2)
 
     def act(self, step):

@@ -1,12 +1,11 @@
 """A person's commands in place of a plan: hand and fingers of the arm follow what is commanded from outside."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import dm_env
 import mink
 import numpy as np
-from dm_control import composer
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
@@ -16,6 +15,9 @@ from kitchen_suite.policies.experts.trajectories import JointTrajectory
 
 # Distance from the hand at which a commanded position is held, so that the arm stops soon after the last command [m].
 _LEASH = 0.15
+
+# Mean position of the fingers below which they are taken to be closed, around something if need be [m].
+_CLOSED_BELOW = 0.032
 
 
 class Teleoperation(Expert):
@@ -27,7 +29,10 @@ class Teleoperation(Expert):
     Attributes:
       is_idle: whether nothing has been commanded since then.
       is_closed: whether the fingers are commanded to close.
+      commands: how many there have been.
     """
+
+    commands = 0
 
     def __init__(self, expert: Expert) -> None:
         """Takes the robot and its control from the scripted expert of a task."""
@@ -56,6 +61,11 @@ class Teleoperation(Expert):
         self._command: mink.SE3 | None = None
         self._is_new = self.is_idle = True
 
+    def resume(self) -> None:
+        """Goes on from the last observation, after steps that were not commanded here: holds as the fingers are."""
+        self.is_closed = bool(self._fingers.mean() < _CLOSED_BELOW)
+        self.hold()
+
     @property
     def command(self) -> tuple[Array, Array] | None:
         """Commanded position `(3,)` [m] and orientation `(4,)` of the hand, as quaternion w, x, y, z; None for none."""
@@ -73,7 +83,7 @@ class Teleoperation(Expert):
             raise ValueError(f"orientation must not be zero, got {checks.shown(orientation)}")
         rotation = mink.SO3(turn / np.linalg.norm(turn))
         self._command = mink.SE3.from_rotation_and_translation(rotation, place)
-        self._is_new, self.is_idle = True, False
+        self._count_command()
 
     def nudge(self, offset: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Displaces the commanded pose, in the frame of the robot's base: x forward, y to the left, z up.
@@ -91,12 +101,18 @@ class Teleoperation(Expert):
 
     def grasp(self, close: bool) -> None:
         """Closes the fingers, or opens them."""
-        self.is_closed, self._is_new, self.is_idle = close, True, False
+        self.is_closed = close
+        self._count_command()
 
     def observe(self, observation: ArrayLike) -> None:
         """Takes the pose of the hand from an observation, to which nudges are relative."""
         checked = checks.vector(observation, self.observation_size, "observation")
-        self._hand = self._kinematics.forward(self.robot_positions(checked)[:7])
+        positions = self.robot_positions(checked)
+        self._hand, self._fingers = self._kinematics.forward(positions[:7]), positions[7:]
+
+    def _count_command(self) -> None:
+        self._is_new, self.is_idle = True, False
+        self.commands += 1
 
     def robot_positions(self, observation: Array) -> Array:
         return self._expert.robot_positions(observation)
@@ -115,25 +131,44 @@ class Teleoperation(Expert):
 
 
 class TeleoperatedPolicy:
-    """The policy of a person, on time steps of dm_env.
+    """The policy of a person, on time steps of dm_env; another policy may act until the person takes over.
 
     Attributes:
-      arm: that is commanded.
-      labels: of the last action: `is_intervention`, always True, and `teleop_action`, the action.
+      arm: that is commanded; a command takes over.
+      labels: of the last action, by the names of gym-hil: `is_intervention`, whether the person chose it, and
+        `teleop_action`, the action.
     """
 
     labels: Mapping[str, Any]
 
-    def __init__(self, task: Any) -> None:
-        """Prepares to act in a task."""
-        self.arm, self._inputs, self._has_acted = Teleoperation.for_task(task), task.policy_inputs, False
+    def __init__(self, task: Any, other: Callable[[dm_env.TimeStep], ArrayLike] | None = None) -> None:
+        """Prepares to act in a task, after another policy if one is given."""
+        self.arm, self._inputs, self._other = Teleoperation.for_task(task), task.policy_inputs, other
+        self._has_acted = False
+        self._begin()
+
+    @property
+    def is_persons(self) -> bool:
+        """Whether the person acts."""
+        return self._has_taken_over or not self.arm.is_idle
 
     def __call__(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
         self.observe(timestep)
-        action = self.arm.act(self._flat(timestep))
+        is_persons = self._has_taken_over = self.is_persons
+        action = self.arm.act(self._flat(timestep)) if is_persons else self._others_action(timestep)
         self._has_acted = True
-        self.labels = {"is_intervention": True, "teleop_action": action}
+        self.labels = {"is_intervention": is_persons, "teleop_action": action}
         return action
+
+    def take_over(self) -> None:
+        """Lets the person act, who has commanded nothing yet: the hand stays where it is."""
+        self._has_taken_over = True
+        self.arm.hold()
+
+    def hand_back(self) -> None:
+        """Lets the other policy act again, as if an episode began; nothing changes where there is none."""
+        self.arm.hold()
+        self._begin()
 
     def observe(self, timestep: dm_env.TimeStep) -> None:
         """Takes a time step without acting, so that commands can be relative to the hand there.
@@ -143,15 +178,22 @@ class TeleoperatedPolicy:
         if timestep.first() and self._has_acted:
             self.arm.reset(np.random.default_rng(0))
             self._has_acted = False
+            self._begin()
         self.arm.observe(self._flat(timestep))
+
+    def _begin(self) -> None:
+        self._has_taken_over, self._is_first = self._other is None, True
+
+    def _others_action(self, timestep: dm_env.TimeStep) -> NDArray[np.float32]:
+        assert self._other
+        if self._is_first:
+            timestep = timestep._replace(step_type=dm_env.StepType.FIRST)
+        self._is_first = False
+        # Recordings keep float32.
+        return np.asarray(self._other(timestep), np.float32)
 
     def _flat(self, timestep: dm_env.TimeStep) -> NDArray:
         return self.arm.without_goals(self._inputs.flatten(timestep.observation).ravel())
-
-
-def make_policy(environment: composer.Environment, generator: np.random.Generator) -> TeleoperatedPolicy:
-    """Builds the policy of a person for an environment of the suite; nothing is drawn from the generator."""
-    return TeleoperatedPolicy(environment.task)
 
 
 def _parts(pose: mink.SE3) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.networks import CLIP, Scales
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.rollout import Controller, PolicyController
-from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.rollouts.spec import EnvironmentSpec, SeededPolicies
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import ImitationHyperparameters, checked_changes
 from kitchen_suite.training.imitation.demonstrations import Demonstrations, load_demonstrations
@@ -143,7 +143,7 @@ class ImitationLearner(Learner):
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         return PolicyController(
-            environments, lambda environment, generator: policy.episode(environment.task, generator)
+            environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
         )
 
 

@@ -1,0 +1,339 @@
+"""Episodes in progress, step by step: those of a policy, and those of a person, who can go back and try again."""
+
+import contextlib
+import hashlib
+import itertools
+import json
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kitchen_suite import files, policies
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.rollout import RewindableRollout, SingleRollout
+from kitchen_suite.rollouts.spec import EpisodeSpec
+
+if TYPE_CHECKING:
+    from dm_control import mjcf
+
+    from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy, Teleoperation
+
+# Time between two copies of an episode that has not been saved yet [s].
+_SAVE_EVERY = 1.0
+
+# Simulated time without a command after which time stands still again [s].
+_PATIENCE = 10.0
+
+# Folder of an episode that has not been saved yet, in the folder of those that have been.
+UNSAVED = "unsaved"
+
+
+class LiveEpisode:
+    """The episode in progress of a specification, which is played step by step.
+
+    Attributes:
+      seed: of the episode.
+      spec: of the episodes.
+    """
+
+    seed: int
+
+    def __init__(self, spec: EpisodeSpec, *, render_quality: str = "fast") -> None:
+        """Builds environment and policy; `start` has to be called before anything else."""
+        self.spec = spec
+        self._rollout = self._make_rollout(render_quality)
+        self._environment = suite_env(self._rollout.environment).environment
+
+    def _make_rollout(self, render_quality: str) -> SingleRollout:
+        return SingleRollout(self.spec, visuals=True, render_quality=render_quality)
+
+    @property
+    def physics(self) -> "mjcf.Physics":
+        """The physics, another object after a reset that compiles the model again."""
+        return self._environment.physics
+
+    @property
+    def timestep(self) -> float:
+        """Duration of a control step [s]."""
+        return self._environment.control_timestep()
+
+    @property
+    def steps(self) -> int:
+        """Control steps that have been made."""
+        return self._rollout.buffer.steps
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the episode has terminated or was truncated."""
+        return self._rollout.buffer.has_ended
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether time stands still until a person does something."""
+        return False
+
+    def start(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """Starts the episode of a seed, and of the options of its reset; raises as `SingleRollout.start`."""
+        self.seed = seed
+        self._rollout.start(seed, options=options)
+
+    def step(self) -> None:
+        """Makes a control step, unless the episode has ended; raises what `SingleRollout.step` does."""
+        if not self.has_ended:
+            self._rollout.step()
+
+    def report(self) -> str:
+        """Returns the progress of the episode as Markdown: the tasks that it asks for, reward and measures."""
+        task, buffer = self._environment.task, self._rollout.buffer
+        numbers = {
+            "time": f"{buffer.steps * self.timestep:.1f} s",
+            "control step": f"{buffer.steps} of {self.spec.max_episode_steps}",
+            "reward": f"{buffer.reward:.3f}",
+            "return": f"{buffer.total_reward:.3f}",
+        }
+        for name, value in task.episode_metrics.items():
+            if not isinstance(value, dict):
+                numbers[name.replace("_", " ")] = ("no", "yes")[value] if isinstance(value, bool) else f"{value:.3f}"
+        lines = [f"**{task.instruction}**", ""] if task.instruction else []
+        if completions := task.episode_completions:
+            steps = completions.steps_by_task
+            lines += [self._task_line(name, step) for name, step in steps.items()]
+            completed = sum(step is not None for step in steps.values())
+            numbers = {"tasks completed": f"{completed} of {len(steps)}", **numbers}
+        numbers |= self._further_numbers()
+        return "\n".join([*lines, "", "| | |", "| --- | --- |", *(f"| {key} | {it} |" for key, it in numbers.items())])
+
+    def close(self) -> None:
+        """Frees the environment."""
+        self._rollout.environment.close()
+
+    def _further_numbers(self) -> dict[str, str]:
+        return {}
+
+    def _task_line(self, name: str, step: int | None) -> str:
+        name = name.replace("_", " ")
+        return f"- {name}" if step is None else f"- **{name}**: completed after {step * self.timestep:.1f} s"
+
+
+class TeleoperatedEpisode(LiveEpisode):
+    """An episode that a person plays, alone or in turns with a policy, who can go back.
+
+    Its file can be played again to the bit, whatever has been tried on the way. While it is played, a copy without
+    observations is kept, from which it goes on after a crash: another start of the same seed makes its control steps
+    again.
+
+    Attributes:
+      is_finished: whether the person has said that it is done.
+      saved: number of episodes that have been saved.
+    """
+
+    _rollout: RewindableRollout
+
+    def __init__(
+        self, spec: EpisodeSpec, *, folder: RecordingFolder | None = None, unsaved: Path | None = None, **rendering: Any
+    ) -> None:
+        """Builds environment and policy.
+
+        Args:
+          spec: of the episodes; its policy is `teleop`, with options or without.
+          folder: in which episodes are saved; they have the numbers of their seeds.
+          unsaved: folder of the copies, which is removed where there is none; None for no copies.
+          **rendering: the `render_quality`.
+        """
+        self._folder, self._unsaved, self.saved = folder, unsaved, 0
+        self.can_rewind = policies.options_of(spec.policy).get("rewind", True)
+        super().__init__(spec, **rendering)
+
+    def _make_rollout(self, render_quality: str) -> RewindableRollout:
+        # Without the checks of `policies.find`, behind which the arm could not be reached.
+        build, options = policies.POLICIES["teleop"], policies.options_of(self.spec.policy)
+        return RewindableRollout(
+            self.spec,
+            lambda environment, generator: build(environment, generator, **options),
+            visuals=True,
+            render_quality=render_quality,
+        )
+
+    @property
+    def policy(self) -> "TeleoperatedPolicy":
+        """The person's policy."""
+        return self._rollout.policy  # type: ignore[return-value]
+
+    @property
+    def arm(self) -> "Teleoperation":
+        """The arm, to be commanded."""
+        return self.policy.arm
+
+    @property
+    def is_waiting(self) -> bool:
+        return self.has_ended or (self.policy.is_persons and self.arm.is_idle)
+
+    @property
+    def next_seed(self) -> int:
+        """The first seed from that of this episode on of which no episode has been saved."""
+        return next(seed for seed in itertools.count(self.seed) if seed not in self.present)
+
+    @property
+    def present(self) -> list[int]:
+        """Seeds of the episodes that have been saved."""
+        return self._folder.indices if self._folder else []
+
+    def start(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
+        """Starts the episode of a seed, or goes on with the copy that was kept of it.
+
+        Raises an OSError if the copy cannot be read.
+        """
+        self._start(seed, options)
+        if (copies := self._copies()) and seed in copies.indices:
+            self._repeat(copies.load(seed))
+
+    def start_from(self, episode: EpisodeArrays, steps: int | None = None) -> None:
+        """Starts an episode by the first control steps of a recorded one, by all of them without a number.
+
+        Raises a ValueError if that does not lead to the recorded state, or there are fewer control steps.
+        """
+        if episode.seed is None:
+            raise ValueError("the recording has no seeds, so that its episodes cannot be played again")
+        count = episode.steps if steps is None else steps
+        if not 0 <= count <= episode.steps:
+            raise ValueError(f"the recorded episode has {episode.steps} control steps, not {count}")
+        self._start(episode.seed, None)
+        self._repeat(episode, count)
+
+    def _start(self, seed: int, options: Mapping[str, Any] | None) -> None:
+        self.is_finished, self._kept = False, time.monotonic()
+        super().start(seed, options)
+        self._observe()
+        self._commands, self._commanded = self.arm.commands, 0
+
+    def _repeat(self, episode: EpisodeArrays, count: int | None = None) -> None:
+        """Makes the first control steps of an episode again, and goes on from there."""
+        arrays, buffer = episode.arrays, self._rollout.buffer
+        count = episode.steps if count is None else count
+        for step in range(count):
+            labels = {"is_intervention": False, "teleop_action": arrays["action"][step]}
+            labels |= {name: arrays[f"label/{name}"][step] for name in labels if f"label/{name}" in arrays}
+            self._rollout.repeat(arrays["action"][step], labels)
+        if differing := buffer.differing(arrays):
+            raise ValueError(f"the recorded episode does not play again here: its {differing} differs")
+        if count:
+            self._observe()
+            self.policy.take_over()
+            self.arm.resume()
+
+    def step(self) -> None:
+        super().step()
+        if self.arm.commands != self._commands:
+            self._commands, self._commanded = self.arm.commands, self.steps
+        elif self.policy.is_persons and (self.steps - self._commanded) * self.timestep >= _PATIENCE:
+            self.arm.hold()
+        if self.has_ended or time.monotonic() - self._kept >= _SAVE_EVERY:
+            self.keep()
+
+    def hand_back(self) -> None:
+        """Lets the policy act again from which the person took over, if there is one."""
+        self.policy.hand_back()
+
+    def rewind(self, steps: int) -> None:
+        """Goes back by control steps, as far as states are kept; the person acts from there.
+
+        Raises a ValueError where the specification forbids it.
+        """
+        if not self.can_rewind:
+            raise ValueError("this episode cannot go back: its policy has the option rewind=False")
+        self._rollout.rewind(steps)
+        self._observe()
+        self.policy.take_over()
+        self.arm.resume()
+        self._commanded = self.steps
+        self.keep()
+
+    def finish(self) -> None:
+        """Ends the episode: its further control steps are made with the hand where it is."""
+        while not self.has_ended:
+            self.policy.take_over()
+            super().step()
+        self.is_finished = True
+
+    def discard(self) -> None:
+        """Starts the episode anew, and forgets what has been played of it."""
+        self._forget()
+        self._start(self.seed, self._rollout.options)
+
+    def save(self) -> None:
+        """Saves the episode up to now; raises a ValueError where there is nothing to save, or its seed has been."""
+        if self._folder is None or not self.steps:
+            raise ValueError("there is nothing to save: make a control step first")
+        if self.seed in self.present:
+            raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
+        episode = self.episode()
+        metrics = self._environment.task.metrics(episode.last_info)
+        self._folder.save(episode, EpisodeStats.of(episode, metrics))
+        self._forget()
+        self.saved += 1
+
+    def episode(self) -> EpisodeArrays:
+        """Returns the episode up to now, with at least one control step."""
+        return EpisodeArrays(
+            index=self.seed,
+            seed=self.seed,
+            arrays=self._rollout.buffer.arrays(),
+            seconds=self.steps * self.timestep,
+            instruction=self._environment.task.instruction,
+        )
+
+    def keep(self) -> None:
+        """Writes a copy of the episode up to now, without observations: the same control steps lead to the same ones.
+
+        A folder that cannot be written to is left alone.
+        """
+        self._kept = time.monotonic()
+        if not self.steps or not self._unsaved:
+            return
+        with contextlib.suppress(OSError):
+            if copies := self._copies(make=True):
+                arrays = self._rollout.buffer.arrays(with_observations=False)
+                episode = EpisodeArrays(
+                    index=self.seed,
+                    seed=self.seed,
+                    arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
+                    seconds=self.steps * self.timestep,
+                )
+                copies.save(episode, EpisodeStats.of(episode, self._environment.task.episode_metrics))
+
+    def _copies(self, *, make: bool = False) -> RecordingFolder | None:
+        """Returns the folder of copies, if there is one or it is to be made."""
+        if self._unsaved and (make or self._unsaved.exists()):
+            return RecordingFolder.claim(self._unsaved, self.spec)
+        return None
+
+    def _forget(self) -> None:
+        if self._unsaved:
+            shutil.rmtree(self._unsaved, ignore_errors=True)
+
+    def _further_numbers(self) -> dict[str, str]:
+        numbers = {
+            "acts": "you" if self.policy.is_persons else "the policy",
+            "fingers": "closed" if self.arm.is_closed else "open",
+        }
+        if self._folder:
+            numbers |= {"episodes saved": str(self.saved), "not saved yet": f"{self.steps * self.timestep:.1f} s"}
+        return numbers
+
+    def _observe(self) -> None:
+        """Shows the person's policy where the hand is."""
+        environment = suite_env(self._rollout.environment)
+        self.policy.observe(self._rollout.buffer.timestep(environment))
+
+
+def kept_by_user(spec: EpisodeSpec, seed: int, options: Mapping[str, Any] | None) -> Path | None:
+    """Returns the folder of the copies of an episode that has no folder of its own; None for a user without a home."""
+    root = files.cache_folder()
+    key = json.dumps([spec.as_json(), seed, dict(options or {})], default=np.ndarray.tolist)
+    return root and root / "teleop" / hashlib.sha256(key.encode()).hexdigest()[:32]
