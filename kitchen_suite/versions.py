@@ -40,3 +40,15 @@ def processor() -> str:
     ]
     results = np.concatenate([scalar, *vectors, *map(np.ravel, reductions)])
     return f"{platform.machine()}, rounding {hashlib.sha256(results.tobytes()).hexdigest()[:8]}"
+
+
+def machine() -> str:
+    """Returns `processor`, and how linear algebra rounds, whose library has code of its own for each model.
+
+    The control modes of the end effector depend on it.
+    """
+    generator = np.random.default_rng(0)
+    matrices, vectors = generator.standard_normal((64, 6, 9)), generator.standard_normal((64, 6, 1))
+    squares = matrices @ matrices.transpose(0, 2, 1)
+    results = np.concatenate([squares.ravel(), np.linalg.solve(squares, vectors).ravel()])
+    return f"{processor()}, linear algebra {hashlib.sha256(results.tobytes()).hexdigest()[:8]}"

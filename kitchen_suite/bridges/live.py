@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kitchen_suite import files, policies
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -27,8 +28,9 @@ if TYPE_CHECKING:
 # Time between two copies of an episode that has not been saved yet [s].
 _SAVE_EVERY = 1.0
 
-# Simulated time without a command after which time stands still again [s].
-_PATIENCE = 10.0
+# Simulated time in which neither hand nor fingers move after which time stands still again [s], and distances below
+# which they do not [m]. Steps without motion are of no use to those who learn from them.
+_PATIENCE, _STILL = 0.5, 0.002
 
 # Folder of an episode that has not been saved yet, in the folder of those that have been.
 UNSAVED = "unsaved"
@@ -210,7 +212,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self.is_finished, self._kept = False, time.monotonic()
         super().start(seed, options)
         self._observe()
-        self._commands, self._commanded = self.arm.commands, 0
+        self._moved, self._place = 0, self._places()
 
     def _repeat(self, episode: EpisodeArrays, count: int | None = None) -> None:
         """Makes the first control steps of an episode again, and goes on from there."""
@@ -229,12 +231,21 @@ class TeleoperatedEpisode(LiveEpisode):
 
     def step(self) -> None:
         super().step()
-        if self.arm.commands != self._commands:
-            self._commands, self._commanded = self.arm.commands, self.steps
-        elif self.policy.is_persons and (self.steps - self._commanded) * self.timestep >= _PATIENCE:
-            self.arm.hold()
+        self._rest_where_still()
         if self.has_ended or time.monotonic() - self._kept >= _SAVE_EVERY:
             self.keep()
+
+    def _rest_where_still(self) -> None:
+        """Lets time stand still where the person acts, and nothing has moved for a while."""
+        place = self._places()
+        if not self.policy.is_persons or np.abs(place - self._place).max() > _STILL:
+            self._moved, self._place = self.steps, place
+        elif (self.steps - self._moved) * self.timestep >= _PATIENCE:
+            self.arm.rest()
+            self._moved = self.steps
+
+    def _places(self) -> NDArray[np.float64]:
+        return np.concatenate([self.arm.hand[0], self.arm.fingers])
 
     def hand_back(self) -> None:
         """Lets the policy act again from which the person took over, if there is one."""
@@ -251,7 +262,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self._observe()
         self.policy.take_over()
         self.arm.resume()
-        self._commanded = self.steps
+        self._moved, self._place = self.steps, self._places()
         self.keep()
 
     def finish(self) -> None:
@@ -320,6 +331,7 @@ class TeleoperatedEpisode(LiveEpisode):
     def _further_numbers(self) -> dict[str, str]:
         numbers = {
             "acts": "you" if self.policy.is_persons else "the policy",
+            "hand": ", ".join(f"{number:.3f}" for number in self.arm.hand[0]) + " m",
             "fingers": "closed" if self.arm.is_closed else "open",
         }
         if self._folder:

@@ -3,6 +3,7 @@
 import functools
 import math
 import queue
+import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -44,11 +45,15 @@ _HELP = (
 # Rows of buttons, for those who have no keys.
 _ROWS = tuple(zip(*[iter(MOVES)] * 2, strict=True))
 
+# Commanded positions are nearer to the origin than this [m].
+_FARTHEST = 100.0
+
 # Radius of the ball at the hand that can be dragged [m].
 _BALL = 0.05
 
-# Pictures of a camera of the model beside the scene: none, or one of this height and width [pixels].
-NO_PICTURE, _PICTURE = "none", (180, 240)
+# Pictures of a camera of the model beside the scene: none, or one of this height and width [pixels]; and the least time
+# between two of them [s], for browsers that draw slowly.
+NO_PICTURE, _PICTURE, _PICTURE_EVERY = "none", (150, 200), 0.24
 
 # Cameras whose pictures help most to grasp; the first one that a model has.
 _WRISTS = ("franka/wrist", "franka/hand")
@@ -263,7 +268,7 @@ class HandGizmo:
         """Commands a pose, in place of all poses since the last time."""
         pose = np.array(position, float), np.array(orientation, float)
         # A browser can send anything.
-        if not all(np.isfinite(part).all() for part in pose) or not pose[1].any():
+        if not all((np.abs(part) < _FARTHEST).all() for part in pose) or not pose[1].any():
             return
         self._pose = pose
         if not self._is_waiting:
@@ -320,7 +325,7 @@ class CameraPicture:
         self._choice = page.guard(page.gui.add_dropdown("Picture", (NO_PICTURE, *names), initial_value=wrist))
         self._image = page.gui.add_image(np.zeros((*_PICTURE, 3), np.uint8), format="jpeg", visible=False)
         self._choice.on_update(page.putting("picture"))
-        self._can_render = True
+        self._can_render, self._shown = True, 0.0
         self.update(physics)
 
     def offer(self, physics: "mjcf.Physics") -> None:
@@ -331,8 +336,18 @@ class CameraPicture:
         self._choice.value = chosen if chosen in names else NO_PICTURE
         self.update(physics)
 
+    @property
+    def is_of_now(self) -> bool:
+        """Whether the last `update` has shown a picture, or there is none to be shown."""
+        return self._is_of_now or not self._can_render or self._choice.value == NO_PICTURE
+
     def update(self, physics: "mjcf.Physics") -> None:
-        """Shows the present picture; none without a GL library."""
+        """Shows the present picture, unless the last one is new; none without a GL library."""
+        now = time.monotonic()
+        self._is_of_now = now - self._shown >= _PICTURE_EVERY
+        if not self._is_of_now:
+            return
+        self._shown = now
         if self._can_render and self._choice.value in camera_names(physics):
             height, width = _PICTURE
             try:

@@ -237,6 +237,8 @@ class Viewer:
             self._due = max(self._due + self.episode.timestep / panel.speed, now)
         if self._is_stale and (stands_still or now - self._shown >= _SHOW_EVERY):
             self._show()
+        elif self._picture and not self._picture.is_of_now:
+            self._picture.update(self.episode.physics)
         wait = _IDLE if stands_still else min(_IDLE, max(self._due - time.monotonic(), 0.0))
         try:
             command = self._page.commands.get(timeout=wait) if wait else self._page.commands.get_nowait()

@@ -31,7 +31,7 @@ from kitchen_suite import checks, files
 from kitchen_suite.evaluation.results import EpisodeResult
 from kitchen_suite.rollouts.rollout import BatchStep, Controller, EndedEpisode
 from kitchen_suite.vector_env.base import SuiteVectorEnv
-from kitchen_suite.versions import processor
+from kitchen_suite.versions import machine
 
 FORMAT = 1
 
@@ -229,14 +229,14 @@ class Receipt:
       replaced: the values of the protocol that were replaced, see `EvaluationPlan.replaced`.
       results: of the episodes in order, by condition.
       traces: of the same episodes.
-      machine: kind of processor, see `versions.processor`.
+      machine: kind of processor, see `versions.machine`.
     """
 
     evaluation: Mapping[str, Any]
     replaced: Sequence[str]
     results: Mapping[str, Sequence[EpisodeResult]]
     traces: Mapping[str, Sequence[Trace]]
-    machine: str = dataclasses.field(default_factory=processor)
+    machine: str = dataclasses.field(default_factory=machine)
 
     def write(self, path: Path) -> None:
         """Writes the file, in place of an existing one."""

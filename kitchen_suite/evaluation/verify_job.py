@@ -19,7 +19,7 @@ from kitchen_suite.gymnasium_env.observations import PICTURE_OPTIONS
 from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
 from kitchen_suite.rollouts.spec import EpisodeSpec, even_count
 from kitchen_suite.settings import VerifySettings
-from kitchen_suite.versions import installed_versions, processor
+from kitchen_suite.versions import installed_versions, machine
 
 # Exit status where all scores are equal, but not all digits.
 DIGITS_DIFFER = 3
@@ -201,7 +201,7 @@ def _circumstances(receipt: Receipt) -> list[str]:
     given = {name for condition in receipt.evaluation["conditions"].values() for name in condition["task_kwargs"]}
     if unseen := sorted(given & _OF_PICTURES):
         lines.append(f"not verified, since only pictures depend on it: {', '.join(unseen)}")
-    here = {**installed_versions(), "processor": processor()}
+    here = {**installed_versions(), "processor": machine()}
     there: Mapping[str, Any] = {**receipt.evaluation["versions"], "processor": receipt.machine}
     return lines + [
         f"made with {name} {there.get(name)}, here {here[name]}" for name in here if here[name] != there.get(name)

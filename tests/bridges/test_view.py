@@ -117,8 +117,8 @@ def test_a_person_plays_goes_back_and_saves(tmp_path):
     with refused(ValueError, "nothing to save"):
         episode.save()
     episode.arm.nudge([0.0, 0.0, 0.05])
+    assert not episode.is_waiting
     for _ in range(25):
-        assert not episode.is_waiting
         episode.step()
     episode.rewind(13)
     assert episode.is_waiting, "until the person goes on"

@@ -22,7 +22,7 @@ from kitchen_suite.evaluation.results import score_episodes
 from kitchen_suite.evaluation.verify_job import DIGITS_DIFFER, checked_plan
 from kitchen_suite.tasks import DEFAULT_TASKS
 from kitchen_suite.vector_env import base as vector_base
-from kitchen_suite.versions import installed_versions, processor
+from kitchen_suite.versions import installed_versions, machine
 
 SMALL = ["--num_episodes=3", "--max_episode_steps=12"]
 
@@ -409,7 +409,7 @@ def test_committed_receipts_are_of_the_committed_results():
     ],
 )
 def test_committed_receipts_are_confirmed(path, capsys):
-    receipt, here = Receipt.read(path), {**installed_versions(), "processor": processor()}
+    receipt, here = Receipt.read(path), {**installed_versions(), "processor": machine()}
     same = here == {**receipt.evaluation["versions"], "processor": receipt.machine}
     status = verify.main([str(path)])
     # Elsewhere numbers are rounded otherwise, which contacts multiply.

@@ -29,10 +29,10 @@ class Teleoperation(Expert):
     Attributes:
       is_idle: whether nothing has been commanded since then.
       is_closed: whether the fingers are commanded to close.
-      commands: how many there have been.
+      fingers: their positions `(2,)` [m] at the last observation.
     """
 
-    commands = 0
+    fingers: Array
 
     def __init__(self, expert: Expert) -> None:
         """Takes the robot and its control from the scripted expert of a task."""
@@ -61,9 +61,13 @@ class Teleoperation(Expert):
         self._command: mink.SE3 | None = None
         self._is_new = self.is_idle = True
 
+    def rest(self) -> None:
+        """Says that nothing is to be done until the next command, which is relative to the last one."""
+        self.is_idle = True
+
     def resume(self) -> None:
         """Goes on from the last observation, after steps that were not commanded here: holds as the fingers are."""
-        self.is_closed = bool(self._fingers.mean() < _CLOSED_BELOW)
+        self.is_closed = bool(self.fingers.mean() < _CLOSED_BELOW)
         self.hold()
 
     @property
@@ -83,7 +87,7 @@ class Teleoperation(Expert):
             raise ValueError(f"orientation must not be zero, got {checks.shown(orientation)}")
         rotation = mink.SO3(turn / np.linalg.norm(turn))
         self._command = mink.SE3.from_rotation_and_translation(rotation, place)
-        self._count_command()
+        self._take_command()
 
     def nudge(self, offset: ArrayLike, turn: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Displaces the commanded pose, in the frame of the robot's base: x forward, y to the left, z up.
@@ -102,17 +106,16 @@ class Teleoperation(Expert):
     def grasp(self, close: bool) -> None:
         """Closes the fingers, or opens them."""
         self.is_closed = close
-        self._count_command()
+        self._take_command()
 
     def observe(self, observation: ArrayLike) -> None:
         """Takes the pose of the hand from an observation, to which nudges are relative."""
         checked = checks.vector(observation, self.observation_size, "observation")
         positions = self.robot_positions(checked)
-        self._hand, self._fingers = self._kinematics.forward(positions[:7]), positions[7:]
+        self._hand, self.fingers = self._kinematics.forward(positions[:7]), positions[7:]
 
-    def _count_command(self) -> None:
+    def _take_command(self) -> None:
         self._is_new, self.is_idle = True, False
-        self.commands += 1
 
     def robot_positions(self, observation: Array) -> Array:
         return self._expert.robot_positions(observation)
