@@ -130,7 +130,10 @@ class MinariPlan(DatasetPlan):
             rewards=arrays["reward"],
             terminations=arrays["termination"],
             truncations=arrays["truncation"],
-            infos={name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
+            infos={
+                **{name.removeprefix("info/"): array for name, array in arrays.items() if name.startswith("info/")},
+                **{name.removeprefix("label/"): _with_reset(rows) for name, rows in episode.labels.items()},
+            },
         )
 
 
@@ -194,6 +197,14 @@ class MinariSource(Source):
 
     def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
         return files.reading(self._dataset.storage.data_path, what)
+
+
+def _with_reset(labels: NDArray) -> NDArray:
+    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they have made; zero at the reset.
+
+    So gym-hil's infos `is_intervention` and `teleop_action` stand beside those of the same step.
+    """
+    return np.concatenate([np.zeros_like(labels[:1]), labels])
 
 
 def _numeric(infos: Mapping[str, Any], rows: int) -> dict[str, NDArray]:

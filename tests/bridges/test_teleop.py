@@ -10,11 +10,13 @@ import sys
 import threading
 import time
 
+import gymnasium
 import numpy as np
 import pytest
 from helpers.errors import refused
 from helpers.viser_client import TIMEOUT, Browser
 
+from kitchen_suite.bridges.interventions import InterventionWrapper, PageDevice
 from kitchen_suite.bridges.live import UNSAVED, TeleoperatedEpisode
 from kitchen_suite.bridges.viewer import PlayedPolicy, live_episode
 from kitchen_suite.cli.commands import replay, verify
@@ -391,3 +393,55 @@ def run(command):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+@pytest.mark.web
+def test_a_person_takes_over_from_what_acts_in_an_environment(port):
+    env = InterventionWrapper(gymnasium.make("KitchenSuite/FrankaKitchen-v1", tasks_to_complete=["kettle"]), port)
+    env.reset(seed=0)
+    zeros = np.zeros(9, np.float32)
+    *_, info = env.step(zeros)
+    assert info["is_intervention"] is False
+    with contextlib.closing(Browser(port)) as browser:
+        browser.press("Up")
+        wait_until(lambda: not env._page.commands.empty())
+        start = time.monotonic()
+        for _ in range(6):
+            *_, info = env.step(zeros)
+            assert info["is_intervention"] is True
+        assert np.abs(info["teleop_action"]).max() > 0.0
+        assert time.monotonic() - start > 4 * 0.08
+        browser.press("Hand back")
+        wait_until(lambda: not env._page.commands.empty())
+        *_, info = env.step(zeros)
+    assert info["is_intervention"] is False
+    np.testing.assert_array_equal(info["teleop_action"], zeros)
+    env.close()
+
+
+@pytest.mark.web
+def test_a_device_has_what_robosuites_devices_return(port):
+    device = PageDevice(port=port, pos_sensitivity=2.0)
+    device.start_control()
+    with contextlib.closing(Browser(port)) as browser:
+        for label in ("Up", "Up", "Yaw left", "Open or close"):
+            browser.press(label)
+        browser.click("Reset")
+        time.sleep(1.0)
+        state = device.get_controller_state()
+    np.testing.assert_allclose(state["dpos"], [0.0, 0.0, 0.04])
+    np.testing.assert_allclose(state["raw_drotation"], [0.0, 0.0, np.deg2rad(5.0)])
+    np.testing.assert_allclose(state["rotation"][0, 0], np.cos(np.deg2rad(5.0)))
+    assert [state[name] for name in ("grasp", "reset", "base_mode")] == [1, 1, 0]
+    np.testing.assert_array_equal(device.get_controller_state()["dpos"], np.zeros(3))
+    device.start_control()
+    assert device.get_controller_state()["reset"] == 0
+    device.close()
+
+
+def wait_until(condition):
+    for _ in range(200):
+        if condition():
+            return
+        time.sleep(0.05)
+    pytest.fail("nothing came")
