@@ -217,8 +217,11 @@ class WorkerSettings(EpisodeSettings):
             if self.ray_address:
                 raise ValueError("--ray_address needs --workers: the number of processes there")
             return None
+        from kitchen_suite import policies
         from kitchen_suite.workers.cluster import RaySettings
 
+        if policies.player_of(self.policy):
+            raise ValueError(f"a person plays {self.policy!r} in one process: leave out --workers")
         return RaySettings.of(self.workers, self.ray_address)
 
 

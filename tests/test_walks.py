@@ -9,11 +9,13 @@ CEILINGS = {
     "files of the walk recording": 60,
     "members of KitchenTask": 60,
     "classes of KitchenTask": 4,
-    "files of source": 170,
+    # Raised for teleoperation: episodes that are live, the page, the page in other programs, LeRobot's teleoperator.
+    "files of source": 174,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
-    "lines of source": 32_000,
+    # Raised for teleoperation.
+    "lines of source": 33_000,
 }
 
 

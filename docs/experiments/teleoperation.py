@@ -4,11 +4,12 @@ python docs/experiments/teleoperation.py drives        a script opens the microw
 python docs/experiments/teleoperation.py pace          control steps a second over five minutes
 python docs/experiments/teleoperation.py latency       from an event to the message, and to the frame drawn
 python docs/experiments/teleoperation.py recipe FOLDER ten demonstrations, a trained policy and its score, with times
+python docs/experiments/teleoperation.py picture       the picture of docs/guide/teleoperation.md
 
-Each writes its part of results/teleoperation.json. They need the extras `web`, `browser` and `experts`, and headless
-Chromium; the recipe also `train`. The script of `drives` acts as a person does: it reads the page, drags the hand to
-where it wants to see it, and moves by keys what a drag cannot, which is along the line of sight. Where it wants the
-hand is taken from the path of the scripted expert, in places some centimetres apart.
+All but the last write their part of results/teleoperation.json. They need the extras `web`, `browser` and `experts`,
+and headless Chromium; the recipe also `train`. The script of `drives` acts as a person does: it reads the page, drags
+the hand to where it wants to see it, and moves by keys what a drag cannot, which is along the line of sight. Where it
+wants the hand is taken from the path of the scripted expert, in places some centimetres apart.
 """
 
 import contextlib
@@ -35,6 +36,8 @@ from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 from kitchen_suite.rendering.cameras import camera_parameters
 
 RESULTS = Path(__file__).parent / "results" / "teleoperation.json"
+
+PICTURE = Path(__file__).resolve().parent.parent / "pictures" / "teleoperation.webp"
 
 # Size of the page [pixels]; the panel covers its right third.
 WIDTH, HEIGHT = 960, 480
@@ -369,6 +372,24 @@ def recipe(folder: Path) -> dict[str, Any]:
     }
 
 
+def picture() -> None:
+    """Writes a picture of the page in the middle of an episode."""
+    from PIL import Image
+
+    path = expert_path("microwave", 0)
+    with (
+        shown("--task_name=microwave", "--camera=overview", "--output=mine") as (page, _),
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        person = ScriptedPerson(page, "microwave", 0)
+        for place in path[: len(path) * 2 // 3]:
+            person.go(place)
+        page.get_by_text("Episode", exact=True).click()  # Folds it, so that the hand's part is seen.
+        page.wait_for_timeout(2_000)
+        page.screenshot(path=f"{folder}/page.png")
+        Image.open(f"{folder}/page.png").convert("RGB").save(PICTURE, quality=85)
+
+
 def run(command: str, *flags: object) -> None:
     """Runs a command of the suite; raises an error if it fails."""
     subprocess.run([sys.executable, "-m", "kitchen_suite", command, *map(str, flags)], check=True)
@@ -385,6 +406,9 @@ def main(arguments: Sequence[str]) -> int:
             found = latency()
         case ["recipe", folder]:
             found = recipe(Path(folder))
+        case ["picture"]:
+            picture()
+            return 0
         case _:
             print(__doc__, file=sys.stderr)
             return 2

@@ -3,6 +3,7 @@
 import functools
 import itertools
 import json
+import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -561,6 +562,42 @@ def verified_table() -> str:
     return markdown(("receipt", "equal episodes", "same result", "first difference", "greatest at the end"), rows)
 
 
+def teleoperation_table() -> str:
+    """Returns the table of what `docs/experiments/teleoperation.py` has measured in a browser."""
+    found = read_results("teleoperation")
+    rows = []
+    for task in dict.fromkeys(row["task"] for row in found["drives"]):
+        played = [row for row in found["drives"] if row["task"] == task]
+        seconds = statistics.median(row["seconds"] for row in played)
+        successes = sum(row["success"] for row in played)
+        done = f"{successes} of {len(played)}, {seconds:.0f} s each"
+        rows.append((f"{task}, by a script with pointer and keys", done))
+    pace, latency = found["pace"], found["latency"]
+    rows += [
+        (f"control steps a second, over {pace['seconds'] / 60:.0f} minutes", f"{pace['steps_a_second']:.2f} of 12.5"),
+        ("from an event in the server to its message (median)", f"{latency['event_to_message_ms']:.1f} ms"),
+        ("to the frame of 640 x 480 that is drawn (median)", f"{latency['event_to_frame_ms']:.0f} ms"),
+    ]
+    return markdown(("", "measured"), rows)
+
+
+def teleoperation_recipe_table() -> str:
+    """Returns the table of the demonstrations, the training and the score of the recipe in the same file."""
+    found = read_results("teleoperation")["recipe"]
+    low, high = (100 * bound for bound in found["interval"])
+    rows = [
+        (
+            f"`{found['task']}`",
+            f"{found['successes']} of {found['demonstrations']}",
+            f"{found['minutes_recording']:.0f}",
+            f"{found['minutes_training']:.0f}",
+            f"{100 * found['success']:.0f} % ({low:.0f} to {high:.0f} %)",
+        )
+    ]
+    header = ("task", "demonstrations that succeed", "minutes for them", "minutes of training", "success of the policy")
+    return markdown(header, rows)
+
+
 def soak_table() -> str:
     """Returns the tables of what `docs/experiments/soak.py` has played: by domain, and the memory in each process."""
     parts = read_results("soak")
@@ -623,6 +660,8 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "mutants": mutant_table,
     "processors": processor_table,
     "processors_receipts": verified_table,
+    "teleoperation": teleoperation_table,
+    "teleoperation_recipe": teleoperation_recipe_table,
     "soak": soak_table,
     "fast_settings": fast_settings_table,
     "fast_experts": fast_experts_table,

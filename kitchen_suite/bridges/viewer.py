@@ -16,13 +16,13 @@ import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import policies, suite
+from kitchen_suite import checks, policies, suite
 from kitchen_suite.bridges.live import UNSAVED, LiveEpisode, TeleoperatedEpisode, kept_by_user
 from kitchen_suite.bridges.page import CameraPicture, Command, HandPanel, Page, Stage
 from kitchen_suite.environment import Environment
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
-from kitchen_suite.rendering.viser_servers import HOST, local_server
+from kitchen_suite.rendering.viser_servers import HOST, check_extra, local_server
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import print_line
@@ -463,6 +463,8 @@ class Player:
     _played: dict[str, EpisodeArrays] = {}  # noqa: RUF012
 
     def __init__(self, spec: EpisodeSpec) -> None:
+        """Prepares to let a person play episodes; raises an ImportError without the extra `web`."""
+        check_extra(f"policy {checks.shown(spec.policy)}")
         self._spec, self._options = spec, policies.options_of(spec.policy)
 
     def start(

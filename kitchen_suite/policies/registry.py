@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.rendering import viser_servers
 
 if TYPE_CHECKING:
     from kitchen_suite.policies.stored import StoredPolicy
@@ -249,7 +248,7 @@ class TakeoverSource(PolicySource):
 
 
 class TeleopSource(PolicySource):
-    """A person, who moves the hand in a browser. It needs the extras `experts` and `web`.
+    """A person, who moves the hand in a browser. It needs the extra `experts`, and in commands `web`.
 
     The option `policy` names one that acts until the person takes over, `rewind=False` forbids to go back, and `port`
     is that of the page. In commands, each episode is played in the page before it is recorded or scored.
@@ -275,7 +274,6 @@ class TeleopSource(PolicySource):
 
     def check_installed(self, name: str) -> None:
         checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
-        viser_servers.check_extra(f"policy {checks.shown(name)}")
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         first = options.get("policy")

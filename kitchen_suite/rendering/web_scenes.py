@@ -107,7 +107,7 @@ def _scene_class() -> Any:
 
 
 def _add_lights(server: "viser.ViserServer") -> None:
-    """Adds light that a browser without a graphics card can draw at a fifth of the time that viser's own takes."""
+    """Adds light in place of viser's, which takes a browser without a graphics card several times as long."""
     scene = server.scene
     scene.configure_default_lights(enabled=False, cast_shadow=False)
     scene.configure_environment_map(None)

@@ -246,6 +246,8 @@ class EpisodeSpec(EnvironmentSpec):
 
         Warns of a policy from a file that was trained for a task that does not include this one.
         """
+        if player := policies.player_of(self.policy):
+            player(self)  # Refuses where it cannot let anybody play.
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
         if path := policies.policy_file(self.policy):
             record = policies.load_policy(path).metadata

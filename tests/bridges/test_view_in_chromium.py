@@ -1,11 +1,13 @@
 """The live viewer in headless Chromium, with software rendering."""
 
+import contextlib
 import re
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from docs_scripts import load_script
 from helpers import pages
 
 from kitchen_suite.cli.commands import replay
@@ -61,6 +63,52 @@ def test_a_person_moves_the_hand_and_saves_an_episode(port, tmp_path):
     assert arrays["label/is_intervention"].all()
     assert np.abs(arrays["action"]).max() > 0.0
     assert replay.main([str(folder)]) == 0
+
+
+def test_a_script_moves_the_kettle_by_pointer_and_keys(tmp_path):
+    """The hand itself is dragged; what is saved replays to the bit."""
+    driven = load_script("experiments/teleoperation").drive("kettle", 0, tmp_path / "mine", tmp_path / "end.png")
+    assert driven["success"]
+    assert replay.main([str(tmp_path / "mine")]) == 0
+    pages.assert_shows_a_scene(tmp_path / "end.png", slice(0, 600))
+
+
+def test_a_key_that_is_held_moves_on(port):
+    with teleoperated(port) as page:
+        height = hand_height(page)
+        # Playwright repeats a key that is down, as a keyboard does.
+        for _ in range(6):
+            page.keyboard.down("PageUp")
+        page.keyboard.up("PageUp")
+        page.wait_for_timeout(3_000)
+        assert hand_height(page) - height == pytest.approx(0.06, abs=0.01)
+
+
+def test_a_phone_has_buttons(port):
+    """A narrow page, without keys."""
+    with teleoperated(port) as page:
+        page.set_viewport_size({"width": 390, "height": 800})
+        height = hand_height(page)
+        page.get_by_role("button", name="Up", exact=True).first.click()
+        wait_for_report(page, r"control step\s+[1-9]")
+        page.wait_for_timeout(2_000)
+        assert hand_height(page) > height + 0.005
+
+
+@contextlib.contextmanager
+def teleoperated(port):
+    """A page in which a person moves the hand."""
+    command = [sys.executable, "-m", "kitchen_suite", "view", "--teleop", "--task_name=kettle", f"--port={port}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        with pages.opened(running.stdout.readline().split()[0]) as (page, _):
+            wait_for_report(page, r"control step\s+0 of 2000")
+            page.locator(".mantine-Notification-closeButton").click()
+            yield page
+        running.kill()
+
+
+def hand_height(page):
+    return float(re.search(r"hand\s*-?[\d.]+, -?[\d.]+, (-?[\d.]+) m", page.inner_text("body"))[1])
 
 
 def wait_for_report(page, pattern):

@@ -163,3 +163,22 @@ def test_the_expert_takes_over_from_a_trained_policy_at_a_step_of_the_seed():
     assert taken[0] == taken[1] != taken[2]
     with pytest.raises(policies.PolicyError, match="latest"):
         policies.find("takeover(latest=-1)")(environment, np.random.default_rng(0))
+
+
+def test_a_persons_policy_has_options_and_another_policy(kettle):
+    policy = policies.POLICIES["teleop"](kettle, np.random.default_rng(0), policy="expert(speed=0.5)")
+    timestep = kettle.reset()
+    assert policies.labels_of(policy) == {}
+    assert np.abs(policy(timestep)).max() > 0.0
+    assert policies.labels_of(policy)["is_intervention"].tolist() is False
+    policy.take_over()
+    policy(kettle.reset())
+    for options in ("policy='moon'", "rewind=3", "port=80", "speed=2"):
+        with refused(policies.PolicyError, "teleop("):
+            policies.find(f"teleop({options})")(kettle, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("name", ["teleop", "teleop(policy='trained')"])
+def test_a_person_does_not_play_on_workers(name):
+    with refused(ValueError, "leave out --workers"):
+        RolloutSettings(policy=name, workers=2).ray()

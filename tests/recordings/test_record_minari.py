@@ -54,7 +54,7 @@ def test_labels_of_actions_are_infos_of_the_steps_after_them(run):
     flags = ["--domain_name=open_cabinet", "--task_name=top_drawer", "--policy=takeover(latest=4)"]
     assert run(f"--dataset={ID}", *flags)[0] == 0
     for index, episode in enumerate(minari.load_dataset(ID).iterate_episodes()):
-        labels = recorded(index)[0]["label/is_intervention"]
+        labels = recorded(index)[1]["label/is_intervention"]
         assert labels.any()
         assert episode.infos["is_intervention"].tolist() == [False, *labels]
 
