@@ -10,6 +10,7 @@ from dm_env import specs
 from helpers.errors import refused
 
 from kitchen_suite import checks, policies, suite
+from kitchen_suite.settings import RolloutSettings
 
 START = dm_env.restart(observation={})
 
