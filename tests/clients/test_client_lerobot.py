@@ -1,9 +1,11 @@
 """LeRobot itself: types of environments, datasets written and read, and their replay. Needs the extra `lerobot`."""
 
+import contextlib
 import json
 import os
 import pickle
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -250,3 +252,30 @@ def test_lerobots_own_commands_find_the_package():
     sys.modules.pop("kitchen_suite.lerobot", None)
     load_plugin("kitchen_suite.lerobot")
     assert "kitchen_suite.lerobot.configs" in sys.modules
+
+
+def test_the_page_is_a_teleoperator(port, tmp_path):
+    from helpers.viser_client import Browser
+    from lerobot.teleoperators.config import TeleoperatorConfig
+    from lerobot.teleoperators.utils import TeleopEvents
+
+    from kitchen_suite.lerobot.teleoperator import BrowserTeleop, BrowserTeleopConfig
+
+    config = BrowserTeleopConfig(id="one", calibration_dir=tmp_path, port=port)
+    assert TeleoperatorConfig.get_choice_class("kitchen_browser") is BrowserTeleopConfig
+    teleoperator = BrowserTeleop(config)
+    with refused(ConnectionError, "connect()"):
+        teleoperator.get_action()
+    with teleoperator:
+        assert teleoperator.is_connected
+        stays = {"delta_x": 0.0, "delta_y": 0.0, "delta_z": 0.0, "gripper": 1.0}
+        assert teleoperator.get_action() == stays
+        assert stays.keys() == teleoperator.action_features.keys()
+        with contextlib.closing(Browser(port)) as browser:
+            for label in ("Up", "Open or close"):
+                browser.press(label)
+            time.sleep(1.0)
+        assert teleoperator.get_action() == {**stays, "delta_z": pytest.approx(0.4), "gripper": 0.0}
+        assert teleoperator.get_teleop_events()[TeleopEvents.IS_INTERVENTION]
+        assert teleoperator.get_action() == stays
+    assert not teleoperator.is_connected
