@@ -297,7 +297,11 @@ class RecordSettings(WorkerSettings):
     num_episodes: int = num_episodes_flag(100)
     num_envs: int = num_envs_flag(16)
     num_threads: int | None = num_threads_flag(None)
-    format: str | None = flag("Format of the dataset: minari or lerobot.", None, unset="minari with --dataset")
+    format: str | None = flag(
+        "Format of the dataset: minari, lerobot, robomimic, ogbench, d4rl, diffusion_policy or bet.",
+        None,
+        unset="minari with --dataset",
+    )
     dataset: str | None = flag(
         "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
         "(LeRobot).",

@@ -124,7 +124,8 @@ class Format:
       example: name of a dataset.
       plan: entry point of its `DatasetPlan`.
       source: entry point of a function that opens the dataset of a name or in a folder, given that and the folder of
-        all datasets (None: the program's own) as paths; it returns None where there is no such dataset.
+        all datasets (None: the program's own) as paths; it returns None where there is no such dataset. None for a
+        format that is not read.
       obs_types: observation types of the suite that it holds, the first where none is named; empty for all.
     """
 
@@ -132,7 +133,7 @@ class Format:
     title: str
     example: str
     plan: str
-    source: str
+    source: str | None = None
     obs_types: tuple[str, ...] = ()
 
     def task_kwargs(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -148,7 +149,7 @@ class Format:
 
     def find(self, name: str, root: Path | None) -> Source | None:
         """Opens a dataset, None if there is none; arguments as of `find_source`."""
-        return pkgutil.resolve_name(self.source)(name, root)
+        return pkgutil.resolve_name(self.source)(name, root) if self.source else None
 
 
 MINARI = Format(
@@ -167,8 +168,20 @@ LEROBOT = Format(
     obs_types=("environment_state_agent_pos", "pixels_agent_pos", "pixels_environment_state_agent_pos"),
 )
 
+# Files of other programs, written and not read; below the folder `--data_path`.
+_EXPORTS = tuple(
+    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.{plan}")
+    for name, title, plan in (
+        ("robomimic", "robomimic", "robomimic_file:RobomimicPlan"),
+        ("ogbench", "OGBench", "ogbench_file:OGBenchPlan"),
+        ("d4rl", "D4RL", "d4rl_file:D4RLPlan"),
+        ("diffusion_policy", "Diffusion Policy", "diffusion_policy_store:DiffusionPolicyPlan"),
+        ("bet", "BeT", "bet_folder:BeTPlan"),
+    )
+)
+
 # By the value of `--format`; the first is the default.
-FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (MINARI, LEROBOT)})
+FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (MINARI, LEROBOT, *_EXPORTS)})
 
 
 def find_source(name: str, root: Path | None = None) -> Source:
@@ -189,7 +202,7 @@ def find_source(name: str, root: Path | None = None) -> Source:
     for each in FORMATS.values():
         if source := each.find(name, root):
             return source
-    titles = " or ".join(each.title for each in FORMATS.values())
+    titles = " or ".join(each.title for each in FORMATS.values() if each.source)
     if folder.exists():
         hint = f": name its folder, {folder.parent}" if (folder.parent / SPEC_FILE).is_file() else ""
         raise ValueError(f"{name} holds neither {SPEC_FILE} nor a {titles} dataset{hint}")

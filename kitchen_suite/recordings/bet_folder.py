@@ -1,0 +1,101 @@
+"""Recordings of the kitchen as the arrays of Behavior Transformers, which VQ-BeT, BESO and their descendants read."""
+
+import collections
+import io
+import pickle
+import struct
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings.d4rl_file import relay_observations
+from kitchen_suite.recordings.exports import ExportPlan
+from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.spec import EpisodeSpec
+
+# The tasks of the goals, in BeT's order.
+TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
+
+
+class BeTPlan(ExportPlan):
+    """A folder `NAME` with arrays by time `T` and episode `N`, which end in zeros where an episode is shorter.
+
+    `observations_seq.npy` `(T, N, 60)`, see `relay_observations`; `actions_seq.npy` `(T, N, 9)`; `existence_mask.npy`
+    `(T, N)`, 1 for the steps of an episode; `onehot_goals.pth` `(T, N, 7)`, the task that is completed next, by
+    `TASKS`, and all zero after the last one.
+    """
+
+    title = "BeT"
+
+    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
+        super().__init__(dataset_id, spec, count, root)
+        if spec.domain_name != "kitchen" or spec.argument("goal_format") != "dict":
+            raise ValueError("a dataset for BeT is of the domain kitchen, with goals by task")
+
+    def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
+        inner = suite_env(environment)
+        tasks, columns = inner.composer_task.mdp.goals.tasks, collections.defaultdict(list)
+        for episode in episodes:
+            columns["observations_seq"].append(relay_observations(inner, episode)[:-1])
+            columns["actions_seq"].append(episode.arrays["action"])
+            columns["existence_mask"].append(np.ones(episode.steps, np.float32))
+            columns["onehot_goals"].append(_next_tasks(tasks, episode))
+        target = folder / self.name
+        target.mkdir()
+        for name in ("observations_seq", "actions_seq", "existence_mask"):
+            np.save(target / f"{name}.npy", _side_by_side(columns[name]))
+        (target / "onehot_goals.pth").write_bytes(as_torch_file(_side_by_side(columns["onehot_goals"])))
+
+
+def _next_tasks(tasks: tuple[str, ...], episode: EpisodeArrays) -> NDArray[np.float32]:
+    """Returns for each control step `(T, 7)` which of `TASKS` is completed next."""
+    completed = episode.arrays["info/completion_steps"][-1]
+    goals, start = np.zeros((episode.steps, len(TASKS)), np.float32), 0
+    for number in np.argsort(completed, kind="stable"):
+        if completed[number] >= 0 and tasks[number] in TASKS:
+            goals[start : completed[number], TASKS.index(tasks[number])] = 1.0
+            start = completed[number]
+    return goals
+
+
+def _side_by_side(parts: list[NDArray]) -> NDArray:
+    """Returns arrays `(T_i, ...)` as one `(T, N, ...)`, with zeros where one is shorter."""
+    longest = max(len(part) for part in parts)
+    joined = np.zeros((longest, len(parts), *parts[0].shape[1:]), parts[0].dtype)
+    for number, part in enumerate(parts):
+        joined[: len(part), number] = part
+    return joined
+
+
+def as_torch_file(array: NDArray[np.float32]) -> bytes:
+    """Returns a file that `torch.load` reads as a tensor: a zip archive with a pickle and the numbers."""
+    array = np.ascontiguousarray(array, np.float32)
+    strides = [stride // array.itemsize for stride in array.strides]
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("archive/data.pkl", _tensor_pickle(array.size, array.shape, strides))
+        archive.writestr("archive/byteorder", "little")
+        archive.writestr("archive/data/0", array.astype("<f4").tobytes())
+        archive.writestr("archive/version", "3\n")
+    return buffer.getvalue()
+
+
+def _tensor_pickle(size: int, shape: tuple[int, ...], strides: list[int]) -> bytes:
+    """Returns the pickle of a tensor of float32 that refers to the numbers in `data/0`."""
+
+    def integers(values: Iterable[int]) -> bytes:
+        return b"(" + b"".join(b"J" + struct.pack("<i", value) for value in values) + b"t"
+
+    def text(value: str) -> bytes:
+        return b"X" + struct.pack("<I", len(value)) + value.encode()
+
+    storage = b"(" + text("storage") + b"ctorch\nFloatStorage\n" + text("0") + text("cpu")
+    storage += b"J" + struct.pack("<i", size) + b"tQ"
+    arguments = b"(" + storage + b"K\x00" + integers(shape) + integers(strides) + b"\x89"
+    arguments += b"ccollections\nOrderedDict\n)R" + b"t"
+    return b"\x80\x02ctorch._utils\n_rebuild_tensor_v2\n" + arguments + b"R" + pickle.STOP

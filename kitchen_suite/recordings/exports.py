@@ -1,0 +1,188 @@
+"""What datasets in files of other programs share: names, a record beside them, numbers and states of episodes."""
+
+import abc
+import dataclasses
+import importlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import checks, files
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.gymnasium_env.observations import has_pictures
+from kitchen_suite.recordings.formats import DatasetPlan
+from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
+
+# Name of the file beside a dataset, which says what it holds.
+RECORD_FILE = "{name}.kitchen_suite.json"
+
+_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
+
+# Greatest size that an array of one control step takes beside its contents, in a file of arrays [bytes].
+_OVERHEAD = 4096
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExportRecord:
+    """Contents of the record.
+
+    Attributes:
+      recording: specification of the recording.
+      num_episodes: number of episodes asked for.
+      seeds: of the episodes, in the order of the dataset.
+    """
+
+    recording: Mapping[str, Any]
+    num_episodes: int
+    seeds: list[int]
+
+
+class ExportPlan(DatasetPlan):
+    """A dataset `OWNER/NAME` below a folder: one file or folder, or several files whose names begin with NAME.
+
+    Attributes:
+      title: name of the program that reads it.
+      suffix: of its file; empty for a folder.
+      package: that writes it, and the extra that installs this; None where NumPy does.
+      holds_pictures: whether observations may have pictures.
+    """
+
+    title: ClassVar[str]
+    suffix: ClassVar[str] = ""
+    package: ClassVar[tuple[str, str] | None] = None
+    holds_pictures: ClassVar[bool] = False
+
+    def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
+        """Checks that the dataset can be made, or has been made already; errors as of `DatasetPlan`."""
+        super().__init__(dataset_id, spec, count, root)
+        if self.package:
+            name, extra = self.package
+            checks.installed([name], f"a dataset for {self.title}", extra)
+        if not _DATASET_ID.fullmatch(dataset_id):
+            raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset for {self.title}, such as me/kettle")
+        if root is None:
+            raise ValueError(f"a dataset for {self.title} needs a folder to be in: --data_path")
+        if not self.holds_pictures and has_pictures(spec.env_class.find_obs_type(spec.argument("obs_type"))):
+            raise ValueError(f"a dataset for {self.title} holds no pictures: record other observations")
+        self.folder = root / Path(dataset_id).parent
+        self.name = Path(dataset_id).name
+        self._record_file = self.folder / RECORD_FILE.format(name=self.name + self.suffix)
+        if not self.is_missing:
+            record = read_record(self._record_file)
+            self._check_same(record.recording, record.num_episodes)
+        elif self.path.exists():
+            raise ValueError(f"{self.path} exists, and kitchen-record has not made it: name another dataset")
+
+    @property
+    def path(self) -> Path:
+        return self.folder / f"{self.name}{self.suffix}"
+
+    @property
+    def is_missing(self) -> bool:
+        return not self._record_file.exists()
+
+    def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        seeds: list[int] = []
+
+        def episodes() -> Iterator[EpisodeArrays]:
+            for index in indices:
+                episode = folder.load(index)
+                assert episode.seed is not None
+                seeds.append(episode.seed)
+                yield episode
+
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with files.temporary_folder(self.folder / self.name) as elsewhere:
+            elsewhere.mkdir()
+            self.write(elsewhere, environment, episodes(), len(indices))
+            for made in sorted(elsewhere.iterdir()):
+                os.rename(made, self.folder / made.name)
+        record = ExportRecord(recording=self.spec.as_json(), num_episodes=self.count, seeds=seeds)
+        with files.atomic_write(self._record_file) as partial:
+            partial.write_text(f"{json.dumps(dataclasses.asdict(record), indent=1)}\n", encoding="utf-8")
+
+    @abc.abstractmethod
+    def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
+        """Writes the files of the dataset to an empty folder, by the names that they are to have."""
+
+
+def read_record(path: Path) -> ExportRecord:
+    """Reads the record beside a dataset; raises an OSError if it cannot be read."""
+    record = files.load_json(path, "the record of a dataset")
+    try:
+        return files.parse(record, ExportRecord, f"{path} is no record of a dataset")
+    except ValueError as error:
+        raise OSError(str(error)) from error
+
+
+def state_observations(episode: EpisodeArrays) -> NDArray:
+    """Returns the observed numbers `(T + 1, m)` of an episode, without goals and pictures."""
+    arrays = episode.arrays
+    if "observation/observation" in arrays:
+        return arrays["observation/observation"]
+    parts = [rows for name, rows in arrays.items() if name.startswith("observation") and rows.ndim == 2]
+    return np.concatenate(parts, axis=1) if parts else np.empty((episode.steps + 1, 0))
+
+
+def physics_states(environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> NDArray[np.float64]:
+    """Returns time [s], qpos and qvel `(T + 1, 1 + nq + nv)` of the physics in an episode, which is played again.
+
+    Raises an OSError if its rewards are not those that were recorded.
+    """
+    assert episode.seed is not None
+    reset_to_seed(environment, episode.seed, spec.seeding)
+    inner, states, rewards = suite_env(environment), [], []
+    for step in range(episode.steps + 1):
+        data = inner.environment.physics.data
+        states.append(np.concatenate([[data.time], data.qpos, data.qvel]))
+        if step < episode.steps:
+            rewards.append(float(environment.step(episode.arrays["action"][step])[1]))
+    if not np.array_equal(rewards, episode.arrays["reward"]):
+        raise OSError(f"the episode of seed {episode.seed} does not play again here: it was recorded elsewhere")
+    return np.stack(states)
+
+
+class GrowingFile:
+    """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
+
+    def __init__(self, path: Path) -> None:
+        """Makes the file, empty."""
+        self.path = path
+        files.reserve(path, _OVERHEAD)
+        path.unlink()
+        self.file: Any = importlib.import_module("h5py").File(path, "w")
+
+    def __enter__(self) -> "GrowingFile":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.file.close()
+
+    def reserve(self, arrays: Mapping[str, NDArray]) -> None:
+        """Raises an OSError unless the disk has room for arrays; HDF5 fails late, and with other errors."""
+        spare = self.path.with_name(f"{self.path.name}.reserved")
+        files.reserve(spare, sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
+        spare.unlink()
+
+    def append(self, arrays: Mapping[str, NDArray]) -> None:
+        """Adds rows to datasets by name, which are made where they are missing."""
+        self.reserve(arrays)
+        for name, rows in arrays.items():
+            if name not in self.file:
+                shape = rows.shape[1:]
+                chunk = (max(1, min(1024, 2**18 // max(1, rows[:1].nbytes))), *shape)
+                self.file.create_dataset(
+                    name, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=chunk, compression="gzip"
+                )
+            dataset = self.file[name]
+            dataset.resize(len(dataset) + len(rows), axis=0)
+            dataset[len(dataset) - len(rows) :] = rows

@@ -1,0 +1,71 @@
+"""Recordings as HDF5 files of robomimic's layout, with states of the physics. Needs the extra `record`."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import gymnasium
+
+from kitchen_suite import suite
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, physics_states
+from kitchen_suite.rollouts.episode import EpisodeArrays
+
+# robomimic's type of environments of Gymnasium's interface.
+_GYM_TYPE = 2
+
+# One episode in ten is for validation.
+_VALIDATION = 10
+
+
+class RobomimicPlan(ExportPlan):
+    """A file `NAME.hdf5`: a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
+
+    A group has `actions`, `rewards`, `dones`, `terminations`, `truncations`, `obs/KEY` and `next_obs/KEY`, whose keys
+    are those of the observation with an underscore for each slash, and `states`: time, qpos and qvel before each step.
+    """
+
+    title = "robomimic"
+    suffix = ".hdf5"
+    package = ("h5py", "record")
+    holds_pictures = True
+
+    def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
+        spec, total = self.spec, 0
+        with GrowingFile(folder / self.path.name) as file:
+            data = file.file.create_group("data")
+            for number, episode in enumerate(episodes):
+                arrays, states = episode.arrays, physics_states(environment, spec, episode)
+                observed = {_key(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+                file.append(
+                    {
+                        f"data/demo_{number}/{name}": rows
+                        for name, rows in {
+                            "actions": arrays["action"],
+                            "rewards": arrays["reward"],
+                            "dones": (arrays["termination"] | arrays["truncation"]).astype("int64"),
+                            "terminations": arrays["termination"],
+                            "truncations": arrays["truncation"],
+                            "states": states[:-1],
+                            **{f"obs/{key}": rows[:-1] for key, rows in observed.items()},
+                            **{f"next_obs/{key}": rows[1:] for key, rows in observed.items()},
+                        }.items()
+                    }
+                )
+                group = data[f"demo_{number}"]
+                group.attrs["num_samples"], group.attrs["seed"] = episode.steps, episode.seed
+                group.attrs["model_file"] = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
+                total += episode.steps
+            data.attrs["total"] = total
+            arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
+            data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**spec.task_kwargs}})
+            first = count // _VALIDATION
+            masks = {"train": range(first, count), "valid": range(first)}
+            for name, numbers in masks.items():
+                if numbers:
+                    file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
+
+
+def _key(name: str) -> str:
+    """Returns the name of an array of observations as a key of robomimic's, which has no slashes and no blanks."""
+    return name.removeprefix("observation/").replace("/", "_").replace(" ", "_")
