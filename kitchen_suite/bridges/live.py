@@ -274,7 +274,7 @@ class TeleoperatedEpisode(LiveEpisode):
 
     def discard(self) -> None:
         """Starts the episode anew, and forgets what has been played of it."""
-        self._forget()
+        self.forget()
         self._start(self.seed, self._rollout.options)
 
     def save(self) -> None:
@@ -286,7 +286,7 @@ class TeleoperatedEpisode(LiveEpisode):
         episode = self.episode()
         metrics = self._environment.task.metrics(episode.last_info)
         self._folder.save(episode, EpisodeStats.of(episode, metrics))
-        self._forget()
+        self.forget()
         self.saved += 1
 
     def episode(self) -> EpisodeArrays:
@@ -324,7 +324,8 @@ class TeleoperatedEpisode(LiveEpisode):
             return RecordingFolder.claim(self._unsaved, self.spec)
         return None
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """Removes the copy of the episode."""
         if self._unsaved:
             shutil.rmtree(self._unsaved, ignore_errors=True)
 

@@ -30,6 +30,7 @@ from kitchen_suite.rollouts.rollout import REWIND_STEPS
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import ViewSettings
 from kitchen_suite.tasks.variations.distributions import GROUPS, SPLITS
+from kitchen_suite.versions import installed_versions
 
 # Control steps of an episode that a person plays, by default: a program needs a tenth.
 _PERSONS_STEPS = 2_000
@@ -157,6 +158,7 @@ class TaskPanel:
             task_kwargs=first.task_kwargs if self._domain.value == first.domain_name else {},
             variations=",".join(groups) if groups else self._distributions,
             variation_split=self._split.value if groups else None,
+            start_from=None,
         )
 
     def _offer_tasks(self) -> None:
@@ -375,8 +377,9 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
     source = settings.start_from and RecordingFolder.open(settings.start_from)
     spec = source.spec if source else EpisodeSpec.of(_persons_settings(settings), seeding="gymnasium")
     policy, steps = _persons_policy(settings), settings.max_episode_steps or _PERSONS_STEPS
-    # Episodes have the numbers of their seeds.
-    spec = dataclasses.replace(spec, policy=policy, policy_sha256=None, seed=0, max_episode_steps=steps)
+    # Episodes have the numbers of their seeds. That recorded ones play again here is checked.
+    here = {"policy": policy, "policy_sha256": None, "seed": 0, "versions": installed_versions()}
+    spec = dataclasses.replace(spec, **here, max_episode_steps=steps)
     if settings.policy:
         spec = spec.prepared()
     folder = RecordingFolder.claim(settings.output, spec) if settings.output else None
@@ -483,6 +486,7 @@ class Player:
             viewer = Viewer(page, episode)
             while not episode.is_finished:
                 viewer.update()
+            episode.forget()
             return episode.episode()
 
 

@@ -1,6 +1,7 @@
 """A person who plays in the page, through viser's protocol: alone, after a policy, with others, and after a crash."""
 
 import contextlib
+import importlib.util
 import itertools
 import json
 import re
@@ -19,7 +20,7 @@ from helpers.viser_client import TIMEOUT, Browser
 from kitchen_suite.bridges.interventions import InterventionWrapper, PageDevice
 from kitchen_suite.bridges.live import UNSAVED, TeleoperatedEpisode
 from kitchen_suite.bridges.viewer import PlayedPolicy, live_episode
-from kitchen_suite.cli.commands import replay, verify
+from kitchen_suite.cli.commands import record, replay, rollout, verify
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
@@ -153,6 +154,35 @@ def test_an_episode_goes_on_from_a_recorded_state(tmp_path):
     play(episode, 3)
     episode.save()
     assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+def test_a_rollouts_episode_goes_on(tmp_path):
+    """Its seeds start random streams in another way, and its actions are float64."""
+    flags = ["--policy=random", "--task_name=kettle", "--num_episodes=1", "--max_episode_steps=6", "--seed=4"]
+    assert rollout.main([f"--output={tmp_path / 'runs'}", *flags]) == 0
+    episode = live_episode(ViewSettings(teleop=True, start_from=tmp_path / "runs", output=tmp_path / "mine"))
+    assert (episode.steps, episode.seed) == (6, 4)
+    episode.arm.nudge([0.0, 0.0, 0.02])
+    play(episode, 3)
+    episode.save()
+    assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+def test_what_the_viewer_saves_is_a_recording_of_kitchen_record(tmp_path, capsys):
+    episode = live_episode(ViewSettings(teleop=True, task_name="kettle", output=tmp_path / "mine"))
+    episode.arm.nudge([0.0, 0.0, 0.02])
+    play(episode, 3)
+    episode.save()
+    capsys.readouterr()
+    flags = ["--policy=teleop", "--task_name=kettle", "--max_episode_steps=2000", "--num_episodes=1"]
+    status = record.main([*flags, f"--output={tmp_path / 'mine'}"])
+    # Without the extra `web` nobody can play, though nobody has to.
+    if importlib.util.find_spec("viser"):
+        assert status == 0
+        assert "1 of them there already" in capsys.readouterr().out
+    else:
+        assert status == 2
+        assert "needs mjviser and viser" in capsys.readouterr().err
 
 
 def stats_of(live, episode):
@@ -385,6 +415,8 @@ def test_a_person_records_and_is_scored_like_any_policy(port, tmp_path, monkeypa
     output = run(["rollout", *flags, "--num_episodes=1"])
     thread.join(TIMEOUT)
     assert re.search(r"^\s*0\s+0\s", output, re.MULTILINE)
+    # Nothing is left to go on with.
+    assert not [*(tmp_path / "cache" / "kitchen-suite").glob("teleop/*")]
 
 
 def run(command):
