@@ -251,7 +251,8 @@ class Viewer:
     def _add_hand_widgets(self, episode: TeleoperatedEpisode, settings: ViewSettings | None) -> None:
         page, gui = self._page, self._page.gui
         with gui.add_folder("Hand"):
-            HandPanel(page, hands_back="policy" in policies.options_of(episode.spec.policy))
+            # Another policy can be loaded from the panel.
+            HandPanel(page, hands_back=settings is not None or "policy" in policies.options_of(episode.spec.policy))
             if episode.can_rewind:
                 page.add_button("Back 1 s", self._rewind_second, "backspace")
                 steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
@@ -307,7 +308,7 @@ class Viewer:
     def _step(self) -> None:
         if not self.episode.has_ended:
             self._try(self.episode.step, is_due=False)
-        elif self._panel.continues:
+        elif self._panel.continues and not self._person:
             self._panel.seed = self.episode.seed + 1
             self._try(self._reset)
 
@@ -322,7 +323,11 @@ class Viewer:
             self._picture.offer(episode.physics)
 
     def _reset(self) -> None:
-        self.episode.start(self._panel.seed)
+        if self._person and self._panel.seed == self.episode.seed:
+            # Otherwise it would go on from its copy.
+            self._person.discard()
+        else:
+            self.episode.start(self._panel.seed)
         if not self._stage.shows(self.episode.physics):
             self._show_stage()
 

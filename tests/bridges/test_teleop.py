@@ -233,6 +233,14 @@ def browsing(port, count=1):
         yield browsers if count > 1 else browsers[0]
 
 
+@contextlib.contextmanager
+def browsing_of(process, port):
+    """A browser of a viewer that starts."""
+    process.stdout.readline()
+    with browsing(port) as browser:
+        yield browser
+
+
 @pytest.fixture
 def viewer(port, tmp_path):
     """A viewer in which a person plays, and its folder."""
@@ -260,6 +268,25 @@ def test_one_browser_controls_and_another_can_take_control(viewer, port):
         one.press("Open or close")
         one.wait(lambda: one.notifications)
         assert "fingers | closed" in one.report()
+
+
+@pytest.mark.web
+def test_a_reset_starts_the_episode_anew(port):
+    flags = ["--teleop", "--task_name=kettle", f"--port={port}"]
+    with running("view", *flags) as process, browsing_of(process, port) as browser:
+        browser.press("Up")
+        browser.wait(lambda: browser.number("control step") > 3)
+        browser.read(1.5)
+        browser.click("Reset")
+        browser.wait(lambda: browser.number("control step") == 0)
+        # Another policy, from which the person takes over.
+        browser.set("Take over from", "expert")
+        browser.click("Load")
+        browser.wait(lambda: "acts | the policy" in browser.report())
+        browser.press("Up")
+        browser.wait(lambda: "acts | you" in browser.report())
+        browser.press("Hand back")
+        browser.wait(lambda: "acts | the policy" in browser.report())
 
 
 @pytest.mark.web
