@@ -8,13 +8,13 @@ from typing import Any, SupportsFloat
 
 import dm_env
 import gymnasium
-import mink
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.bridges.page import HandPanel, Page, Stage
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.policies.registry import EXPERT_PACKAGES
 from kitchen_suite.rendering.viser_servers import check_extra, local_server
 
 # Camera through which a person looks at first.
@@ -32,6 +32,7 @@ class InterventionWrapper(gymnasium.Wrapper):
     def __init__(self, env: gymnasium.Env, port: int = 8080) -> None:
         """Serves the page at a port of this machine; raises an ImportError without the extras `web` and `experts`."""
         check_extra("InterventionWrapper")
+        checks.installed(EXPERT_PACKAGES, "InterventionWrapper", "experts")
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
         super().__init__(env)
@@ -56,6 +57,8 @@ class InterventionWrapper(gymnasium.Wrapper):
         assert self._timestep is not None
         self._given = np.asarray(action, np.float32)
         self._follow_commands()
+        if self._page.controlling is None and self._policy.is_persons:
+            self._policy.hand_back()
         assert isinstance(self.action_space, gymnasium.spaces.Box)
         made = np.clip(self._policy(self._timestep), self.action_space.low, self.action_space.high)
         observation, reward, termination, truncation, info = super().step(made)
@@ -89,15 +92,18 @@ class PageDevice:
     """
 
     def __init__(self, env: Any = None, pos_sensitivity: float = 1.0, rot_sensitivity: float = 1.0, port: int = 8080):
-        """Serves the page at a port of this machine; raises an ImportError without the extra `web`.
+        """Serves the page at a port of this machine; raises an ImportError without the extras `web` and `experts`.
 
         Args:
-          env: unused here; robosuite's devices keep it.
+          env: of robosuite; unused without its `Device`.
           pos_sensitivity: factor of displacements.
           rot_sensitivity: factor of turns.
           port: of the page.
         """
         check_extra("PageDevice")
+        checks.installed(EXPERT_PACKAGES, "PageDevice", "experts")
+        if self._is_robosuites:
+            super().__init__(env)  # type: ignore[call-arg]
         self.env, self._closing = env, contextlib.ExitStack()
         self._position = checks.number(pos_sensitivity, "pos_sensitivity", positive=True)
         self._rotation = checks.number(rot_sensitivity, "rot_sensitivity", positive=True)
@@ -110,20 +116,28 @@ class PageDevice:
         """Forgets what has been commanded, for a new episode."""
         _carry_out(self._page, self, wait=0.0)
         self.arm, self._wants_reset = _Commanded(), False
+        if self._is_robosuites:
+            self._reset_internal_state()  # type: ignore[attr-defined]
+
+    @property
+    def _is_robosuites(self) -> bool:
+        """Whether this is of a class that is derived from robosuite's `Device` as well."""
+        return hasattr(self, "_reset_internal_state")
 
     def get_controller_state(self) -> dict[str, Any]:
         """Returns what has been commanded since the last call.
 
         By name: `dpos`, a displacement `(3,)` [m]; `rotation`, of all turns since `start_control`, a matrix `(3, 3)`;
-        `raw_drotation`, the new turn `(3,)` [rad] as roll, pitch and yaw; `grasp`, whether the fingers are closed, 0 or
-        1; `reset`, whether another episode is wanted, 0 or 1; `base_mode`, always 0.
+        `raw_drotation`, the new turn `(3,)` [rad] in robosuite's order and signs: about y, about x, and about z the
+        other way; `grasp`, whether the fingers are closed, 0 or 1; `reset`, whether another episode is wanted, 0 or 1;
+        `base_mode`, always 0.
         """
         _carry_out(self._page, self, wait=0.0)
         offset, turn = self.arm.taken()
         return {
             "dpos": self._position * offset,
             "rotation": self.arm.rotation.as_matrix(),
-            "raw_drotation": self._rotation * turn,
+            "raw_drotation": self._rotation * turn[[1, 0, 2]] * (1.0, 1.0, -1.0),
             "grasp": int(self.arm.is_closed),
             "reset": int(self._wants_reset),
             "base_mode": 0,
@@ -136,6 +150,10 @@ class PageDevice:
     def request_reset(self) -> None:
         """Says that another episode is wanted."""
         self._wants_reset = True
+
+    def forget_reset(self) -> None:
+        """Says that this has been heard."""
+        self._wants_reset = False
 
     def hand_back(self) -> None:
         """Does nothing: nobody else acts."""
@@ -159,6 +177,9 @@ class _Commanded:
     """
 
     def __init__(self) -> None:
+        import mink
+
+        self._exponential = mink.SO3.exp
         self.is_closed, self.rotation = False, mink.SO3.identity()
         self._offset, self._turn = np.zeros(3), np.zeros(3)
 
@@ -166,7 +187,7 @@ class _Commanded:
         """Adds a displacement `(3,)` [m] and a turn `(3,)` [rad]."""
         moved, turned = np.asarray(offset, float), np.asarray(turn, float)
         self._offset, self._turn = self._offset + moved, self._turn + turned
-        self.rotation = mink.SO3.exp(turned) @ self.rotation
+        self.rotation = self._exponential(turned) @ self.rotation
 
     def grasp(self, close: bool) -> None:
         """Closes the fingers, or opens them."""

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # Time between two copies of an episode that has not been saved yet [s].
 _SAVE_EVERY = 1.0
 
-# Simulated time in which neither hand nor fingers move after which time stands still again [s], and distances below
-# which they do not [m]. Steps without motion are of no use to those who learn from them.
+# Simulated time in which neither hand nor fingers move after which time stands still again [s], and distance [m] and
+# difference of a quaternion below which they do not. Who learns from episodes has no use for steps without motion.
 _PATIENCE, _STILL = 0.5, 0.002
 
 # Folder of an episode that has not been saved yet, in the folder of those that have been.
@@ -82,13 +82,20 @@ class LiveEpisode:
 
     def start(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
         """Starts the episode of a seed, and of the options of its reset; raises as `SingleRollout.start`."""
-        self.seed = seed
+        self.seed, self._has_failed = seed, False
         self._rollout.start(seed, options=options)
 
     def step(self) -> None:
-        """Makes a control step, unless the episode has ended; raises what `SingleRollout.step` does."""
+        """Makes a control step, unless the episode has ended; raises what `SingleRollout.step` does.
+
+        After an error, such as physics that diverges, it raises a RuntimeError until the episode is started again.
+        """
+        if self._has_failed:
+            raise RuntimeError("the episode cannot go on: the last control step was not completed")
         if not self.has_ended:
+            self._has_failed = True
             self._rollout.step()
+            self._has_failed = False
 
     def report(self) -> str:
         """Returns the progress of the episode as Markdown: the tasks that it asks for, reward and measures."""
@@ -137,20 +144,25 @@ class TeleoperatedEpisode(LiveEpisode):
 
     _rollout: RewindableRollout
 
-    def __init__(
-        self, spec: EpisodeSpec, *, folder: RecordingFolder | None = None, unsaved: Path | None = None, **rendering: Any
-    ) -> None:
+    def __init__(self, spec: EpisodeSpec, *, unsaved: Path | None = None, render_quality: str = "fast") -> None:
         """Builds environment and policy.
 
         Args:
           spec: of the episodes; its policy is `teleop`, with options or without.
-          folder: in which episodes are saved; they have the numbers of their seeds.
           unsaved: folder of the copies, which is removed where there is none; None for no copies.
-          **rendering: the `render_quality`.
+          render_quality: of the scene.
         """
-        self._folder, self._unsaved, self.saved = folder, unsaved, 0
+        self._folder: RecordingFolder | None = None
+        self._unsaved, self.saved = unsaved, 0
         self.can_rewind = policies.options_of(spec.policy).get("rewind", True)
-        super().__init__(spec, **rendering)
+        super().__init__(spec, render_quality=render_quality)
+
+    def keep_in(self, folder: Path) -> None:
+        """Saves episodes in a folder, with the numbers of their seeds, and copies below it.
+
+        Raises as `RecordingFolder.claim`.
+        """
+        self._folder, self._unsaved = RecordingFolder.claim(folder, self.spec), folder / UNSAVED
 
     def _make_rollout(self, render_quality: str) -> RewindableRollout:
         # Without the checks of `policies.find`, behind which the arm could not be reached.
@@ -192,8 +204,7 @@ class TeleoperatedEpisode(LiveEpisode):
         Raises an OSError if the copy cannot be read.
         """
         self._start(seed, options)
-        if (copies := self._copies()) and seed in copies.indices:
-            self._repeat(copies.load(seed))
+        self._go_on_from_copy()
 
     def start_from(self, episode: EpisodeArrays, steps: int | None = None) -> None:
         """Starts an episode by the first control steps of a recorded one, by all of them without a number.
@@ -205,8 +216,22 @@ class TeleoperatedEpisode(LiveEpisode):
         count = episode.steps if steps is None else steps
         if not 0 <= count <= episode.steps:
             raise ValueError(f"the recorded episode has {episode.steps} control steps, not {count}")
+        if count > self.spec.max_episode_steps:
+            raise ValueError(f"an episode has {self.spec.max_episode_steps} control steps, fewer than {count}")
         self._start(episode.seed, None)
-        self._repeat(episode, count)
+        if not self._go_on_from_copy():
+            self._repeat(episode, count)
+
+    def _go_on_from_copy(self) -> bool:
+        """Makes the control steps of the copy again that was kept of this episode, if there is one."""
+        copies = self._copies()
+        if copies is None or self.seed not in copies.indices:
+            return False
+        try:
+            self._repeat(copies.load(self.seed))
+        except ValueError as error:
+            raise OSError(f"{self._unsaved} has a copy of this episode: {error}; remove it to start anew") from error
+        return True
 
     def _start(self, seed: int, options: Mapping[str, Any] | None) -> None:
         self.is_finished, self._kept = False, time.monotonic()
@@ -245,7 +270,10 @@ class TeleoperatedEpisode(LiveEpisode):
             self._moved = self.steps
 
     def _places(self) -> NDArray[np.float64]:
-        return np.concatenate([self.arm.hand[0], self.arm.fingers])
+        position, orientation = self.arm.hand
+        # Of the two quaternions of an orientation the one that is positive where it is greatest.
+        sign = np.sign(orientation[np.abs(orientation).argmax()])
+        return np.concatenate([position, sign * orientation, self.arm.fingers])
 
     def hand_back(self) -> None:
         """Lets the policy act again from which the person took over, if there is one."""
@@ -256,24 +284,29 @@ class TeleoperatedEpisode(LiveEpisode):
 
         Raises a ValueError where the specification forbids it.
         """
-        if not self.can_rewind:
-            raise ValueError("this episode cannot go back: its policy has the option rewind=False")
+        self._check_may_rewind()
         self._rollout.rewind(steps)
+        self._has_failed = False
         self._observe()
         self.policy.take_over()
         self.arm.resume()
         self._moved, self._place = self.steps, self._places()
         self.keep()
 
+    def _check_may_rewind(self) -> None:
+        if not self.can_rewind:
+            raise ValueError("this episode cannot go back: its policy has the option rewind=False")
+
     def finish(self) -> None:
         """Ends the episode: its further control steps are made with the hand where it is."""
+        self.policy.take_over()
         while not self.has_ended:
-            self.policy.take_over()
             super().step()
         self.is_finished = True
 
     def discard(self) -> None:
-        """Starts the episode anew, and forgets what has been played of it."""
+        """Starts the episode anew, and forgets what has been played of it; raises as `rewind`."""
+        self._check_may_rewind()
         self.forget()
         self._start(self.seed, self._rollout.options)
 
@@ -281,6 +314,8 @@ class TeleoperatedEpisode(LiveEpisode):
         """Saves the episode up to now; raises a ValueError where there is nothing to save, or its seed has been."""
         if self._folder is None or not self.steps:
             raise ValueError("there is nothing to save: make a control step first")
+        if self._has_failed:
+            raise ValueError("the last control step was not completed: go back, and then save")
         if self.seed in self.present:
             raise ValueError(f"an episode of seed {self.seed} has been saved already: choose another seed, and reset")
         episode = self.episode()
@@ -305,7 +340,10 @@ class TeleoperatedEpisode(LiveEpisode):
         A folder that cannot be written to is left alone.
         """
         self._kept = time.monotonic()
-        if not self.steps or not self._unsaved:
+        if not self._unsaved:
+            return
+        if not self.steps:
+            self.forget()
             return
         with contextlib.suppress(OSError):
             if copies := self._copies(make=True):
@@ -325,9 +363,11 @@ class TeleoperatedEpisode(LiveEpisode):
         return None
 
     def forget(self) -> None:
-        """Removes the copy of the episode."""
-        if self._unsaved:
-            shutil.rmtree(self._unsaved, ignore_errors=True)
+        """Removes the copy of this episode, and the folder of copies if it was the last one."""
+        if copies := self._copies():
+            copies.remove(self.seed)
+            if self._unsaved and not copies.indices:
+                shutil.rmtree(self._unsaved, ignore_errors=True)
 
     def _further_numbers(self) -> dict[str, str]:
         numbers = {

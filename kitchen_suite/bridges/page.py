@@ -110,7 +110,6 @@ class Page:
         self.gui.reset()
         self.server.scene.reset()
         self.commands = queue.SimpleQueue()
-        self._widgets: list[tuple[Any, Any]] = []
 
     def add_control(self) -> None:
         """Adds the button by which a browser takes control."""

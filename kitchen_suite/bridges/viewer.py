@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, policies, suite
-from kitchen_suite.bridges.live import UNSAVED, LiveEpisode, TeleoperatedEpisode, kept_by_user
+from kitchen_suite.bridges.live import LiveEpisode, TeleoperatedEpisode, kept_by_user
 from kitchen_suite.bridges.page import CameraPicture, Command, HandPanel, Page, Stage
 from kitchen_suite.environment import Environment
 from kitchen_suite.policies import POLICIES
@@ -232,7 +232,8 @@ class Viewer:
     def update(self) -> None:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
         panel, now = self._panel, time.monotonic()
-        stands_still = panel.is_paused or bool(self._problem) or self.episode.is_waiting
+        is_alone = self._page.exclusive and self._page.controlling is None
+        stands_still = panel.is_paused or bool(self._problem) or self.episode.is_waiting or is_alone
         if not stands_still and now >= self._due:
             self._step()
             # Where steps take longer than they should, time passes more slowly.
@@ -257,11 +258,11 @@ class Viewer:
                 page.add_button("Back 1 s", self._rewind_second, "backspace")
                 steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
                 page.add_button("Go back", lambda episode: episode.rewind(int(steps.value)), hint="By these steps.")
+                page.add_button("Discard", lambda episode: episode.discard(), hint="Starts the episode anew.")
             if settings is None:
                 page.add_button("Finish", lambda episode: episode.finish(), "enter", hint="The hand stays to the end.")
             elif settings.output is not None:
                 page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
-            page.add_button("Discard", lambda episode: episode.discard(), hint="Starts the episode anew.")
             self._follow = page.guard(gui.add_checkbox("Camera follows", initial_value=False))
             self._picture = CameraPicture(page, episode.physics)
 
@@ -318,6 +319,7 @@ class Viewer:
         episode = live_episode(dataclasses.replace(self._tasks.settings(), seed=self._panel.seed))
         self.episode.close()
         self.episode = episode
+        self._panel.seed = episode.seed
         self._show_stage()
         if self._picture:
             self._picture.offer(episode.physics)
@@ -387,12 +389,14 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
     spec = dataclasses.replace(spec, **here, max_episode_steps=steps)
     if settings.policy:
         spec = spec.prepared()
-    folder = RecordingFolder.claim(settings.output, spec) if settings.output else None
-    unsaved = settings.output and settings.output / UNSAVED
-    episode = TeleoperatedEpisode(spec, folder=folder, unsaved=unsaved, render_quality=settings.render_quality)
+    recorded = source and source.load(settings.start_episode)
+    # Last, so that bad settings leave no folder.
+    episode = TeleoperatedEpisode(spec, render_quality=settings.render_quality)
     find_camera(episode.physics, settings.camera)
-    if source:
-        episode.start_from(source.load(settings.start_episode), settings.start_step)
+    if settings.output:
+        episode.keep_in(settings.output)
+    if recorded:
+        episode.start_from(recorded, settings.start_step)
     else:
         episode.seed = settings.seed
         episode.start(episode.next_seed)
@@ -419,8 +423,12 @@ class ViewJob:
         task_name = settings.task_name or suite.default_task(settings.domain_name)
         self._settings = settings = dataclasses.replace(settings, task_name=task_name)
         if settings.policy is not None and policies.player_of(settings.policy):
+            if others := sorted(policies.options_of(settings.policy).keys() - {"policy"}):
+                raise ValueError(f"options {others} of policy 'teleop' are for other commands")
             first = policies.options_of(settings.policy).get("policy")
             self._settings = settings = dataclasses.replace(settings, teleop=True, policy=first)
+        if settings.start_from is None and (settings.start_episode or settings.start_step is not None):
+            raise ValueError("--start_episode and --start_step need --start_from, the folder of the episode")
         for name in ("output", "start_from"):
             if getattr(settings, name) is not None and not settings.teleop:
                 raise ValueError(f"--{name} is a folder of episodes that a person plays: it needs --teleop")

@@ -7,6 +7,7 @@ from lerobot.teleoperators.config import TeleoperatorConfig
 from lerobot.teleoperators.teleoperator import Teleoperator
 from lerobot.teleoperators.utils import TeleopEvents
 
+from kitchen_suite import checks
 from kitchen_suite.bridges.interventions import PageDevice
 
 
@@ -36,6 +37,7 @@ class BrowserTeleop(Teleoperator):
     def __init__(self, config: BrowserTeleopConfig) -> None:
         """Takes the settings; `connect` serves the page."""
         super().__init__(config)
+        checks.number(config.step, "step", positive=True)
         self._config = config
         self._device: PageDevice | None = None
         self._is_closed = self._moved = self._wants_reset = False
@@ -71,18 +73,25 @@ class BrowserTeleop(Teleoperator):
         deltas = (state["dpos"] / self._config.step).clip(-1.0, 1.0).tolist()
         is_closed = bool(state["grasp"])
         gripper = 1.0 if is_closed == self._is_closed else 0.0 if is_closed else 2.0
-        self._is_closed, self._wants_reset = is_closed, bool(state["reset"])
+        self._is_closed = is_closed
+        if state["reset"]:
+            self._wants_reset = True
+            self._connected().forget_reset()
         self._moved = any(deltas) or gripper != 1.0
         return {**dict(zip(("delta_x", "delta_y", "delta_z"), deltas, strict=True)), "gripper": gripper}
 
     def get_teleop_events(self) -> dict[str, Any]:
-        """Returns whether the last action was a person's, and whether the episode is to be recorded again."""
+        """Returns whether the last action was a person's, and, once, whether the episode is to be recorded again.
+
+        That an episode has succeeded the environment says, not the page.
+        """
         self._connected()
+        wants_reset, self._wants_reset = self._wants_reset, False
         return {
             TeleopEvents.IS_INTERVENTION: self._moved,
-            TeleopEvents.TERMINATE_EPISODE: self._wants_reset,
+            TeleopEvents.TERMINATE_EPISODE: wants_reset,
             TeleopEvents.SUCCESS: False,
-            TeleopEvents.RERECORD_EPISODE: self._wants_reset,
+            TeleopEvents.RERECORD_EPISODE: wants_reset,
         }
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:

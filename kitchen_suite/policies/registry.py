@@ -268,6 +268,8 @@ class TeleopSource(PolicySource):
     ) -> Policy:
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
+        if policy is not None and (not isinstance(policy, str) or player_of(policy)):
+            raise ValueError(f"policy must be the name of one that acts by itself, got {checks.shown(policy)}")
         checks.boolean(rewind, "rewind")
         checks.integer(port, "port", minimum=1024, maximum=65535)
         return TeleoperatedPolicy(environment.task, find(policy)(environment, generator) if policy else None)

@@ -18,6 +18,9 @@ from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
+# Arguments with which goals are observed by task; no other domain has such observations.
+_OBSERVED, _GOAL_FORMAT = "goal", "dict"
+
 # The tasks of the goals, in BeT's order.
 TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
 
@@ -34,8 +37,9 @@ class BeTPlan(ExportPlan):
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         super().__init__(dataset_id, spec, count, root)
-        if spec.domain_name != "kitchen" or spec.argument("goal_format") != "dict":
-            raise ValueError("a dataset for BeT is of the domain kitchen, with goals by task")
+        observed = spec.env_class.find_obs_type(spec.argument("obs_type"))
+        if observed != _OBSERVED or spec.argument("goal_format") != _GOAL_FORMAT:
+            raise ValueError("a dataset for BeT is of the domain kitchen, observed with goals by task")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         inner = suite_env(environment)

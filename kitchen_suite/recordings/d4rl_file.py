@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, state_observations
+from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, further_observations, state_observations
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS
@@ -21,15 +21,16 @@ _ROBOT = len(np.r_[ROBOT_POSITIONS])
 def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray[np.float64]:
     """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and the goals in the same layout.
 
-    Where no task is asked for, goals are 0.
+    Where no task is requested, goals are 0.
     """
     task, arrays = environment.composer_task, episode.arrays
+    requested = arrays.get("observation/requested_tasks")
     observations = arrays["observation/observation"]
     goals = np.zeros((len(observations), POSITIONS.size))
-    for name in task.mdp.goals.tasks:
+    for number, name in enumerate(task.mdp.goals.tasks):
         if (key := f"observation/desired_goal/{name}") in arrays:
             elements = task.scene.elements(GOALS[name].prop, GOALS[name].joints)
-            goals[:, _ROBOT + elements] = arrays[key]
+            goals[:, _ROBOT + elements] = arrays[key] * (1.0 if requested is None else requested[:, [number]])
     return np.concatenate([observations[:, POSITIONS], goals], axis=1)
 
 
@@ -38,7 +39,7 @@ class D4RLPlan(ExportPlan):
 
     `observations` and `actions` before each step, `rewards`, `terminals`, `timeouts` and `next_observations` after it;
     of the kitchen with goals by task, observations are those of `relay_observations`, and `infos/observations` the
-    suite's.
+    suite's. What else is observed in numbers, such as requested tasks, is in `infos`.
     """
 
     title = "D4RL"
@@ -63,4 +64,5 @@ class D4RLPlan(ExportPlan):
                     "terminals": arrays["termination"],
                     "timeouts": ends & ~arrays["termination"],
                 }
-                file.append({**rows, **({"infos/observations": observed[:-1]} if is_relay else {})})
+                further = {f"infos/{key}": each[:-1] for key, each in further_observations(episode).items()}
+                file.append({**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **further})

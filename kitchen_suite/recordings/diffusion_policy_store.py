@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from kitchen_suite import files
-from kitchen_suite.recordings.exports import ExportPlan, state_observations
+from kitchen_suite.recordings.exports import ExportPlan, further_observations, key_of, state_observations
 from kitchen_suite.rollouts.episode import EpisodeArrays
 
 # Rows of a chunk.
@@ -18,7 +18,8 @@ _CHUNK = 1024
 class DiffusionPolicyPlan(ExportPlan):
     """A store `NAME.zarr`: arrays `(n, ...)` of all control steps in `data`, and `meta/episode_ends`.
 
-    `data` has `obs`, the numbers observed before each step, `action`, `reward`, and the pictures by camera.
+    `data` has `obs`, the numbers observed before each step, `action`, `reward`, the pictures by name, and what else is
+    observed in numbers.
     """
 
     title = "Diffusion Policy"
@@ -33,12 +34,14 @@ class DiffusionPolicyPlan(ExportPlan):
         for episode in episodes:
             arrays = episode.arrays
             pictures = {
-                name.rpartition("/")[2]: rows[:-1]
+                key_of(name): rows[:-1]
                 for name, rows in arrays.items()
                 if name.startswith("observation") and rows.ndim == 4
             }
             observed = state_observations(episode)[:-1]
-            rows = {"obs": observed, "action": arrays["action"], "reward": arrays["reward"], **pictures}
+            further = {key: each[:-1] for key, each in further_observations(episode).items()}
+            numbers = {"obs": observed} if observed.shape[1] else {}
+            rows = {**numbers, "action": arrays["action"], "reward": arrays["reward"], **further, **pictures}
             files.reserve(folder / "reserved", sum(2 * each.nbytes for each in rows.values()))
             (folder / "reserved").unlink()
             for name, each in rows.items():

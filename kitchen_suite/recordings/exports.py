@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,7 +19,7 @@ from kitchen_suite import checks, files
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.gymnasium_env.observations import has_pictures
 from kitchen_suite.recordings.formats import DatasetPlan
-from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 
@@ -36,11 +37,13 @@ class ExportRecord:
     """Contents of the record.
 
     Attributes:
+      format: title of the program that reads it.
       recording: specification of the recording.
       num_episodes: number of episodes asked for.
       seeds: of the episodes, in the order of the dataset.
     """
 
+    format: str
     recording: Mapping[str, Any]
     num_episodes: int
     seeds: list[int]
@@ -76,11 +79,15 @@ class ExportPlan(DatasetPlan):
         self.folder = root / Path(dataset_id).parent
         self.name = Path(dataset_id).name
         self._record_file = self.folder / RECORD_FILE.format(name=self.name + self.suffix)
-        if not self.is_missing:
+        if self._record_file.exists():
             record = read_record(self._record_file)
+            if record.format != self.title:
+                raise ValueError(f"dataset {dataset_id!r} exists and is one for {record.format}: name another one")
             self._check_same(record.recording, record.num_episodes)
-        elif self.path.exists():
-            raise ValueError(f"{self.path} exists, and kitchen-record has not made it: name another dataset")
+            if not self.path.exists():
+                raise ValueError(f"{self.path} is gone, but not {self._record_file}: remove that as well")
+        else:
+            self._check_free()
 
     @property
     def path(self) -> Path:
@@ -100,15 +107,39 @@ class ExportPlan(DatasetPlan):
                 seeds.append(episode.seed)
                 yield episode
 
-        self.folder.mkdir(parents=True, exist_ok=True)
         with files.temporary_folder(self.folder / self.name) as elsewhere:
             elsewhere.mkdir()
             self.write(elsewhere, environment, episodes(), len(indices))
-            for made in sorted(elsewhere.iterdir()):
+            record = ExportRecord(
+                format=self.title, recording=self.spec.as_json(), num_episodes=self.count, seeds=seeds
+            )
+            text = json.dumps(dataclasses.asdict(record), indent=1)
+            (elsewhere / self._record_file.name).write_text(f"{text}\n", encoding="utf-8")
+            self._check_free()
+            self._move(elsewhere)
+
+    def _move(self, elsewhere: Path) -> None:
+        """Moves what has been written to its place, the record last; after an error nothing is there."""
+        moved = []
+        try:
+            for made in sorted(elsewhere.iterdir(), key=lambda path: path.name == self._record_file.name):
                 os.rename(made, self.folder / made.name)
-        record = ExportRecord(recording=self.spec.as_json(), num_episodes=self.count, seeds=seeds)
-        with files.atomic_write(self._record_file) as partial:
-            partial.write_text(f"{json.dumps(dataclasses.asdict(record), indent=1)}\n", encoding="utf-8")
+                moved.append(self.folder / made.name)
+        except BaseException:
+            for path in moved:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            raise
+
+    def _check_free(self) -> None:
+        """Raises a ValueError if something is where the dataset is to be."""
+        for path in (self.path, *self.further):
+            if path.exists():
+                raise ValueError(f"{path} exists, and is not of this dataset: name another one")
+
+    @property
+    def further(self) -> tuple[Path, ...]:
+        """Files that the dataset may have beside `path`."""
+        return ()
 
     @abc.abstractmethod
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
@@ -133,21 +164,37 @@ def state_observations(episode: EpisodeArrays) -> NDArray:
     return np.concatenate(parts, axis=1) if parts else np.empty((episode.steps + 1, 0))
 
 
+def further_observations(episode: EpisodeArrays) -> dict[str, NDArray]:
+    """Returns what else is observed in numbers, such as the tasks that are requested, by name; not goals of tasks."""
+    names = [name for name, rows in episode.arrays.items() if name.startswith("observation/") and rows.ndim == 2]
+    left_out = ("observation/observation", "observation/achieved_goal/", "observation/desired_goal/")
+    has_state = "observation/observation" in episode.arrays
+    return {key_of(name): episode.arrays[name] for name in names if has_state and not name.startswith(left_out)}
+
+
+def key_of(name: str) -> str:
+    """Returns the name of an array of observations as a key without slashes and blanks."""
+    return name.removeprefix("observation/").replace("/", "_").replace(" ", "_")
+
+
 def physics_states(environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> NDArray[np.float64]:
     """Returns time [s], qpos and qvel `(T + 1, 1 + nq + nv)` of the physics in an episode, which is played again.
 
-    Raises an OSError if its rewards are not those that were recorded.
+    Raises an OSError if rewards or observed numbers are not those that were recorded.
     """
     assert episode.seed is not None
-    reset_to_seed(environment, episode.seed, spec.seeding)
-    inner, states, rewards = suite_env(environment), [], []
+    buffer, states = EpisodeBuffer(*reset_to_seed(environment, episode.seed, spec.seeding)), []
+    physics = suite_env(environment).environment.physics
     for step in range(episode.steps + 1):
-        data = inner.environment.physics.data
+        data = physics.data
         states.append(np.concatenate([[data.time], data.qpos, data.qvel]))
         if step < episode.steps:
-            rewards.append(float(environment.step(episode.arrays["action"][step])[1]))
-    if not np.array_equal(rewards, episode.arrays["reward"]):
-        raise OSError(f"the episode of seed {episode.seed} does not play again here: it was recorded elsewhere")
+            buffer.step(environment, episode.arrays["action"][step])
+        if differing := buffer.differing(episode.arrays):
+            raise OSError(
+                f"the episode of seed {episode.seed} does not play again here, where its {differing} differs: it was "
+                "recorded elsewhere"
+            )
     return np.stack(states)
 
 

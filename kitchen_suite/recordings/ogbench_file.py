@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import ExportPlan, physics_states, state_observations
+from kitchen_suite.recordings.exports import ExportPlan, further_observations, physics_states, state_observations
 from kitchen_suite.rollouts.episode import EpisodeArrays
 
 # One episode in ten is for validation; of fewer there is no file for it.
@@ -22,10 +22,15 @@ class OGBenchPlan(ExportPlan):
     Episodes are one after the other, each with a row more than it has control steps: `observations`, `qpos` and `qvel`
     from the reset to the last step; `actions`, of which the last row repeats the one before; `terminals`, 1 in the last
     row alone. `rewards` and `completions` `(n,)` are those of the step that led to a row, 0 at the reset.
+    What else is observed in numbers, such as requested tasks, is there by its name.
     """
 
     title = "OGBench"
     suffix = ".npz"
+
+    @property
+    def further(self) -> tuple[Path, ...]:
+        return (self.folder / f"{self.name}-val.npz",)
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         validation = count // _VALIDATION
@@ -50,4 +55,5 @@ class OGBenchPlan(ExportPlan):
             "qvel": states[:, 1 + size :],
             "rewards": np.concatenate([[0.0], arrays["reward"]]),
             "completions": np.concatenate([[False], arrays["termination"]]),
+            **further_observations(episode),
         }

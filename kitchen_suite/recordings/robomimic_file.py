@@ -5,10 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 
 from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, physics_states
+from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, key_of, physics_states
 from kitchen_suite.rollouts.episode import EpisodeArrays
 
 # robomimic's type of environments of Gymnasium's interface.
@@ -21,8 +22,9 @@ _VALIDATION = 10
 class RobomimicPlan(ExportPlan):
     """A file `NAME.hdf5`: a group `data/demo_I` for each episode, and names of demonstrations in `mask`.
 
-    A group has `actions`, `rewards`, `dones`, `terminations`, `truncations`, `obs/KEY` and `next_obs/KEY`, whose keys
-    are those of the observation with an underscore for each slash, and `states`: time, qpos and qvel before each step.
+    A group has `actions`, `rewards`, `dones` (1 in the last step), `terminations`, `truncations`, `obs/KEY` and
+    `next_obs/KEY`, whose keys are those of the observation with an underscore for each slash, and `states`: time, qpos
+    and qvel before each step.
     """
 
     title = "robomimic"
@@ -36,14 +38,14 @@ class RobomimicPlan(ExportPlan):
             data = file.file.create_group("data")
             for number, episode in enumerate(episodes):
                 arrays, states = episode.arrays, physics_states(environment, spec, episode)
-                observed = {_key(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+                observed = {key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
                 file.append(
                     {
                         f"data/demo_{number}/{name}": rows
                         for name, rows in {
                             "actions": arrays["action"],
                             "rewards": arrays["reward"],
-                            "dones": (arrays["termination"] | arrays["truncation"]).astype("int64"),
+                            "dones": np.arange(1, episode.steps + 1) // episode.steps,
                             "terminations": arrays["termination"],
                             "truncations": arrays["truncation"],
                             "states": states[:-1],
@@ -57,15 +59,11 @@ class RobomimicPlan(ExportPlan):
                 group.attrs["model_file"] = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
                 total += episode.steps
             data.attrs["total"] = total
+            own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
-            data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**spec.task_kwargs}})
+            data.attrs["env_args"] = json.dumps({**arguments, "env_kwargs": {**own, **spec.task_kwargs}})
             first = count // _VALIDATION
             masks = {"train": range(first, count), "valid": range(first)}
             for name, numbers in masks.items():
                 if numbers:
                     file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
-
-
-def _key(name: str) -> str:
-    """Returns the name of an array of observations as a key of robomimic's, which has no slashes and no blanks."""
-    return name.removeprefix("observation/").replace("/", "_").replace(" ", "_")

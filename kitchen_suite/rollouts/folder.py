@@ -103,6 +103,10 @@ class RecordingFolder:
         )
         files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
 
+    def remove(self, index: int) -> None:
+        """Removes an episode, if it is there."""
+        self._path(index).unlink(missing_ok=True)
+
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
         arrays, record = files.load_arrays(self._path(index), "an episode")

@@ -1,6 +1,7 @@
 """A person who plays in the page, through viser's protocol: alone, after a policy, with others, and after a crash."""
 
 import contextlib
+import dataclasses
 import importlib.util
 import itertools
 import json
@@ -12,6 +13,7 @@ import threading
 import time
 
 import gymnasium
+import mink
 import numpy as np
 import pytest
 from helpers.errors import refused
@@ -48,8 +50,9 @@ def play(episode, steps):
 
 def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     spec = spec_of("teleop(policy='expert(speed=0.2)')")
-    folder = RecordingFolder.claim(tmp_path, spec)
-    episode = started(spec, folder=folder)
+    episode = TeleoperatedEpisode(spec)
+    episode.keep_in(tmp_path)
+    episode.start(3)
     play(episode, 8)
     assert not episode.is_waiting
     assert "acts | the policy" in episode.report()
@@ -60,7 +63,7 @@ def test_a_policy_acts_until_a_person_takes_over_and_hands_back(tmp_path):
     assert not episode.is_waiting
     play(episode, 5)
     episode.save()
-    arrays = folder.load(3).arrays
+    arrays = RecordingFolder.open(tmp_path).load(3).arrays
     assert arrays["label/is_intervention"].tolist() == [False] * 8 + [True] * 6 + [False] * 5
     np.testing.assert_array_equal(arrays["label/teleop_action"], arrays["action"])
     assert arrays["action"].dtype == np.float32
@@ -122,6 +125,66 @@ def test_a_crash_loses_nothing_but_the_last_second(tmp_path):
     assert started(seed=4, unsaved=tmp_path / UNSAVED).steps == 0
     second.discard()
     assert second.steps == started(unsaved=tmp_path / UNSAVED).steps == 0
+
+
+def test_copies_of_other_seeds_stay_and_those_of_what_was_rejected_do_not(tmp_path):
+    first = started(seed=1, unsaved=tmp_path / UNSAVED)
+    play(first, 5)
+    first.keep()
+    first.start(2)
+    play(first, 3)
+    first.keep()
+    first.discard()
+    first.start(1)
+    assert first.steps == 5
+    first.rewind(100)
+    assert started(seed=1, unsaved=tmp_path / UNSAVED).steps == 0
+    assert not (tmp_path / UNSAVED).exists()
+
+
+def test_after_a_step_that_failed_the_episode_only_goes_back(monkeypatch, tmp_path):
+    episode = TeleoperatedEpisode(spec_of())
+    episode.keep_in(tmp_path / "mine")
+    episode.start(0)
+    play(episode, 4)
+    environment = type(episode._rollout.environment)
+    with monkeypatch.context() as patch:
+        patch.setattr(environment, "step", lambda *arguments: 1 / 0)
+        with refused(ZeroDivisionError, "division"):
+            episode.step()
+    for action in (episode.step, episode.finish):
+        with refused(RuntimeError, "cannot go on"):
+            action()
+    with refused(ValueError, "was not completed"):
+        episode.save()
+    episode.rewind(1)
+    play(episode, 2)
+    episode.save()
+    assert replay.main([str(tmp_path / "mine")]) == 0
+
+
+def test_a_copy_that_does_not_play_again_is_named(tmp_path):
+    first = started(unsaved=tmp_path / UNSAVED)
+    first.arm.nudge([0.0, 0.0, 0.05])
+    play(first, 5)
+    first.keep()
+    copies = RecordingFolder.open(tmp_path / UNSAVED)
+    episode = copies.load(3)
+    arrays = {**episode.arrays, "reward": episode.arrays["reward"] + 1.0}
+    copies.save(dataclasses.replace(episode, arrays=arrays), copies.load_stats(3))
+    with refused(OSError, UNSAVED, "remove it"):
+        started(unsaved=tmp_path / UNSAVED)
+
+
+def test_time_goes_on_while_the_hand_turns():
+    episode = started(spec_of(steps=300))
+    position, orientation = episode.arm.hand
+    turned = mink.SO3(orientation) @ mink.SO3.exp(np.array([0.0, 0.0, 1.2]))
+    episode.arm.move_to(position, turned.wxyz)
+    while not episode.is_waiting:
+        episode.step()
+    _, found = episode.arm.hand
+    assert np.linalg.norm((turned @ mink.SO3(found).inverse()).log()) < 0.1
 
 
 def test_an_episode_goes_on_from_a_recorded_state(tmp_path):
@@ -194,8 +257,9 @@ def stats_of(live, episode):
 def test_an_episode_may_be_forbidden_to_go_back():
     episode = started(spec_of("teleop(rewind=False)"))
     play(episode, 2)
-    with refused(ValueError, "rewind=False"):
-        episode.rewind(1)
+    for action in (lambda: episode.rewind(1), episode.discard):
+        with refused(ValueError, "rewind=False"):
+            action()
 
 
 def test_a_finished_episode_lasts_to_its_end():
@@ -489,7 +553,8 @@ def test_a_device_has_what_robosuites_devices_return(port):
         time.sleep(1.0)
         state = device.get_controller_state()
     np.testing.assert_allclose(state["dpos"], [0.0, 0.0, 0.04])
-    np.testing.assert_allclose(state["raw_drotation"], [0.0, 0.0, np.deg2rad(5.0)])
+    # As `input2action` of robosuite reads it: elements 1, 0, 2, and the last one the other way.
+    np.testing.assert_allclose(state["raw_drotation"], [0.0, 0.0, -np.deg2rad(5.0)])
     np.testing.assert_allclose(state["rotation"][0, 0], np.cos(np.deg2rad(5.0)))
     assert [state[name] for name in ("grasp", "reset", "base_mode")] == [1, 1, 0]
     np.testing.assert_array_equal(device.get_controller_state()["dpos"], np.zeros(3))

@@ -274,8 +274,12 @@ def test_the_page_is_a_teleoperator(port, tmp_path):
         with contextlib.closing(Browser(port)) as browser:
             for label in ("Up", "Open or close"):
                 browser.press(label)
+            browser.click("Reset")
             time.sleep(1.0)
         assert teleoperator.get_action() == {**stays, "delta_z": pytest.approx(0.4), "gripper": 0.0}
-        assert teleoperator.get_teleop_events()[TeleopEvents.IS_INTERVENTION]
+        events = teleoperator.get_teleop_events()
+        assert events[TeleopEvents.IS_INTERVENTION]
+        assert events[TeleopEvents.RERECORD_EPISODE]
         assert teleoperator.get_action() == stays
+        assert not any(teleoperator.get_teleop_events().values())
     assert not teleoperator.is_connected

@@ -174,7 +174,7 @@ def test_a_persons_policy_has_options_and_another_policy(kettle):
     assert policies.labels_of(policy)["is_intervention"].tolist() is False
     policy.take_over()
     policy(kettle.reset())
-    for options in ("policy='moon'", "rewind=3", "port=80", "speed=2"):
+    for options in ("policy='moon'", "policy=3", "policy='teleop'", "rewind=3", "port=80", "speed=2"):
         with refused(policies.PolicyError, "teleop("):
             policies.find(f"teleop({options})")(kettle, np.random.default_rng(0))
 
