@@ -16,7 +16,7 @@ CEILINGS = {
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
     # Raised for teleoperation.
-    "lines of source": 33_500,
+    "lines of source": 33_600,
 }
 
 

@@ -24,6 +24,8 @@ from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import EpisodeSettings
 
 COUNT = 3
+pytestmark = pytest.mark.thorough
+
 KITCHEN = ["--num_threads=1", "--output=runs", f"--num_episodes={COUNT}", "--num_envs=2", "--seed=5"]
 EXPERT = ["--policy=expert", "--task_name=complete", '--task_kwargs={"variations": null}']
 SHORT = ["--policy=random", "--task_name=kettle", "--max_episode_steps=5"]
