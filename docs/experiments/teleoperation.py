@@ -42,7 +42,7 @@ PICTURE = Path(__file__).resolve().parent.parent / "pictures" / "teleoperation.w
 # Size of the page [pixels]; the panel covers its right third.
 WIDTH, HEIGHT = 960, 480
 
-TASKS, TIMES, RECIPE_TASK = ("kettle", "microwave"), 10, "microwave"
+TASKS, TIMES, RECIPE_TASK = ("kettle", "microwave"), 10, "kettle"
 
 # Distance between places on a path [m], of a place that is reached, and of a key press.
 SPACING, REACHED, NUDGE = 0.04, 0.012, 0.01

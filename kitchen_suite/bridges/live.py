@@ -30,7 +30,10 @@ _SAVE_EVERY = 1.0
 
 # Simulated time in which neither hand nor fingers move after which time stands still again [s], and distance [m] and
 # difference of a quaternion below which they do not. Who learns from episodes has no use for steps without motion.
-_PATIENCE, _STILL = 0.5, 0.002
+_PATIENCE, _STILL = 0.15, 0.002
+
+# Simulated time that the arm has to begin to move [s].
+_BEGINNING = 0.3
 
 # Folder of an episode that has not been saved yet, in the folder of those that have been.
 UNSAVED = "unsaved"
@@ -237,7 +240,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self.is_finished, self._kept = False, time.monotonic()
         super().start(seed, options)
         self._observe()
-        self._moved, self._place = 0, self._places()
+        self._wait_for_motion()
 
     def _repeat(self, episode: EpisodeArrays, count: int | None = None) -> None:
         """Makes the first control steps of an episode again, and goes on from there."""
@@ -267,7 +270,10 @@ class TeleoperatedEpisode(LiveEpisode):
             self._moved, self._place = self.steps, place
         elif (self.steps - self._moved) * self.timestep >= _PATIENCE:
             self.arm.rest()
-            self._moved = self.steps
+            self._wait_for_motion()
+
+    def _wait_for_motion(self) -> None:
+        self._moved, self._place = self.steps + round(_BEGINNING / self.timestep), self._places()
 
     def _places(self) -> NDArray[np.float64]:
         position, orientation = self.arm.hand
@@ -290,7 +296,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self._observe()
         self.policy.take_over()
         self.arm.resume()
-        self._moved, self._place = self.steps, self._places()
+        self._wait_for_motion()
         self.keep()
 
     def _check_may_rewind(self) -> None:
