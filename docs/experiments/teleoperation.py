@@ -378,8 +378,8 @@ def picture() -> None:
 
     path = expert_path("microwave", 0)
     with (
-        shown("--task_name=microwave", "--camera=overview", "--output=mine") as (page, _),
         tempfile.TemporaryDirectory() as folder,
+        shown("--task_name=microwave", "--camera=overview", f"--output={folder}/mine") as (page, _),
     ):
         person = ScriptedPerson(page, "microwave", 0)
         for place in path[: len(path) * 2 // 3]:
