@@ -540,7 +540,8 @@ class ViewSettings(EpisodeSettings):
     camera: str = camera_flag("overview")
     render_quality: str = render_quality_flag("fast")
     port: int = flag("Port of the page, on this machine alone.", 8080, minimum=1024, maximum=65535)
-    policy: str | None = policy_flag(None, unset="random; with teleop none")
+    # None where it is not given, which `kitchen-view` replaces.
+    policy: str | None = policy_flag(None, unset="random; with teleop none")  # type: ignore[assignment]
     teleop: bool = flag("Move the hand in the page; with --policy, after this policy until it is handed back.", False)
     output: Path | None = output_flag(None)
     start_from: Path | None = flag("Recording with an episode to go on from, of any policy.", None, unset="none")

@@ -146,6 +146,8 @@ class TeleoperatedEpisode(LiveEpisode):
     """
 
     _rollout: RewindableRollout
+    _moved: int
+    _place: NDArray[np.float64]
 
     def __init__(self, spec: EpisodeSpec, *, unsaved: Path | None = None, render_quality: str = "fast") -> None:
         """Builds environment and policy.

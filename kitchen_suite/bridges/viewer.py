@@ -218,7 +218,8 @@ class Viewer:
         self._page, self.episode = page, episode
         self._panel = EpisodePanel(page, camera, has_seeds=settings is not None, seed=episode.seed)
         self._problem, self._due, self._shown, self._is_stale = "", time.monotonic(), 0.0, False
-        self._picture = self._follow = None
+        self._picture: CameraPicture | None = None
+        self._follow: Any = None
         if isinstance(episode, TeleoperatedEpisode):
             self._add_hand_widgets(episode, settings)
         self._tasks = TaskPanel(page, settings) if settings else None
@@ -385,8 +386,9 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
     spec = source.spec if source else EpisodeSpec.of(_persons_settings(settings), seeding="gymnasium")
     policy, steps = _persons_policy(settings), settings.max_episode_steps or _PERSONS_STEPS
     # Episodes have the numbers of their seeds. That recorded ones play again here is checked.
-    here = {"policy": policy, "policy_sha256": None, "seed": 0, "versions": installed_versions()}
-    spec = dataclasses.replace(spec, **here, max_episode_steps=steps)
+    spec = dataclasses.replace(
+        spec, policy=policy, policy_sha256=None, seed=0, versions=installed_versions(), max_episode_steps=steps
+    )
     if settings.policy:
         spec = spec.prepared()
     recorded = source and source.load(settings.start_episode)

@@ -43,7 +43,8 @@ class BeTPlan(ExportPlan):
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         inner = suite_env(environment)
-        tasks, columns = inner.composer_task.mdp.goals.tasks, collections.defaultdict(list)
+        tasks = inner.composer_task.mdp.goals.tasks
+        columns: dict[str, list[NDArray]] = collections.defaultdict(list)
         for episode in episodes:
             columns["observations_seq"].append(relay_observations(inner, episode)[:-1])
             columns["actions_seq"].append(episode.arrays["action"])

@@ -30,7 +30,7 @@ class DiffusionPolicyPlan(ExportPlan):
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         zarr = importlib.import_module("zarr")
         root = zarr.open_group(str(folder / self.path.name), mode="w")
-        data, ends = root.create_group("data"), []
+        data, ends = root.create_group("data"), list[int]()
         for episode in episodes:
             arrays = episode.arrays
             pictures = {

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -39,7 +40,7 @@ class OGBenchPlan(ExportPlan):
         for name, number in parts.items():
             rows = [self._rows(environment, episode) for episode in itertools.islice(remaining, number)]
             if rows:
-                columns = {key: np.concatenate([each[key] for each in rows]) for key in rows[0]}
+                columns: dict[str, Any] = {key: np.concatenate([each[key] for each in rows]) for key in rows[0]}
                 np.savez_compressed(folder / f"{name}.npz", **columns)
 
     def _rows(self, environment: gymnasium.Env, episode: EpisodeArrays) -> dict[str, NDArray]:
