@@ -163,7 +163,7 @@ class PageDevice:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Returns displacement and turn as robosuite's controllers take them, within -1 and 1.
 
-        The largest nudge is the largest action of its OSC_POSE controller by default: 0.05 m and 0.5 rad.
+        0.05 m and 0.5 rad are 1: the largest action of its OSC_POSE controller by default.
         """
         return np.clip(dpos / 0.05, -1.0, 1.0), np.clip(drotation / 0.5, -1.0, 1.0)
 

@@ -60,7 +60,7 @@ _WRISTS = ("franka/wrist", "franka/hand")
 
 
 class Person(Protocol):
-    """What a person commands: an episode that is shown, or a policy."""
+    """An episode or a policy whose arm a person moves in the page."""
 
     @property
     def arm(self) -> "Teleoperation":

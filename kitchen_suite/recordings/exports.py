@@ -1,4 +1,4 @@
-"""What datasets in files of other programs share: names, a record beside them, numbers and states of episodes."""
+"""The base of datasets in files of other programs, and the arrays of an episode that several of them have."""
 
 import abc
 import dataclasses
@@ -87,7 +87,10 @@ class ExportPlan(DatasetPlan):
             if not self.path.exists():
                 raise ValueError(f"{self.path} is gone, but not {self._record_file}: remove that as well")
         else:
-            self._check_free()
+            try:
+                self._check_free()
+            except FileExistsError as error:
+                raise ValueError(str(error)) from error
 
     @property
     def path(self) -> Path:
@@ -115,13 +118,16 @@ class ExportPlan(DatasetPlan):
             )
             text = json.dumps(dataclasses.asdict(record), indent=1)
             (elsewhere / self._record_file.name).write_text(f"{text}\n", encoding="utf-8")
-            self._check_free()
             self._move(elsewhere)
 
     def _move(self, elsewhere: Path) -> None:
-        """Moves what has been written to its place, the record last; after an error nothing is there."""
-        moved = []
+        """Moves what has been written to its place, the record last; after an error nothing is there.
+
+        Raises a FileExistsError if something has come there in the meantime.
+        """
+        moved: list[Path] = []
         try:
+            self._check_free()
             for made in sorted(elsewhere.iterdir(), key=lambda path: path.name == self._record_file.name):
                 os.rename(made, self.folder / made.name)
                 moved.append(self.folder / made.name)
@@ -131,10 +137,10 @@ class ExportPlan(DatasetPlan):
             raise
 
     def _check_free(self) -> None:
-        """Raises a ValueError if something is where the dataset is to be."""
+        """Raises a FileExistsError if something is where the dataset is to be."""
         for path in (self.path, *self.further):
             if path.exists():
-                raise ValueError(f"{path} exists, and is not of this dataset: name another one")
+                raise FileExistsError(f"{path} exists, and is not of this dataset: name another one")
 
     @property
     def further(self) -> tuple[Path, ...]:

@@ -107,7 +107,7 @@ def _scene_class() -> Any:
 
 
 def _add_lights(server: "viser.ViserServer") -> None:
-    """Adds light in place of viser's, which takes a browser without a graphics card several times as long."""
+    """Adds one light in place of viser's, which are slow to draw without a graphics card."""
     scene = server.scene
     scene.configure_default_lights(enabled=False, cast_shadow=False)
     scene.configure_environment_map(None)

@@ -568,6 +568,24 @@ def test_a_device_has_what_robosuites_devices_return(port):
     device.close()
 
 
+@pytest.mark.web
+def test_a_class_of_robosuites_is_made_and_reset_as_one(port):
+    class Device:
+        def __init__(self, env):
+            self.robots = env
+
+        def _reset_internal_state(self):
+            self.active_robot = 0
+
+    class Browser(PageDevice, Device):
+        pass
+
+    device = Browser("robots", port=port)
+    device.start_control()
+    assert (device.robots, device.env, device.active_robot) == ("robots", "robots", 0)
+    device.close()
+
+
 def wait_until(condition):
     for _ in range(200):
         if condition():
