@@ -287,14 +287,14 @@ class PlaySettings(FilmSettings):
 class RecordSettings(WorkerSettings):
     """Settings of `kitchen-record`.
 
-    A preset sets those that have their default: task, `task_kwargs` and policy.
+    A preset sets those that have their default: task, policy, episodes and some of the `task_kwargs`.
     """
 
     output: Path = output_flag()
     preset: str | None = flag(
         "Set of demonstrations, of its own task and policy: one of the domain's presets.", None, unset="none"
     )
-    num_episodes: int = num_episodes_flag(100)
+    num_episodes: int | None = num_episodes_flag(None, unset="the preset's, or 100")
     num_envs: int = num_envs_flag(16)
     num_threads: int | None = num_threads_flag(None)
     format: str | None = flag(
@@ -311,15 +311,20 @@ class RecordSettings(WorkerSettings):
 
     @property
     def resolved(self) -> "RecordSettings":
-        """The settings with those of the preset; a ValueError where one of them is given another value."""
-        if self.preset is None:
-            return self
+        """The settings with those of the preset; a ValueError where one of them is given another value.
+
+        A preset only proposes the number of episodes, and leaves free those `task_kwargs` that it does not have.
+        """
         presets = suite.find_domain(self.domain_name).resolve("recording") or {}
-        chosen = presets[checks.choice(self.preset, presets, "preset")]
+        chosen = {} if self.preset is None else dict(presets[checks.choice(self.preset, presets, "preset")])
+        count = chosen.pop("num_episodes", 100) if self.num_episodes is None else self.num_episodes
+        arguments = {**self.task_kwargs, **chosen.pop("task_kwargs", {})}
         default = vars(RecordSettings(output=self.output))
-        if given := sorted(name for name in chosen if vars(self)[name] not in (default[name], chosen[name])):
-            raise ValueError(f"preset {self.preset!r} fixes {', '.join(given)}: leave it out, or the preset")
-        return dataclasses.replace(self, **chosen)
+        given = [name for name in chosen if vars(self)[name] not in (default[name], chosen[name])]
+        given += [f"{name} of the task_kwargs" for name, value in self.task_kwargs.items() if arguments[name] != value]
+        if given:
+            raise ValueError(f"preset {self.preset!r} fixes {', '.join(sorted(given))}: leave it out, or the preset")
+        return dataclasses.replace(self, **{**chosen, "num_episodes": count, "task_kwargs": arguments})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -422,11 +427,14 @@ class DoctorSettings:
     """Settings of `kitchen-doctor`, which has none."""
 
 
-# Algorithms by the name of `--algorithm`; all but the first learn from demonstrations alone.
+# Algorithms by the name of `--algorithm`; all but the first learn from recordings alone.
 PPO = "ppo"
-ALGORITHMS = (PPO, "bc", "flow", "vqbet")
+IMITATION = ("bc", "flow", "vqbet")
+OFFLINE = ("offline_bc", "iql", "td3bc", "gcbc", "gciql")
+ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
-# Values of a `Schedule` by imitation, in every domain.
+# Values of a `Schedule` by imitation and by offline learning, in every domain.
+_OFFLINE_SCHEDULE = {"num_steps": 20_000, "eval_interval": 10_000, "target_success": 1.1, "patience": 0}
 _IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
 
 # Values by PPO, unless the domain's training recipe has others.
@@ -439,7 +447,8 @@ def _by_domain(name: str) -> str:
     own = {domain: recipe.settings[name] for domain, recipe in recipes.items() if recipe and name in recipe.settings}
     values = {**{f" in {domain}": value for domain, value in own.items()}, " elsewhere": _PPO_SCHEDULE[name]}
     of_ppo = ", ".join(f"{value:,}{place}" for place, value in values.items())
-    return f"{of_ppo}; {_IMITATION_SCHEDULE[name]:,} by imitation"
+    others = {f"{_IMITATION_SCHEDULE[name]:,} by imitation": None, f"{_OFFLINE_SCHEDULE[name]:,} offline": None}
+    return "; ".join([of_ppo, *others])
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -451,7 +460,11 @@ class TrainSettings(TaskSettings):
     """
 
     output: Path = output_flag()
-    algorithm: str = flag("ppo; or bc, flow or vqbet, which imitate --demonstrations.", PPO)
+    algorithm: str = flag(
+        "ppo; bc, flow or vqbet, which imitate the successful episodes of --demonstrations; or offline_bc, iql, td3bc, "
+        "and on goals gcbc and gciql, which learn from all of them.",
+        PPO,
+    )
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
         "domain's.",
@@ -505,7 +518,9 @@ class TrainSettings(TaskSettings):
         """When to evaluate and when to stop, with the domain's values for those that are None."""
         recipe = suite.find_domain(self.domain_name).resolve("training")
         own = {} if recipe is None else recipe.settings
-        defaults: dict[str, Any] = {**_PPO_SCHEDULE, **own} if self.algorithm == PPO else _IMITATION_SCHEDULE
+        defaults: dict[str, Any] = _OFFLINE_SCHEDULE if self.algorithm in OFFLINE else _IMITATION_SCHEDULE
+        if self.algorithm == PPO:
+            defaults = {**_PPO_SCHEDULE, **own}
         chosen = {field.name: getattr(self, field.name) for field in dataclasses.fields(Schedule)}
         return Schedule(**{name: defaults[name] if value is None else value for name, value in chosen.items()})
 

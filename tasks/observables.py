@@ -1,6 +1,7 @@
 """Further state observables, which tasks enable by name: end effector, gripper, handles, poses of objects."""
 
 import collections
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -278,21 +279,34 @@ class Pictures:
           columns: `(k,)`, of the positions in qpos.
           positions: `(k,)`, while the pictures are taken [rad, m, quaternion].
         """
-        model, data = physics.model.ptr, physics.data.ptr
-        present = data.qpos.copy()
-        try:
-            data.qpos[columns] = positions
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
+        with shown_at(physics, columns, positions):
             return np.stack([picture.taker.observation_callable(physics)() for picture in self.colour])
-        finally:
-            data.qpos[:] = present
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
 
     def takers(self, physics: mjcf.Physics) -> Mapping[str, Callable[[], NDArray]]:
         """Returns a function for each picture, by observation key, that takes it of a physics as it is at present."""
         return {name: taker.observation_callable(physics) for name, taker in self.by_name.items()}
+
+
+@contextlib.contextmanager
+def shown_at(physics: mjcf.Physics, columns: NDArray[np.int64], positions: NDArray[np.float64]) -> Iterator[None]:
+    """Shows a physics with other positions; afterwards it is as before.
+
+    Args:
+      physics: that is rendered meanwhile.
+      columns: `(k,)`, of the positions in qpos.
+      positions: `(k,)` [rad, m, quaternion].
+    """
+    model, data = physics.model.ptr, physics.data.ptr
+    present = data.qpos.copy()
+    try:
+        data.qpos[columns] = positions
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        yield
+    finally:
+        data.qpos[:] = present
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
 
 
 def _names(value: object, what: str) -> Sequence[object]:

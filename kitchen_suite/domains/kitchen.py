@@ -34,5 +34,6 @@ KITCHEN = Domain(
     recording="kitchen_suite.recordings.record_job:KITCHEN_PRESETS",
     evaluation="kitchen_suite.evaluation.protocols:KITCHEN",
     expert="kitchen_suite.policies.experts.kitchen:KitchenExpert",
+    undirected="kitchen_suite.policies.experts.undirected:UndirectedExpert",
     benchmark="kitchen_suite.benchmarks.kitchen:KITCHEN",
 )

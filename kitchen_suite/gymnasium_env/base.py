@@ -341,7 +341,11 @@ class SuiteEnv(gymnasium.Env):
             self._episode_step = 0
             observation = self._get_obs(self._environment.reset().observation)
         self._render_window()
-        return observation, self._all_infos()
+        return observation, {**self._all_infos(), **self._infos_of_reset(chosen)}
+
+    def _infos_of_reset(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns infos that only a reset with some options has."""
+        return {}
 
     def step(self, action: ArrayLike) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Makes one control step.

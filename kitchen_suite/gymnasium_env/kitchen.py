@@ -3,7 +3,7 @@
 import contextlib
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,16 @@ from kitchen_suite.tasks.kitchen import goal_rewards
 from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
-from kitchen_suite.tasks.kitchen.requests import GOAL_PIXELS, GOAL_STATES, REQUESTED, STATE_SIZE
+from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
+from kitchen_suite.tasks.kitchen.requests import (
+    GOAL_PIXELS,
+    GOAL_STATES,
+    RENDER_GOAL,
+    REQUESTED,
+    STATE_SIZE,
+    TASK_ID,
+)
+from kitchen_suite.tasks.observables import shown_at
 
 with contextlib.redirect_stderr(io.StringIO()):
     # The import prints a notice about environments of gymnasium-robotics.
@@ -113,6 +122,8 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
       `tasks_in_turn` also `attempted_tasks_mask` `(n,)` bool: the task requested before the step, and those completed.
     Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
       needs of the episode.
+    Info, after a reset with the option `task_id` or `render_goal`, as in OGBench: `goal` `(59,)`, the observation of the
+      goal state, at rest and without noise; with `render_goal=True` also `goal_rendered`, its picture as of `render`.
     Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
       numbers, or arrays of shape `()` with `info_format="arrays"`.
     """
@@ -208,6 +219,20 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
             "episode_step": self._number(self._episode_step),
         }
 
+    def _infos_of_reset(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        if options.get(TASK_ID) is None and options.get(RENDER_GOAL) is None:
+            return {}
+        goal = self._task.mdp.goal_state(self._task.state)
+        pictures = {"goal_rendered": self.render_goal(goal)} if options.get(RENDER_GOAL) else {}
+        return {"goal": goal_observation(goal), **pictures}
+
+    def render_goal(self, goal: NDArray[np.float64]) -> NDArray:
+        """Returns what `render` would show of a state of the kitchen `(30,)`; an error without a `render_mode`."""
+        if self.render_mode not in ("rgb_array", "depth_array"):
+            raise ValueError(f"{RENDER_GOAL} needs an environment with render_mode='rgb_array' or 'depth_array'")
+        with shown_at(self._environment.physics, self._task.mdp.sensors.indices.state_qpos, goal):
+            return np.asarray(self.render())
+
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns the reward of a step that led to `achieved_goal`, from goals and info alone.
 
@@ -257,6 +282,13 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
     def _number(self, value: int) -> int | NDArray:
         """Returns a number of the info in the `info_format`."""
         return np.array(value) if self._info_format == "arrays" else value
+
+
+def goal_observation(goal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the observation `(..., 59)` of states of the kitchen `(..., 30)`, at rest and without noise."""
+    observation = np.zeros((*goal.shape[:-1], SIZE))
+    observation[..., np.r_[ROBOT_POSITIONS, OBJECT_POSITIONS]] = goal
+    return observation
 
 
 def _item(value: NDArray) -> Any:

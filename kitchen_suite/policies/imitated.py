@@ -36,7 +36,8 @@ class ImitatedPolicy(StoredPolicy):
         elements of the state among the inputs, and `tasks`; where these are not all elements, their indices as
         `state_elements`. The last ones are of extra observables: `extra_observables` has their sizes by name, and
         `layout` the values in the default layout of those that are the same in all episodes there. If it sees,
-        `cameras` has the names, and `image_size` height and width of the pictures.
+        `cameras` has the names, and `image_size` height and width of the pictures. If it reaches goals, `goal_size` is
+        the number of elements of the last goal state that are its last inputs.
     """
 
     network_names: ClassVar[tuple[str, ...]]
@@ -55,8 +56,9 @@ class ImitatedPolicy(StoredPolicy):
         if executed > self.chunk:
             raise ValueError(f"executed is {executed}, but a chunk has {self.chunk} actions")
         size = checks.integer(self.metadata.get("state_size"), "state_size", minimum=1) + len(self.tasks)
+        size += checks.integer(self.goal_size, "goal_size", minimum=0)
         if self.scales.input_mean.size != size:
-            raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state and tasks have {size}")
+            raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state, tasks and goal have {size}")
         if self.state_elements is not None:
             _check_elements(self.state_elements, self.metadata["state_size"])
         _check_extras(self.metadata)
@@ -90,6 +92,11 @@ class ImitatedPolicy(StoredPolicy):
     def tasks(self) -> tuple[str, ...]:
         """Tasks whose request is an input; empty if none is."""
         return tuple(self.metadata["tasks"])
+
+    @property
+    def goal_size(self) -> int:
+        """Number of elements of a goal state among the inputs; 0 for a policy without goals."""
+        return self.metadata.get("goal_size", 0)
 
     @property
     def state_elements(self) -> list[int] | None:
@@ -161,6 +168,8 @@ class ImitatedPolicy(StoredPolicy):
             if timestep.first() or not waiting:
                 observed = inputs.state_and_requests(timestep.observation, self.tasks).ravel()
                 chosen = self.select(self._with_extras(observed, task))
+                if self.goal_size:
+                    chosen = np.concatenate([chosen, inputs.wanted(timestep.observation).ravel()])
                 pictures = [timestep.observation[camera] for camera in self.cameras]
                 waiting[:] = self.predict(chosen, generator, pictures)[: self.metadata["executed"]]
             return waiting.pop(0)
@@ -181,6 +190,8 @@ class ImitatedPolicy(StoredPolicy):
             if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
                 height, width = self.metadata["image_size"]
                 raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
+        if self.goal_size and (task.policy_inputs.goal_place is None or self.goal_size != len(task.policy_inputs.goal_elements)):
+            raise ValueError(f"the policy needs a goal state in the observation: {self._trained_for}")
         if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 

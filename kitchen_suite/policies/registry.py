@@ -10,6 +10,7 @@ import ast
 import contextlib
 import dataclasses
 import functools
+import itertools
 import pkgutil
 import traceback
 from collections.abc import Callable, Mapping
@@ -100,22 +101,29 @@ class ZeroSource(PolicySource):
 
 
 class ExpertSource(PolicySource):
-    """The scripted expert for the environment's task. It needs the extra `experts`.
+    """A scripted expert for the environment's task. It needs the extra `experts`.
 
     Its options are attributes of `experts.MotionStyle`, and arguments of the expert and its control mode.
     """
 
     takes_options = True
 
+    def __init__(self, kind: str = "expert") -> None:
+        """Prepares to build the experts of a kind, as of `experts.expert_class`."""
+        self._kind = kind
+
     def __call__(self, environment: dm_env.Environment, generator: np.random.Generator, **options: Any) -> Policy:
         from kitchen_suite.policies import experts
 
-        expert_class = experts.expert_class(environment.task)
-        functions: list[Callable[..., Any]] = [experts.MotionStyle, expert_class, *expert_class.control_modes.values()]
+        expert_class = experts.expert_class(environment.task, self._kind)
+        constructors = itertools.takewhile(lambda base: base is not experts.Expert, expert_class.__mro__)
+        functions: list[Callable[..., Any]] = [experts.MotionStyle, *constructors, *expert_class.control_modes.values()]
         checks.keywords(options, *functions, what="option", exclude=("style",))
         names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
         style = {name: options.pop(name) for name in names if name in options}
-        return experts.make_policy(environment, generator, style=experts.MotionStyle(**style), **options)
+        return experts.make_policy(
+            environment, generator, kind=self._kind, style=experts.MotionStyle(**style), **options
+        )
 
     def check_installed(self, name: str) -> None:
         checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
@@ -124,7 +132,7 @@ class ExpertSource(PolicySource):
         from kitchen_suite.policies import experts
 
         task = make_task()
-        return experts.expert_class(task).missing_in(task)
+        return experts.expert_class(task, self._kind).missing_in(task)
 
 
 def load_policy(path: Path) -> "StoredPolicy":
@@ -291,6 +299,7 @@ POLICIES: Mapping[str, PolicySource] = MappingProxyType(
         "random": RandomSource(),
         "zero": ZeroSource(),
         "expert": ExpertSource(),
+        "undirected": ExpertSource("undirected"),
         "trained": TrainedSource(),
         "takeover": TakeoverSource(),
         "teleop": TeleopSource(),

@@ -1,4 +1,4 @@
-"""Hyperparameters of PPO and of imitation, and the recipe of each domain: its own defaults."""
+"""Hyperparameters of PPO, of imitation and of offline learning, and the recipe of each domain: its own defaults."""
 
 import dataclasses
 import math
@@ -113,6 +113,8 @@ _MAXIMA = {
     "chunk": 2**10,
     "averaging": 1,
     "discount": 1,
+    "expectile": 1,
+    "target_rate": 1,
     "gae_lambda": 1,
 }
 
@@ -316,3 +318,59 @@ class TokenHyperparameters(ImitationHyperparameters):
     latent: int = 64
     quantizer_steps: int = 1500
     offset_scale: float = 5.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OfflineHyperparameters:
+    """Hyperparameters of all algorithms of offline reinforcement learning; networks are those of imitation.
+
+    Attributes:
+      width: values between the blocks.
+      blocks: number of blocks.
+      batch_size: control steps of a step of the optimiser.
+      learning_rate: of the optimiser (Adam).
+      averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
+      discount: discount factor; of goals also that with which later states are drawn.
+      standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;
+        positive.
+    """
+
+    width: int = 256
+    blocks: int = 1
+    batch_size: int = 256
+    learning_rate: float = 3e-4
+    averaging: float = 0.995
+    discount: float = 0.99
+    standardisation_epsilon: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IQLHyperparameters(OfflineHyperparameters):
+    """Hyperparameters of implicit Q-learning.
+
+    Attributes:
+      expectile: of the values of actions that the value function learns.
+      temperature: inverse temperature: factor of an action's advantage in the logarithm of its weight.
+      target_rate: share by which target networks move in a step of the optimiser.
+    """
+
+    expectile: float = 0.7
+    temperature: float = 10.0
+    target_rate: float = 0.005
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TD3BCHyperparameters(OfflineHyperparameters):
+    """Hyperparameters of TD3+BC.
+
+    Attributes:
+      cloning: factor of the distance from the actions of the data, beside values divided by their mean magnitude.
+      target_noise: standard deviation of the noise on the actions of the targets, standardised.
+      noise_clip: greatest magnitude of this noise.
+      target_rate: share by which target networks move in a step of the optimiser.
+    """
+
+    cloning: float = 0.4
+    target_noise: float = 0.2
+    noise_clip: float = 0.5
+    target_rate: float = 0.005

@@ -19,7 +19,7 @@ from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.policies.trained import TrainedPolicy
 from kitchen_suite.rollouts.rollout import Controller, NetworkController
 from kitchen_suite.rollouts.spec import EnvironmentSpec
-from kitchen_suite.settings import TrainSettings
+from kitchen_suite.settings import IMITATION, TrainSettings
 from kitchen_suite.tasks.task import ResetRequests, SuiteTask
 from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.hyperparameters import Hyperparameters, find_recipe
@@ -312,7 +312,7 @@ def make_spec(
         max_episode_steps=max_episode_steps,
     )
     default, seeing = spec.env_class.obs_types[0], "pixels_agent_pos"
-    learned = (default,) if settings.algorithm == "ppo" else (default, seeing)
+    learned = (default, seeing) if settings.algorithm in IMITATION else (default,)
     if (obs_type := spec.task_kwargs.get("obs_type") or default) not in learned:
         raise ValueError(
             f"obs_type {obs_type!r} cannot be trained on with {settings.algorithm!r}: policies "
@@ -338,7 +338,7 @@ class PPOTraining(Training):
         if settings.schedule.num_steps == 0 and not settings.demonstrations:
             raise ValueError("num_steps 0 is for cloning alone, which needs --demonstrations")
         if settings.num_demonstrations:
-            raise ValueError("--num_demonstrations is for the algorithms bc, flow and vqbet; PPO clones all episodes")
+            raise ValueError("--num_demonstrations is for the other algorithms; PPO clones all episodes")
         self._settings, self._spec = settings, spec
         self.training_kwargs = self._make_training_kwargs()
         config = Hyperparameters.for_domain(

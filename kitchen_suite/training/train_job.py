@@ -18,7 +18,7 @@ from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout_job import RolloutJob
 from kitchen_suite.rollouts.spec import EnvironmentSpec
-from kitchen_suite.settings import ALGORITHMS, PPO, PlaySettings, TrainSettings
+from kitchen_suite.settings import ALGORITHMS, OFFLINE, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training.checkpoints import CheckpointError
 from kitchen_suite.training.learner import DivergedError, Training
 from kitchen_suite.training.reinforcement import PPOTraining, make_spec
@@ -147,7 +147,11 @@ def make_training(settings: TrainSettings, spec: EnvironmentSpec) -> Training:
     checks.choice(settings.algorithm, ALGORITHMS, "algorithm")
     if settings.algorithm == PPO:
         return PPOTraining(settings, spec)
-    # Needs a further package.
+    # Both need a further package.
+    if settings.algorithm in OFFLINE:
+        from kitchen_suite.training.offline.learner import OfflineTraining
+
+        return OfflineTraining(settings, spec)
     from kitchen_suite.training.imitation.learner import ImitationTraining
 
     return ImitationTraining(settings, spec)

@@ -234,7 +234,11 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})
             self._episodes.start(mask)
             self._ended = self._ended & ~mask
-            return self._get_obs(), self._masked_infos(mask)
+            return self._get_obs(), {**self._masked_infos(mask), **self._infos_of_reset(chosen, mask)}
+
+    def _infos_of_reset(self, options: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+        """Returns infos, with masks, that only a reset of the environments of a mask with some options has."""
+        return {}
 
     def step(
         self, actions: ArrayLike

@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
@@ -11,9 +11,9 @@ import tree
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import VARIATION_SPLIT
-from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv
+from kitchen_suite.gymnasium_env.kitchen import INSTRUCTION, FrankaKitchenEnv, goal_observation
 from kitchen_suite.tasks.kitchen.goal_rewards import EPISODE_COMPLETIONS, STEP_COMPLETIONS, TO_COMPLETE, Goal, Infos
-from kitchen_suite.tasks.kitchen.requests import REQUESTED
+from kitchen_suite.tasks.kitchen.requests import RENDER_GOAL, REQUESTED, TASK_ID
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Masks and steps of completion whose names are kept in memory.
@@ -33,6 +33,27 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
     def _get_info(self) -> dict[str, NDArray]:
         infos = super()._get_info()
         return {**self._names(), **infos} if self._template_env.info_format == "lists" else infos
+
+    def _infos_of_reset(self, options: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+        given = (options.get(name) for name in (TASK_ID, RENDER_GOAL))
+        ids, shown = ([None] * self.num_envs if rows is None else rows for rows in given)
+        wanted = mask & [task_id is not None or each is not None for task_id, each in zip(ids, shown, strict=True)]
+        if not wanted.any():
+            return {}
+        goals = self._mdp.goal_state(self._episodes.state.mdp_state)
+        infos: dict[str, Any] = {"goal": goal_observation(goals), "_goal": wanted}
+        infos["goal"][~wanted] = 0.0
+        if rendered := [i for i in np.flatnonzero(wanted).tolist() if shown[i]]:
+            pictures = {i: self._goal_picture(i, goals[i]) for i in rendered}
+            infos["goal_rendered"] = np.stack(
+                [pictures.get(i, np.zeros_like(pictures[rendered[0]])) for i in range(self.num_envs)]
+            )
+            infos["_goal_rendered"] = np.isin(np.arange(self.num_envs), rendered)
+        return infos
+
+    def _goal_picture(self, i: int, goal: NDArray[np.float64]) -> NDArray:
+        self._episodes.show(i)
+        return self._template_env.render_goal(goal)
 
     def compute_reward(self, achieved_goal: Goal, desired_goal: Goal, info: Infos) -> float | NDArray[np.float64]:
         """Returns rewards as `FrankaKitchenEnv.compute_reward` does.

@@ -14,6 +14,7 @@ from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import (
+    STATE_SIZE,
     REQUESTED,
     REQUESTED_ORDER,
     Request,
@@ -167,6 +168,13 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         if request.goal_states is not None:
             return state._replace(goal_states=request.goal_states)
         return state._replace(goal_states=np.tile(self._state_with(self.current_mask(state)), self.goal_states))
+
+    def goal_state(self, state: KitchenState) -> NDArray[np.float64]:
+        """Returns the last goal state `(..., 30)`, or where none is observed the start with the requested tasks done."""
+        if state.goal_states is not None:
+            return state.goal_states[..., -STATE_SIZE:].copy()
+        masks = self.current_mask(state)
+        return np.apply_along_axis(self._state_with, -1, masks)
 
     def _state_with(self, done: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Returns the state `(30,)` of the kitchen at its start, but with some of the tasks `(n,)` done."""

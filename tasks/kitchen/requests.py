@@ -25,6 +25,10 @@ REQUESTED_ORDER = "requested_order"
 # Option of a reset and observation: states of the kitchen that are wanted. Option of a reset: the one at the start.
 GOAL_STATES, START_STATE = "goal_states", "start_state"
 
+# Options of a reset, named as in OGBench: number of the only task that is requested, from 1, and whether infos have a
+# picture of the goal.
+TASK_ID, RENDER_GOAL = "task_id", "render_goal"
+
 # Observation: pictures of the last goal state; in the suite's own environment the beginning of their keys.
 GOAL_PIXELS = "goal_pixels"
 
@@ -181,7 +185,7 @@ class TaskRequests(ResetRequests):
       request: options of its reset.
     """
 
-    options = (REQUESTED, GOAL_STATES, START_STATE)
+    options = (REQUESTED, GOAL_STATES, START_STATE, TASK_ID, RENDER_GOAL)
 
     def __init__(self, goals: GoalSet, draw: TaskDraw | None, goal_states: int) -> None:
         """Makes the first episode ask for all tasks.
@@ -215,10 +219,18 @@ class TaskRequests(ResetRequests):
         self._weights = weights
 
     def checked(self, options: Mapping[str, Any]) -> Request:
-        tasks, goal_states, start = (options.get(name) for name in self.options)
+        tasks, goal_states, start, task_id, shown = (options.get(name) for name in self.options)
+        if shown is not None:
+            checks.boolean(shown, RENDER_GOAL)
+        if task_id is not None:
+            if tasks is not None:
+                raise ValueError(f"{TASK_ID} and {REQUESTED} exclude each other: give one of them")
+            number = checks.integer(task_id, TASK_ID, minimum=1, maximum=len(self._goals.tasks))
+            tasks = [self._goals.tasks[number - 1]]
         if tasks is not None and self._draw is None:
+            name = REQUESTED if task_id is None else TASK_ID
             raise ValueError(
-                f"{REQUESTED} cannot be chosen, as every episode asks for all tasks: build the environment with "
+                f"{name} cannot be chosen, as every episode asks for all tasks: build the environment with "
                 "tasks_per_episode"
             )
         if goal_states is not None and not self._goal_states:

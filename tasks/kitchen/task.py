@@ -17,6 +17,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, OUT_OF_REACH, THRESHOLD, Start, build_goals, starts
 from kitchen_suite.tasks.kitchen.mdp import KitchenMDP, KitchenState, as_dict, from_dict
 from kitchen_suite.tasks.kitchen.observation import (
+    OBJECT_POSITIONS,
     ROBOT_POSITIONS,
     ROUNDING,
     KitchenObservables,
@@ -174,10 +175,15 @@ class KitchenTask(SuiteTask):
         requests = _request_readers(mdp, self.pictures, lambda: self.state)
         self._observables = KitchenObservables(scene, goal_set, self.extra_observables, requests)
         self.observed = self._observables.by_name
+        state_size = mdp.noise_scale.size + self.extra_size
+        goal_size = 2 * goal_set.desired.size + STATE_SIZE * goal_states
+        objects = range(mdp.noise_scale.size)[OBJECT_POSITIONS]
         self.policy_inputs = PolicyInputs(
             names=_policy_names(mdp, reward, sees=bool(self.pictures.by_name)),
-            state_size=mdp.noise_scale.size + self.extra_size,
-            goal_size=2 * goal_set.desired.size + STATE_SIZE * goal_states,
+            state_size=state_size,
+            goal_size=goal_size,
+            goal_elements=tuple(objects),
+            goal_place=state_size + goal_size - len(objects) if goal_states else None,
             tasks=goal_set.tasks,
             observes_requests=mdp.task_draw is not None,
             keys=("achieved_goal", "desired_goal", GOAL_STATES, REQUESTED),

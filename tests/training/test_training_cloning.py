@@ -310,4 +310,4 @@ def test_ppo_clones_several_recordings_together(demonstrations, samples, tmp_pat
 def test_ppo_takes_no_number_of_demonstrations(demonstrations, tmp_path, capsys):
     flags = [f"--demonstrations={demonstrations}", "--num_demonstrations=2", f"--output={tmp_path / 'run'}"]
     assert train.main(flags) == 2
-    assert "--num_demonstrations is for the algorithms bc, flow and vqbet" in capsys.readouterr().err
+    assert "--num_demonstrations is for the other algorithms" in capsys.readouterr().err

@@ -29,16 +29,19 @@ class MotionStyle:
       speed: fraction of the expert's greatest speed, above 0 and at most 1.
       action_noise: standard deviation of normal noise on the arm's elements of the action, in their unit.
       jitter: half width of the uniform displacement, along each axis, of the hand's poses in free space [m].
+      random_actions: probability of a uniform action of the arm, in each control step, in place of its own.
     """
 
     speed: float = 1.0
     action_noise: float = 0.0
     jitter: float = 0.0
+    random_actions: float = 0.0
 
     def __post_init__(self) -> None:
         checks.number(self.speed, "speed", positive=True, maximum=1.0)
         checks.number(self.action_noise, "action_noise")
         checks.number(self.jitter, "jitter")
+        checks.number(self.random_actions, "random_actions", maximum=1.0)
 
 
 class Expert(abc.ABC):
@@ -140,6 +143,8 @@ class Expert(abc.ABC):
         action = encoder.encode(positions, self._target, fingers)
         if self._style.action_noise:
             action[:size] += self._style.action_noise * self._generator.standard_normal(size)
+        if self._style.random_actions and self._generator.random() < self._style.random_actions:
+            action[:size] = self._generator.uniform(encoder.low, encoder.high)[:size]
         bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded
@@ -181,24 +186,30 @@ class Expert(abc.ABC):
         """
 
 
-def make(task: composer.Task, **options: Any) -> Expert:
+def make(task: composer.Task, *, kind: str = "expert", **options: Any) -> Expert:
     """Builds the expert for a task from the task's settings; it never reads the physics.
 
     Args:
       task: of an environment of the suite.
+      kind: as of `expert_class`.
       **options: arguments of the expert's class, such as `style`; they replace those of the task.
     """
-    return expert_class(task).for_task(task, **options)
+    return expert_class(task, kind).for_task(task, **options)
 
 
-def expert_class(task: composer.Task) -> type[Expert]:
-    """Returns the class of the expert for a task: that of its domain; raises a ValueError if there is none."""
-    domains = {domain.name: domain for domain in suite.DOMAINS.values() if domain.expert}
+def expert_class(task: composer.Task, kind: str = "expert") -> type[Expert]:
+    """Returns the class of the expert for a task: that of its domain; raises a ValueError if there is none.
+
+    Args:
+      task: of an environment of the suite.
+      kind: attribute of the domain that names the class: `expert`, or `undirected`.
+    """
+    domains = {domain.name: domain for domain in suite.DOMAINS.values() if getattr(domain, kind)}
     name = getattr(task, "domain_name", None)
     if name not in domains:
-        names = ", ".join(domains)
-        raise ValueError(f"there is no expert for {type(task).__name__}; the domains with one are {names}")
-    expert: type[Expert] = domains[name].resolve("expert")
+        names, what = ", ".join(domains), "expert" if kind == "expert" else f"{kind} expert"
+        raise ValueError(f"there is no {what} for {type(task).__name__}; the domains with one are {names}")
+    expert: type[Expert] = domains[name].resolve(kind)
     return expert
 
 

@@ -27,7 +27,7 @@ from kitchen_suite.policies.experts.trajectories import (
 )
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
-from kitchen_suite.tasks.goals import StrictSuccess, Thresholds, make_success
+from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
 from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import GOALS, INITIAL_QPOS, THRESHOLD, build_goals
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, SIZE
@@ -120,7 +120,7 @@ class KitchenExpert(Expert):
             tasks when others are requested, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
         """
-        self._goals = build_goals(tasks, goals)
+        self._goals = self._collect_goals(tasks, goals)
         self._success = make_success(
             self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
@@ -135,6 +135,10 @@ class KitchenExpert(Expert):
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         super().__init__(style, encoder)
+
+    @staticmethod
+    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
+        return build_goals(tasks, values)
 
     @classmethod
     def for_task(cls, task: KitchenTask, **options: Any) -> Self:
@@ -182,11 +186,16 @@ class KitchenExpert(Expert):
         if distance < self._done:
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
-        if self._has_ended(_SETTLE_STEPS):
+        if self._has_failed:
             home = JointTrajectory.stationary(_HOME, OPEN)
             self._remaining.rotate(-1)
             return self._then_first_task(self._plan_retreat(joints).then(home, self._limits), observation)
         return None
+
+    @property
+    def _has_failed(self) -> bool:
+        """Whether the trajectory has ended, after which the task under way should have been complete."""
+        return self._has_ended(_SETTLE_STEPS)
 
     def _requested(self, observation: Array) -> tuple[str, ...]:
         """Returns the tasks that an observation asks for, in the order in which to do them."""

@@ -122,8 +122,8 @@ def load_recording(
     if elements is not None:
         inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
     return Demonstrations(
-        inputs=_finite(inputs[chosen], folder),
-        actions=_finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
+        inputs=finite(inputs[chosen], folder),
+        actions=finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
         last=_last_of_stretches(taught),
         state_elements=tuple(robot) if sees else elements,
         pictures=_pictures(observations, task, chosen) if sees else {},
@@ -160,7 +160,7 @@ def _last_of_stretches(taught: Sequence[NDArray[np.bool_]]) -> NDArray[np.int64]
     return np.repeat(np.cumsum(lengths) - 1, lengths)
 
 
-def _finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
+def finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
     """Returns numbers of a recording as float32; raises a ValueError unless all are finite."""
     with np.errstate(over="ignore"):
         numbers = numbers.astype(np.float32)
@@ -201,7 +201,7 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
     taught = np.concatenate([_taught(arrays) for arrays in episodes])
     observations = np.concatenate([flatten(unflatten(arrays, "observation"))[:-1] for arrays in episodes])[taught]
     actions = np.concatenate([arrays["action"] for arrays in episodes])[taught]
-    return _finite(observations, folder), _finite(actions, folder)
+    return finite(observations, folder), finite(actions, folder)
 
 
 def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:

@@ -5,10 +5,11 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.gymnasium_env.base import suite_env
@@ -59,7 +60,7 @@ class ImitationLearner(Learner):
         torch.manual_seed(seed)
         self._config, self._num_steps, self._tasks, self._extras = config, num_steps, tuple(tasks), extras
         self._state_elements = demonstrations.state_elements
-        self._scales = _scales(demonstrations, config.standardisation_epsilon)
+        self._scales = scales_of(demonstrations, config.standardisation_epsilon)
         self._inputs = torch.as_tensor(self._scales.inputs(demonstrations.inputs))
         actions = (demonstrations.actions - self._scales.action_mean) / self._scales.action_deviation
         self._actions = torch.as_tensor(actions)
@@ -142,13 +143,31 @@ class ImitationLearner(Learner):
         return {"cameras": [*self._pictures], "image_size": [*first.shape[1:3]]}
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
-        return PolicyController(
-            environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
-        )
+        return policy_controller(policy, environments)
 
 
-def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
-    inputs, actions = demonstrations.inputs.astype(np.float64), demonstrations.actions.astype(np.float64)
+def policy_controller(policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
+    """Returns a controller that acts by a policy as it does in single environments."""
+    return PolicyController(
+        environments, SeededPolicies(lambda environment, generator: policy.episode(environment.task, generator))
+    )
+
+
+class Recorded(Protocol):
+    """Control steps that have been recorded."""
+
+    @property
+    def inputs(self) -> NDArray[np.float32]:
+        """Inputs `(r, n)` of a policy."""
+
+    @property
+    def actions(self) -> NDArray[np.float32]:
+        """Actions `(m, k)`."""
+
+
+def scales_of(recorded: Recorded, epsilon: float) -> Scales:
+    """Returns the standardisation of recorded inputs and actions; `epsilon` is added to deviations of inputs."""
+    inputs, actions = recorded.inputs.astype(np.float64), recorded.actions.astype(np.float64)
     parts = {
         "input_mean": inputs.mean(axis=0),
         "input_deviation": inputs.std(axis=0) + epsilon,
@@ -158,41 +177,56 @@ def _scales(demonstrations: Demonstrations, epsilon: float) -> Scales:
     return Scales(**{name: part.astype(np.float32) for name, part in parts.items()})
 
 
-class ImitationTraining(Training):
-    """The demonstrations and hyperparameters of a run by imitation."""
+class RecordingTraining(Training):
+    """The settings of a run that learns from recordings alone.
+
+    Attributes:
+      num_steps: steps of the optimiser for each seed.
+      tasks: names of the tasks of which each episode draws some.
+      extras: metadata of policies on extra observables.
+    """
 
     steps = "steps of the optimiser"
 
-    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
-        """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
-        name, folders = settings.algorithm, settings.demonstrations
-        if not folders:
-            raise ValueError(f"algorithm {name!r} needs --demonstrations, a folder written by kitchen-record")
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec, method: Any) -> None:
+        """Checks the settings; `spec` is that of the environments that are evaluated in, `method` a class."""
+        if not settings.demonstrations:
+            raise ValueError(f"algorithm {settings.algorithm!r} needs --demonstrations, a folder written by kitchen-record")
         for flag in ("initial_policy", "training_kwargs"):
             if getattr(settings, flag):
-                raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {name!r}")
-        self._method = METHODS[name]
-        self.title = self._method.title
-        self.config: Any = checked_changes(self._method.hyperparameters(), settings.hyperparameters)
-        if self.config.executed > self.config.chunk:
-            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
+                raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {settings.algorithm!r}")
+        self.title = method.title
+        self.config: Any = checked_changes(method.hyperparameters(), settings.hyperparameters)
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
-        self._num_steps = settings.schedule.num_steps
+        self.num_steps = settings.schedule.num_steps
         with spec.make_environment() as environment:
-            self._tasks = suite_env(environment).composer_task.requests.drawn_tasks
-        self._extras = _extras(spec)
-        self._demonstrations = load_demonstrations(folders, spec, self._tasks, settings.num_demonstrations)
+            self.tasks = suite_env(environment).composer_task.requests.drawn_tasks
+        self.extras = _extras(spec)
+
+
+class ImitationTraining(RecordingTraining):
+    """The demonstrations and hyperparameters of a run by imitation."""
+
+    def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
+        """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
+        self._method = METHODS[settings.algorithm]
+        super().__init__(settings, spec, self._method)
+        if self.config.executed > self.config.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
+        self._demonstrations = load_demonstrations(
+            settings.demonstrations, spec, self.tasks, settings.num_demonstrations
+        )
 
     def make_learner(self, seed: int) -> ImitationLearner:
         return ImitationLearner(
             self._demonstrations,
             self._method,
             self.config,
-            num_steps=self._num_steps,
+            num_steps=self.num_steps,
             seed=seed,
-            tasks=self._tasks,
-            extras=self._extras,
+            tasks=self.tasks,
+            extras=self.extras,
         )
 
 

@@ -1,0 +1,98 @@
+"""An expert that completes tasks of the kitchen in a random order, as people do who play with it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kitchen_suite import checks
+from kitchen_suite.names import DEFAULT_TASKS
+from kitchen_suite.policies.experts.kitchen import KitchenExpert
+from kitchen_suite.policies.experts.skills import Array
+from kitchen_suite.policies.experts.trajectories import JointTrajectory
+from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.kitchen.task import KitchenTask
+
+# Repertoires by name.
+_REPERTOIRES = {"seven": DEFAULT_TASKS, "twenty": tuple(GOALS)}
+
+# The task whose goal has another object at rest, and the task that puts this to rest.
+_NEEDS = {"hinge cabinet": "close left hinge cabinet"}
+
+
+class UndirectedExpert(KitchenExpert):
+    """Chooses its next task at random among those that are not complete, whatever the episode asks for.
+
+    A task is left once it is complete, or after one attempt. Data of such episodes are undirected, as those of D4RL's
+    `partial` and `mixed`; with tasks that undo others they go on without end, as OGBench's `play`.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[str],
+        *,
+        repertoire: str | Sequence[str] = "seven",
+        directed: float = 0.0,
+        spare_last: bool = False,
+        **options: Any,
+    ) -> None:
+        """Builds an expert for episodes that ask for some tasks.
+
+        Args:
+          tasks: names of the tasks that an episode asks for.
+          repertoire: the tasks to choose from, with their usual goals: `seven`, the reference's; `twenty`, all of
+            `tasks.GOALS`, of which some undo others; or a list of names.
+          directed: probability that an episode is one in which it does the tasks that are asked for, and no others.
+          spare_last: whether it never begins the last of these tasks that is not complete.
+          **options: of `KitchenExpert`.
+        """
+        if isinstance(repertoire, str):
+            repertoire = _REPERTOIRES[checks.choice(repertoire, _REPERTOIRES, "repertoire")]
+        super().__init__(repertoire, **options)
+        self._asked = tuple(checks.choice(task, GOALS, "task") for task in checks.unique_names(tasks, "tasks"))
+        self._directed = checks.number(directed, "directed", maximum=1.0)
+        self._spares_last = checks.boolean(spare_last, "spare_last")
+        if self._directed and not {*self._asked} <= {*self._goals.tasks}:
+            raise ValueError(f"directed episodes need a repertoire with {', '.join(self._asked)}")
+
+    @classmethod
+    def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
+        return {"tasks": task.mdp.goals.tasks, "extra_observables": tuple(task.extra_observables)}
+
+    @staticmethod
+    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
+        # Those that exclude each other are wanted one after the other.
+        return GoalSet.build(GOALS, tasks, values)
+
+    def reset(self, generator: np.random.Generator) -> None:
+        super().reset(generator)
+        self._chosen: tuple[str, ...] = ()
+        self._is_directed: bool | None = None
+
+    def _requested(self, observation: Array) -> tuple[str, ...]:
+        return self._chosen
+
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
+        distances = self._relative_distances(observation)
+        if self._is_over(distances):
+            self._chosen = self._choose(distances)
+        return super()._next_trajectory(observation, joints)
+
+    def _is_over(self, distances: Mapping[str, float]) -> bool:
+        """Whether the task under way is complete, has been attempted, or is none."""
+        return not self._remaining or distances[self._remaining[0]] < self._done or self._has_failed
+
+    def _choose(self, distances: Mapping[str, float]) -> tuple[str, ...]:
+        """Draws the next task; none where all are complete."""
+        if self._is_directed is None:
+            self._is_directed = bool(self._generator.random() < self._directed)
+        missing = [task for task in self._asked if distances.get(task, 1.0) >= 1.0]
+        spared = missing if self._spares_last and len(missing) == 1 else []
+        candidates = [
+            task
+            for task in (self._asked if self._is_directed else self._goals.tasks)
+            if distances[task] >= 1.0 and task not in spared and distances.get(_NEEDS.get(task, ""), 0.0) < 1.0
+        ]
+        return (str(self._generator.choice(candidates)),) if candidates else ()
