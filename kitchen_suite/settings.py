@@ -317,7 +317,8 @@ class RecordSettings(WorkerSettings):
         """
         presets = suite.find_domain(self.domain_name).resolve("recording") or {}
         chosen = {} if self.preset is None else dict(presets[checks.choice(self.preset, presets, "preset")])
-        count = chosen.pop("num_episodes", 100) if self.num_episodes is None else self.num_episodes
+        proposed = chosen.pop("num_episodes", 100)
+        count = proposed if self.num_episodes is None else self.num_episodes
         arguments = {**self.task_kwargs, **chosen.pop("task_kwargs", {})}
         default = vars(RecordSettings(output=self.output))
         given = [name for name in chosen if vars(self)[name] not in (default[name], chosen[name])]
@@ -430,7 +431,7 @@ class DoctorSettings:
 # Algorithms by the name of `--algorithm`; all but the first learn from recordings alone.
 PPO = "ppo"
 IMITATION = ("bc", "flow", "vqbet")
-OFFLINE = ("offline_bc", "iql", "td3bc", "gcbc", "gciql")
+OFFLINE = ("offline_bc", "iql", "ivl", "td3bc", "gcbc", "gciql", "gcivl")
 ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
 # Values of a `Schedule` by imitation and by offline learning, in every domain.
@@ -461,8 +462,8 @@ class TrainSettings(TaskSettings):
 
     output: Path = output_flag()
     algorithm: str = flag(
-        "ppo; bc, flow or vqbet, which imitate the successful episodes of --demonstrations; or offline_bc, iql, td3bc, "
-        "and on goals gcbc and gciql, which learn from all of them.",
+        "ppo; bc, flow or vqbet, which imitate the successful episodes of --demonstrations; or offline_bc, iql, "
+        "ivl, td3bc, and on goals gcbc, gciql and gcivl, which learn from all of them.",
         PPO,
     )
     training_kwargs: Mapping[str, Any] = flag(

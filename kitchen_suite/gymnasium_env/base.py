@@ -324,6 +324,7 @@ class SuiteEnv(gymnasium.Env):
         state = chosen.get(STATE)
         if state is None:
             own = self._task.requests.checked(chosen)
+            self.check_pictures(chosen)
             variations = self._task.variations
             variations.follow(variations.request(chosen.get(VARIATION), chosen.get(VARIATION_VALUES)))
             self._task.requests.follow(own)
@@ -342,6 +343,9 @@ class SuiteEnv(gymnasium.Env):
             observation = self._get_obs(self._environment.reset().observation)
         self._render_window()
         return observation, {**self._all_infos(), **self._infos_of_reset(chosen)}
+
+    def check_pictures(self, options: Mapping[str, Any]) -> None:
+        """Raises a ValueError if options of a reset ask for pictures that cannot be rendered."""
 
     def _infos_of_reset(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Returns infos that only a reset with some options has."""

@@ -226,10 +226,12 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
         pictures = {"goal_rendered": self.render_goal(goal)} if options.get(RENDER_GOAL) else {}
         return {"goal": goal_observation(goal), **pictures}
 
-    def render_goal(self, goal: NDArray[np.float64]) -> NDArray:
-        """Returns what `render` would show of a state of the kitchen `(30,)`; an error without a `render_mode`."""
-        if self.render_mode not in ("rgb_array", "depth_array"):
+    def check_pictures(self, options: Mapping[str, Any]) -> None:
+        if np.any(options.get(RENDER_GOAL)) and self.render_mode not in ("rgb_array", "depth_array"):
             raise ValueError(f"{RENDER_GOAL} needs an environment with render_mode='rgb_array' or 'depth_array'")
+
+    def render_goal(self, goal: NDArray[np.float64]) -> NDArray:
+        """Returns what `render` would show of a state of the kitchen `(30,)`."""
         with shown_at(self._environment.physics, self._task.mdp.sensors.indices.state_qpos, goal):
             return np.asarray(self.render())
 

@@ -34,7 +34,7 @@ _PLAY = {
 _UNDIRECTED = "undirected(action_noise=0.1, jitter=0.01{})"
 
 # Noise on the expert's actions and poses makes all episodes differ. The last five are sets for offline learning; see
-# docs/guide/datasets.md.
+# docs/guide/offline.md.
 KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         # Four tasks, always in the same order.

@@ -111,6 +111,7 @@ _MAXIMA = {
     "hidden": 2**14,
     "width": 2**14,
     "chunk": 2**10,
+    "returns": 2**10,
     "averaging": 1,
     "discount": 1,
     "expectile": 1,
@@ -327,6 +328,8 @@ class OfflineHyperparameters:
     Attributes:
       width: values between the blocks.
       blocks: number of blocks.
+      chunk: number of actions that are predicted at once, of which the first one is applied.
+      returns: control steps whose rewards are summed before the value of what comes after them.
       batch_size: control steps of a step of the optimiser.
       learning_rate: of the optimiser (Adam).
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
@@ -336,10 +339,12 @@ class OfflineHyperparameters:
     """
 
     width: int = 256
-    blocks: int = 1
+    blocks: int = 2
+    chunk: int = 8
+    returns: int = 1
     batch_size: int = 256
-    learning_rate: float = 3e-4
-    averaging: float = 0.995
+    learning_rate: float = 1e-3
+    averaging: float = 0.999
     discount: float = 0.99
     standardisation_epsilon: float = 0.01
 
@@ -354,9 +359,18 @@ class IQLHyperparameters(OfflineHyperparameters):
       target_rate: share by which target networks move in a step of the optimiser.
     """
 
+    returns: int = 8
     expectile: float = 0.7
-    temperature: float = 10.0
-    target_rate: float = 0.005
+    temperature: float = 5.0
+    target_rate: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IVLHyperparameters(IQLHyperparameters):
+    """Hyperparameters of implicit V-learning."""
+
+    returns: int = 30
+    temperature: float = 3.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -364,13 +378,15 @@ class TD3BCHyperparameters(OfflineHyperparameters):
     """Hyperparameters of TD3+BC.
 
     Attributes:
-      cloning: factor of the distance from the actions of the data, beside values divided by their mean magnitude.
+      cloning: factor of the squared distance from the actions of the data, beside values divided by their mean
+        magnitude.
       target_noise: standard deviation of the noise on the actions of the targets, standardised.
       noise_clip: greatest magnitude of this noise.
       target_rate: share by which target networks move in a step of the optimiser.
     """
 
-    cloning: float = 0.4
+    returns: int = 8
+    cloning: float = 10.0
     target_noise: float = 0.2
     noise_clip: float = 0.5
-    target_rate: float = 0.005
+    target_rate: float = 0.01

@@ -24,7 +24,8 @@ from kitchen_suite.training.checkpoints import Checkpoint
 from kitchen_suite.training.learner import Learner, evaluate
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-POLICY_FILE = "policy.npz"
+# Files of the policies of the best evaluation and of the last one; the latter is not chosen by what it is scored on.
+POLICY_FILE, LAST_POLICY_FILE = "policy.npz", "last_policy.npz"
 
 # Below the success rate and mean return of any evaluation.
 NO_RESULT = (-1.0, 0.0)
@@ -194,9 +195,10 @@ class SeedRun:
         result = means["episode/success"], means["episode/return"]
         self._progress = max(self._progress, means["episode/progress"])
         self._successes = [*self._successes[-1:], result[0]]
+        self._save_policy(policy, result, self._folder / LAST_POLICY_FILE)
         if result > self.best:
             self.best = result
-            self._save_policy(policy)
+            self._save_policy(policy, result, self.policy_file)
         return means
 
     def _play(self, controller: Controller) -> dict[str, NDArray]:
@@ -209,11 +211,11 @@ class SeedRun:
         others = evaluate(controller, environments, seeds[first:])
         return {name: np.concatenate([values, others[name]]) for name, values in metrics.items()}
 
-    def _save_policy(self, policy: StoredPolicy) -> None:
-        success, mean_return = self.best
+    def _save_policy(self, policy: StoredPolicy, result: tuple[float, float], file: Path) -> None:
+        success, mean_return = result
         training = {"seed": self._seed, "steps": self.steps, "success": success, "return": mean_return}
         metadata = {**policy.metadata, "training": training}
-        policy.with_metadata(metadata).save(self.policy_file)
+        policy.with_metadata(metadata).save(file)
 
     def _save_checkpoint(self) -> None:
         seconds, processor_seconds = self._seconds.tolist()

@@ -27,7 +27,12 @@ class UndirectedExpert(KitchenExpert):
 
     A task is left once it is complete, or after one attempt. Data of such episodes are undirected, as those of D4RL's
     `partial` and `mixed`; with tasks that undo others they go on without end, as OGBench's `play`.
+
+    Attributes:
+      is_directed: whether the present episode is one in which it does what is asked for.
     """
+
+    is_directed: bool
 
     def __init__(
         self,
@@ -50,9 +55,9 @@ class UndirectedExpert(KitchenExpert):
         """
         if isinstance(repertoire, str):
             repertoire = _REPERTOIRES[checks.choice(repertoire, _REPERTOIRES, "repertoire")]
+        self._directed = checks.number(directed, "directed", maximum=1.0)
         super().__init__(repertoire, **options)
         self._asked = tuple(checks.choice(task, GOALS, "task") for task in checks.unique_names(tasks, "tasks"))
-        self._directed = checks.number(directed, "directed", maximum=1.0)
         self._spares_last = checks.boolean(spare_last, "spare_last")
         if self._directed and not {*self._asked} <= {*self._goals.tasks}:
             raise ValueError(f"directed episodes need a repertoire with {', '.join(self._asked)}")
@@ -69,7 +74,12 @@ class UndirectedExpert(KitchenExpert):
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
         self._chosen: tuple[str, ...] = ()
-        self._is_directed: bool | None = None
+        self.is_directed = bool(generator.random() < self._directed) if self._directed else False
+
+    @property
+    def under_way(self) -> str:
+        """Name of the task that it has turned to; empty where nothing is left to do."""
+        return next(iter(self._chosen), "")
 
     def _requested(self, observation: Array) -> tuple[str, ...]:
         return self._chosen
@@ -86,13 +96,11 @@ class UndirectedExpert(KitchenExpert):
 
     def _choose(self, distances: Mapping[str, float]) -> tuple[str, ...]:
         """Draws the next task; none where all are complete."""
-        if self._is_directed is None:
-            self._is_directed = bool(self._generator.random() < self._directed)
         missing = [task for task in self._asked if distances.get(task, 1.0) >= 1.0]
         spared = missing if self._spares_last and len(missing) == 1 else []
         candidates = [
             task
-            for task in (self._asked if self._is_directed else self._goals.tasks)
+            for task in (self._asked if self.is_directed else self._goals.tasks)
             if distances[task] >= 1.0 and task not in spared and distances.get(_NEEDS.get(task, ""), 0.0) < 1.0
         ]
         return (str(self._generator.choice(candidates)),) if candidates else ()

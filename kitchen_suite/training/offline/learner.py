@@ -56,18 +56,19 @@ class OfflineLearner(Learner):
         scales = scales_of(transitions, config.standardisation_epsilon)
         inputs = scales.inputs(transitions.inputs)
         actions = (transitions.actions - scales.action_mean) / scales.action_deviation
-        self._sampler = Sampler(transitions, inputs, actions)
-        if goal_elements:
-            self._sampler = GoalSampler(transitions, inputs, actions, goal_elements, GoalShares())
+        recorded = (transitions, inputs, actions, config)
+        self._sampler = (
+            GoalSampler(*recorded, elements=goal_elements, shares=GoalShares()) if goal_elements else Sampler(*recorded)
+        )
         # Goals are standardised as the elements of the state that they have.
         elements = [*range(inputs.shape[1]), *goal_elements]
         self._scales = dataclasses.replace(
             scales, input_mean=scales.input_mean[elements], input_deviation=scales.input_deviation[elements]
         )
-        self._method = method(len(elements), actions.shape[1], config)
+        self._method = method(len(elements), config.chunk * actions.shape[1], config)
         self._average = AveragedModel(self._method.policy, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
         self._optimizer = torch.optim.Adam(
-            (each for each in self._method.parameters() if each.requires_grad), lr=config.learning_rate
+            (each for each in self._method.parameters() if each.requires_grad), lr=config.learning_rate, fused=True
         )
 
     @property
@@ -85,7 +86,7 @@ class OfflineLearner(Learner):
 
     def _step(self) -> float:
         """Makes a step of the optimiser; returns its loss."""
-        loss = self._method.loss(self._sampler.draw(self._config.batch_size, self._config.discount), self.steps)
+        loss = self._method.loss(*self._sampler.draw(), self.steps)
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
@@ -95,7 +96,8 @@ class OfflineLearner(Learner):
         return loss.item()
 
     def export(self, metadata: Mapping[str, Any]) -> ClonedPolicy:
-        own = {"algorithm": ClonedPolicy.algorithm, "method": self._method.title, "chunk": 1, "executed": 1, **self._own}
+        acting = {"algorithm": ClonedPolicy.algorithm, "chunk": self._config.chunk, "executed": 1}
+        own = {**acting, "method": self._method.title, **self._own}
         network = cast(Any, self._average.module).export()
         return ClonedPolicy(scales=self._scales, networks={"network": network}, metadata={**metadata, **own})
 

@@ -8,7 +8,12 @@ from typing import Any, ClassVar
 
 import torch
 
-from kitchen_suite.training.hyperparameters import IQLHyperparameters, OfflineHyperparameters, TD3BCHyperparameters
+from kitchen_suite.training.hyperparameters import (
+    IQLHyperparameters,
+    IVLHyperparameters,
+    OfflineHyperparameters,
+    TD3BCHyperparameters,
+)
 from kitchen_suite.training.imitation.methods import TorchNetwork
 from kitchen_suite.training.offline.transitions import Batch
 
@@ -26,7 +31,7 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
       title: name of the algorithm.
       hyperparameters: class of its hyperparameters.
       reaches_goals: whether it learns to reach goals, rather than from recorded rewards.
-      policy: from inputs `(b, n)` to actions `(b, k)`.
+      policy: from inputs `(b, n)` to chunks of actions `(b, c k)`.
     """
 
     title: ClassVar[str]
@@ -45,8 +50,8 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
         return TorchNetwork(inputs, outputs, width=self.config.width, blocks=self.config.blocks)
 
     @abc.abstractmethod
-    def loss(self, batch: Batch, step: int) -> torch.Tensor:
-        """Returns the loss `()` of a batch in a step of the optimiser, counted from 0."""
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+        """Returns the loss `()` in a step of the optimiser, counted from 0, of batches for values and for the policy."""
 
     def follow(self) -> None:  # noqa: B027
         """Moves target networks towards those that learn, after a step of the optimiser."""
@@ -58,8 +63,8 @@ class Cloning(OfflineMethod):
     title = "Behaviour cloning of all episodes"
     hyperparameters = OfflineHyperparameters
 
-    def loss(self, batch: Batch, step: int) -> torch.Tensor:
-        return torch.nn.functional.mse_loss(self.policy(batch.inputs), batch.actions)
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+        return torch.nn.functional.l1_loss(self.policy(shown.inputs), shown.chunks)
 
 
 class Critics(torch.nn.Module):
@@ -73,7 +78,7 @@ class Critics(torch.nn.Module):
         self.targets = copy.deepcopy(self.networks).requires_grad_(False)
 
     def forward(self, inputs: torch.Tensor, actions: torch.Tensor) -> list[torch.Tensor]:
-        """Returns both values `(b,)` of actions `(b, k)` on inputs `(b, n)`."""
+        """Returns both values `(b,)` of chunks of actions `(b, c k)` on inputs `(b, n)`."""
         return [network(torch.cat([inputs, actions], dim=1)).squeeze(1) for network in self.networks]
 
     @torch.no_grad()
@@ -87,14 +92,31 @@ class Critics(torch.nn.Module):
         values = self(inputs, actions)
         return sum(((value - returns).square().mean() for value in values), start=torch.zeros(()))
 
-    @torch.no_grad()
     def follow(self) -> None:
         """Moves the targets."""
-        for target, parameter in zip(self.targets.parameters(), self.networks.parameters(), strict=True):
-            target.lerp_(parameter, self._rate)
+        _move(self.targets, self.networks, self._rate)
 
 
-class IQL(OfflineMethod):
+@torch.no_grad()
+def _move(target: torch.nn.Module, module: torch.nn.Module, rate: float) -> None:
+    """Moves the parameters of a target by a share of the way to those of a module."""
+    torch._foreach_lerp_([*target.parameters()], [*module.parameters()], rate)
+
+
+class WeightedCloning(OfflineMethod):
+    """Behaviour cloning in which actions weigh the more the greater their advantage is."""
+
+    def _policy_loss(self, shown: Batch, advantages: torch.Tensor) -> torch.Tensor:
+        """Returns the loss `()` of actions with advantages `(b,)`."""
+        weights = (self.config.temperature * advantages).exp().clamp(max=_MAX_WEIGHT)
+        return (weights * (self.policy(shown.inputs) - shown.chunks).abs().mean(dim=1)).mean()
+
+    def _expectile_loss(self, errors: torch.Tensor) -> torch.Tensor:
+        """Returns the loss `()` of a value function whose errors are `(b,)`."""
+        return (torch.where(errors > 0, self.config.expectile, 1.0 - self.config.expectile) * errors.square()).mean()
+
+
+class IQL(WeightedCloning):
     """Implicit Q-learning: values are expectiles over the data's actions, of which the better ones are cloned.
 
     Source: Kostrikov, Nair and Levine, Offline Reinforcement Learning with Implicit Q-Learning, ICLR 2022.
@@ -108,26 +130,49 @@ class IQL(OfflineMethod):
         self.value = self._network(inputs, 1)
         self.critics = Critics([self._network(inputs + actions, 1) for _ in range(2)], config.target_rate)
 
-    def loss(self, batch: Batch, step: int) -> torch.Tensor:
-        config, value_inputs = self.config, batch.value_inputs
-        value = self.value(value_inputs).squeeze(1)
-        error = self.critics.target(value_inputs, batch.actions) - value
-        value_loss = (torch.where(error > 0, config.expectile, 1.0 - config.expectile) * error.square()).mean()
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
         with torch.no_grad():
-            after = self.value(batch.next_value_inputs).squeeze(1)
-            returns = batch.rewards + config.discount * batch.continues * after
-            advantage = self._advantage(batch, error)
-            weight = (config.temperature * advantage).exp().clamp(max=_MAX_WEIGHT)
-        critic_loss = self.critics.loss(value_inputs, batch.actions, returns)
-        mistakes = (self.policy(batch.inputs) - batch.actions).square().mean(dim=1)
-        return value_loss + critic_loss + (weight * mistakes).mean()
+            returns = batch.rewards + batch.discounts * self.value(batch.later_inputs).squeeze(1)
+        errors = self._advantages(batch)
+        chosen = (errors if shown is batch else self._advantages(shown)).detach()
+        critic_loss = self.critics.loss(batch.inputs, batch.chunks, returns)
+        return self._expectile_loss(errors) + critic_loss + self._policy_loss(shown, chosen)
 
-    def _advantage(self, batch: Batch, error: torch.Tensor) -> torch.Tensor:
-        """Returns how much better than the value the actions `(b,)` are on the policy's inputs."""
-        return error
+    def _advantages(self, batch: Batch) -> torch.Tensor:
+        return self.critics.target(batch.inputs, batch.chunks) - self.value(batch.inputs).squeeze(1)
 
     def follow(self) -> None:
         self.critics.follow()
+
+
+class IVL(WeightedCloning):
+    """Implicit V-learning: IQL without values of actions, whose advantages are those of what came of them.
+
+    The value function is an expectile of the returns of some steps and the value after them. Where what comes of an
+    action is its own doing, as in this suite, its advantage needs no other network.
+    Source: GCIVL in Park et al., OGBench: Benchmarking Offline Goal-Conditioned RL, ICLR 2025, there for one step.
+    """
+
+    title = "Implicit V-learning"
+    hyperparameters = IVLHyperparameters
+
+    def __init__(self, inputs: int, actions: int, config: IVLHyperparameters) -> None:
+        super().__init__(inputs, actions, config)
+        self.value = self._network(inputs, 1)
+        self.target = copy.deepcopy(self.value).requires_grad_(False)
+
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+        errors = self._advantages(batch)
+        chosen = (errors if shown is batch else self._advantages(shown)).detach()
+        return self._expectile_loss(errors) + self._policy_loss(shown, chosen)
+
+    def _advantages(self, batch: Batch) -> torch.Tensor:
+        with torch.no_grad():
+            returns = batch.rewards + batch.discounts * self.target(batch.later_inputs).squeeze(1)
+        return returns - self.value(batch.inputs).squeeze(1)
+
+    def follow(self) -> None:
+        _move(self.target, self.value, self.config.target_rate)
 
 
 class TD3BC(OfflineMethod):
@@ -144,32 +189,29 @@ class TD3BC(OfflineMethod):
         self.critics = Critics([self._network(inputs + actions, 1) for _ in range(2)], config.target_rate)
         self.policy_target = copy.deepcopy(self.policy).requires_grad_(False)
 
-    def loss(self, batch: Batch, step: int) -> torch.Tensor:
-        config, inputs = self.config, batch.value_inputs
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+        config = self.config
         with torch.no_grad():
-            noise = (config.target_noise * torch.randn_like(batch.actions)).clamp(-config.noise_clip, config.noise_clip)
-            actions = self.policy_target(batch.next_value_inputs) + noise
-            after = self.critics.target(batch.next_value_inputs, actions)
-            returns = batch.rewards + config.discount * batch.continues * after
-        loss = self.critics.loss(inputs, batch.actions, returns)
-        return loss if step % _POLICY_DELAY else loss + self._policy_loss(batch)
+            noise = (config.target_noise * torch.randn_like(batch.chunks)).clamp(-config.noise_clip, config.noise_clip)
+            actions = self.policy_target(batch.later_inputs) + noise
+            returns = batch.rewards + batch.discounts * self.critics.target(batch.later_inputs, actions)
+        loss = self.critics.loss(batch.inputs, batch.chunks, returns)
+        return loss if step % _POLICY_DELAY else loss + self._policy_loss(shown)
 
-    def _policy_loss(self, batch: Batch) -> torch.Tensor:
-        chosen = self.policy(batch.inputs)
+    def _policy_loss(self, shown: Batch) -> torch.Tensor:
+        chosen = self.policy(shown.inputs)
         first = self.critics.networks[0]
         # The policy's loss trains the policy alone.
         frozen = {name: parameter.detach() for name, parameter in first.named_parameters()}
-        pairs = torch.cat([batch.inputs, chosen], dim=1)
+        pairs = torch.cat([shown.inputs, chosen], dim=1)
         values = torch.func.functional_call(first, frozen, (pairs,)).squeeze(1)
         scale = values.detach().abs().mean().clamp(min=1e-6)
-        mistakes = (chosen - batch.actions).square().mean()
+        mistakes = (chosen - shown.chunks).square().mean()
         return self.config.cloning * mistakes - values.mean() / scale
 
-    @torch.no_grad()
     def follow(self) -> None:
         self.critics.follow()
-        for target, parameter in zip(self.policy_target.parameters(), self.policy.parameters(), strict=True):
-            target.lerp_(parameter, self.config.target_rate)
+        _move(self.policy_target, self.policy, self.config.target_rate)
 
 
 class GoalCloning(Cloning):
@@ -182,17 +224,29 @@ class GoalCloning(Cloning):
 class GoalIQL(IQL):
     """Implicit Q-learning on goals (GCIQL), whose policy imitates on goals that were reached later.
 
-    Source: Park et al., OGBench: Benchmarking Offline Goal-Conditioned RL, ICLR 2025.
+    Source: as of `IVL`.
     """
 
     title = "Goal-conditioned implicit Q-learning"
     reaches_goals = True
 
-    def _advantage(self, batch: Batch, error: torch.Tensor) -> torch.Tensor:
-        return self.critics.target(batch.inputs, batch.actions) - self.value(batch.inputs).squeeze(1)
+
+class GoalIVL(IVL):
+    """Implicit V-learning on goals (GCIVL)."""
+
+    title = "Goal-conditioned implicit V-learning"
+    reaches_goals = True
 
 
 OFFLINE_METHODS: Mapping[str, type[OfflineMethod]] = MappingProxyType(
-    {"offline_bc": Cloning, "iql": IQL, "td3bc": TD3BC, "gcbc": GoalCloning, "gciql": GoalIQL}
+    {
+        "offline_bc": Cloning,
+        "iql": IQL,
+        "ivl": IVL,
+        "td3bc": TD3BC,
+        "gcbc": GoalCloning,
+        "gciql": GoalIQL,
+        "gcivl": GoalIVL,
+    }
 )
 """By the value of `--algorithm`."""

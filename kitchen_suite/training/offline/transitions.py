@@ -13,6 +13,7 @@ from kitchen_suite import suite
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.spec import EnvironmentSpec
+from kitchen_suite.training.hyperparameters import OfflineHyperparameters
 from kitchen_suite.training.imitation.demonstrations import finite, open_recording
 
 # Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
@@ -108,46 +109,69 @@ class Batch(NamedTuple):
     """Control steps that a step of the optimiser learns from; inputs and actions are standardised.
 
     Attributes:
-      inputs: `(b, n)`, of the policy, before the steps.
-      actions: `(b, k)`.
-      value_inputs: `(b, n)`, of the value functions: the same, but for the goals where there are any.
-      next_value_inputs: `(b, n)`, after the steps.
-      rewards: `(b,)`.
-      continues: `(b,)`, 0 where nothing is to be had after the step, else 1.
+      inputs: `(b, n)`, before the steps.
+      chunks: `(b, c k)`, the actions of the chunks that follow; at the end of an episode the last one repeats.
+      later_inputs: `(b, n)`, a number of steps later or at the end of the episode.
+      rewards: `(b,)`, discounted, of the steps up to then.
+      discounts: `(b,)`, factor of what is to be had from then on; 0 where that is nothing.
     """
 
     inputs: torch.Tensor
-    actions: torch.Tensor
-    value_inputs: torch.Tensor
-    next_value_inputs: torch.Tensor
+    chunks: torch.Tensor
+    later_inputs: torch.Tensor
     rewards: torch.Tensor
-    continues: torch.Tensor
+    discounts: torch.Tensor
 
 
 class Sampler:
     """Draws batches of recorded control steps with the recorded rewards."""
 
-    def __init__(self, transitions: Transitions, inputs: NDArray[np.float32], actions: NDArray[np.float32]) -> None:
-        """Takes transitions, and their standardised inputs and actions."""
-        self._transitions = transitions
+    def __init__(
+        self,
+        transitions: Transitions,
+        inputs: NDArray[np.float32],
+        actions: NDArray[np.float32],
+        config: OfflineHyperparameters,
+    ) -> None:
+        """Takes transitions, their standardised inputs and actions, and the sizes of batches."""
+        self._transitions, self._config = transitions, config
         self._inputs, self._actions = torch.as_tensor(inputs), torch.as_tensor(actions)
+        self._left = transitions.last - transitions.rows
+        self._returns, self._ended = self._sum_rewards()
 
-    def draw(self, size: int, discount: float) -> Batch:
-        """Draws a batch; random numbers are PyTorch's."""
-        steps = self._draw_steps(size)
-        rows = self._transitions.rows[steps]
-        inputs = self._inputs[rows]
-        return Batch(
-            inputs=inputs,
-            actions=self._actions[steps],
-            value_inputs=inputs,
-            next_value_inputs=self._inputs[rows + 1],
-            rewards=torch.as_tensor(self._transitions.rewards[steps]),
-            continues=1.0 - torch.as_tensor(self._transitions.terminations[steps]).float(),
+    def _sum_rewards(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Returns the discounted rewards `(m,)` of the next `returns` steps, and whether success ended them."""
+        transitions, config = self._transitions, self._config
+        count = len(transitions.rows)
+        total, ended = np.zeros(count), np.zeros(count, np.bool_)
+        for ahead in range(config.returns):
+            steps = np.minimum(np.arange(count) + ahead, count - 1)
+            inside = ahead < self._left
+            total += np.where(inside, config.discount**ahead * transitions.rewards[steps], 0.0)
+            ended |= inside & transitions.terminations[steps]
+        return total.astype(np.float32), ended
+
+    def draw(self) -> tuple[Batch, Batch]:
+        """Draws batches for the value functions and for the policy; random numbers are PyTorch's."""
+        steps = self._draw_steps()
+        rows, ahead = self._transitions.rows[steps], np.minimum(self._left[steps], self._config.returns)
+        goes_on = ~self._ended[steps]
+        batch = Batch(
+            inputs=self._inputs[rows],
+            chunks=self._chunks(steps),
+            later_inputs=self._inputs[rows + ahead],
+            rewards=torch.as_tensor(self._returns[steps]),
+            discounts=torch.as_tensor(goes_on * self._config.discount**ahead).float(),
         )
+        return batch, batch
 
-    def _draw_steps(self, size: int) -> NDArray[np.int64]:
-        return torch.randint(len(self._transitions.rows), (size,)).numpy()
+    def _draw_steps(self) -> NDArray[np.int64]:
+        return torch.randint(len(self._transitions.rows), (self._config.batch_size,)).numpy()
+
+    def _chunks(self, steps: NDArray[np.int64]) -> torch.Tensor:
+        """Returns the actions `(b, c k)` from each step on."""
+        ahead = np.minimum(np.arange(self._config.chunk), self._left[steps][:, np.newaxis] - 1)
+        return self._actions[steps[:, np.newaxis] + ahead].flatten(1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -177,43 +201,48 @@ class GoalSampler(Sampler):
         transitions: Transitions,
         inputs: NDArray[np.float32],
         actions: NDArray[np.float32],
+        config: OfflineHyperparameters,
+        *,
         elements: Sequence[int],
         shares: GoalShares,
     ) -> None:
-        """Takes transitions, and their standardised inputs and actions; `elements` are those of the state in a goal."""
-        super().__init__(transitions, inputs, actions)
-        self._elements, self._shares = [*elements], shares
-        self._goals = self._inputs[:, self._elements]
+        """Takes what `Sampler` does; `elements` are those of the state in a goal."""
+        super().__init__(transitions, inputs, actions, config)
+        if config.discount >= 1.0:
+            raise ValueError(f"goals need a discount below 1, got {config.discount}")
+        self._shares = shares
+        self._goals, self._places = self._inputs[:, [*elements]], transitions.inputs[:, [*elements]]
 
-    def draw(self, size: int, discount: float) -> Batch:
-        steps = self._draw_steps(size)
-        rows = self._transitions.rows[steps]
-        later, goals = self._later(steps, discount), self._value_goals(steps, discount)
-        reached = self._reached(rows + 1, goals)
-        inputs, wanted = self._inputs[rows], self._goals[goals]
+    def draw(self) -> tuple[Batch, Batch]:
+        steps = self._draw_steps()
+        return self._towards(steps, self._value_goals(steps)), self._towards(steps, self._later(steps))
+
+    def _towards(self, steps: NDArray[np.int64], goals: NDArray[np.int64]) -> Batch:
+        """Returns the batch of some steps with goals, which are given as rows `(b,)`."""
+        discount, returns, rows = self._config.discount, self._config.returns, self._transitions.rows[steps]
+        next_rows = np.minimum(rows[:, np.newaxis] + 1 + np.arange(returns), self._transitions.last[steps, np.newaxis])
+        reached = np.linalg.norm(self._places[next_rows] - self._places[goals, np.newaxis], axis=-1) <= REACHED
+        # The first of these steps that reaches the goal; the last one if none does.
+        first = np.where(reached.any(axis=1), reached.argmax(axis=1), returns - 1)
+        arrives, ahead = reached[np.arange(len(steps)), first], np.minimum(first + 1, self._left[steps])
+        wanted = self._goals[goals]
         return Batch(
-            inputs=torch.cat([inputs, self._goals[later]], dim=1),
-            actions=self._actions[steps],
-            value_inputs=torch.cat([inputs, wanted], dim=1),
-            next_value_inputs=torch.cat([self._inputs[rows + 1], wanted], dim=1),
-            rewards=reached - 1.0,
-            continues=1.0 - reached,
+            inputs=torch.cat([self._inputs[rows], wanted], dim=1),
+            chunks=self._chunks(steps),
+            later_inputs=torch.cat([self._inputs[rows + ahead], wanted], dim=1),
+            # -1 for each step but the one that reaches the goal.
+            rewards=torch.as_tensor((discount ** (ahead - arrives) - 1.0) / (1.0 - discount)).float(),
+            discounts=torch.as_tensor(~arrives * discount**ahead).float(),
         )
 
-    def _later(self, steps: NDArray[np.int64], discount: float) -> NDArray[np.int64]:
+    def _later(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Returns rows `(b,)` of states after steps, in the same episodes."""
-        ahead = torch.empty(len(steps)).geometric_(1.0 - discount).long().numpy()
+        ahead = torch.empty(len(steps)).geometric_(1.0 - self._config.discount).long().numpy()
         return np.minimum(self._transitions.rows[steps] + ahead, self._transitions.last[steps])
 
-    def _value_goals(self, steps: NDArray[np.int64], discount: float) -> NDArray[np.int64]:
+    def _value_goals(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Returns rows `(b,)` of goals for value functions."""
         kind, shares = torch.rand(len(steps)).numpy(), self._shares
         anywhere = torch.randint(len(self._inputs), (len(steps),)).numpy()
-        goals = np.where(kind < shares.present + shares.later, self._later(steps, discount), anywhere)
+        goals = np.where(kind < shares.present + shares.later, self._later(steps), anywhere)
         return np.where(kind < shares.present, self._transitions.rows[steps] + 1, goals)
-
-    def _reached(self, rows: NDArray[np.int64], goals: NDArray[np.int64]) -> torch.Tensor:
-        """Returns 1 where the state of a row is that of the goal, else 0."""
-        states = self._transitions.inputs
-        away = states[rows][:, self._elements] - states[goals][:, self._elements]
-        return torch.as_tensor(np.linalg.norm(away, axis=1) <= REACHED).float()
