@@ -30,28 +30,37 @@ RESULTS = Path(__file__).parent / "results" / "offline"
 SETS = Path(__file__).parent / "results" / "datasets.json"
 ONLINE = Path(__file__).parent / "results" / "offline_online.json"
 
+# Variations of the start, of recordings and evaluations: without them all episodes of a policy are nearly the same one.
+VARIATIONS = "start"
+
+# What is recorded for the digests: sets, with varied starts or not.
+RECORDED = (
+    *((preset, variations) for preset in ("complete", "partial", "mixed") for variations in ("", VARIATIONS)),
+    *((preset, VARIATIONS) for preset in ("play", "noisy")),
+)
+
 # What policies from each set are evaluated on: the task, and arguments of its environments.
 GOAL = {"goal_states": 1}
 TASKS: dict[str, tuple[tuple[str, dict[str, Any]], ...]] = {
-    "complete": (("complete", {}),),
-    "partial": (("partial", {}),),
-    "mixed": (("mixed", {}),),
+    **{preset: ((preset, {}),) for preset in ("complete", "partial", "mixed")},
     "play": (("random_1", GOAL), ("random_4", GOAL)),
-    "noisy": (("random_1", GOAL), ("random_4", GOAL)),
 }
 ALGORITHMS = {
-    **dict.fromkeys(("complete", "partial", "mixed"), ("offline_bc", "iql", "td3bc")),
-    "play": ("gcbc", "gciql"),
+    **dict.fromkeys(("mixed", "partial", "complete"), ("offline_bc", "ivl", "iql", "td3bc")),
+    "play": ("gcbc", "gcivl", "gciql"),
 }
 SEEDS = (1, 2, 3)
 
 # Steps of the optimiser. Policies are those after the last one: none is chosen by its evaluations.
-STEPS = 20_000
+STEPS = 12_000
 
 EPISODES = 100
 
 # Seeds that neither recordings nor training use.
 FIRST_SEED = 400_000_000
+
+# From offline to online: the set that is cloned, and control steps of PPO in fast physics after it.
+ONLINE_SET, ONLINE_STEPS = "complete", 500_000
 
 
 class Cell(NamedTuple):
@@ -86,22 +95,24 @@ CELLS = [
 ]
 
 
-def record(folder: Path, preset: str) -> tuple[Path, float]:
+def record(folder: Path, preset: str, variations: str = VARIATIONS) -> tuple[Path, float]:
     """Records a set, or completes it; returns its folder, and the minutes that this took."""
-    output, started = folder / preset, time.monotonic()
-    call("record", f"--output={output}", f"--preset={preset}")
+    output, started = folder / f"{preset}_{variations or 'original'}", time.monotonic()
+    varied = [f"--variations={variations}"] if variations else []
+    call("record", f"--output={output}", f"--preset={preset}", *varied)
     return output, (time.monotonic() - started) / 60
 
 
-def describe(output: Path, preset: str, minutes: float) -> dict[str, Any]:
-    """Returns what a set holds."""
+def describe(folder: Path, preset: str, variations: str) -> dict[str, Any]:
+    """Records a set, and returns what it holds."""
+    output, minutes = record(folder, preset, variations)
     recording = RecordingFolder.open(output)
     stats = [recording.load_stats(index) for index in recording.indices]
     counts = collections.Counter(len(each.metrics["tasks_completed"]) for each in stats)
     return {
         "preset": preset,
+        "variations": variations,
         "task": recording.spec.task_name,
-        "policy": recording.spec.policy,
         "episodes": len(stats),
         "steps": sum(each.steps for each in stats),
         "successes": sum(bool(each.metrics["success"]) for each in stats),
@@ -113,55 +124,71 @@ def describe(output: Path, preset: str, minutes: float) -> dict[str, Any]:
 
 
 def write_sets(folder: Path) -> None:
-    """Records all sets, and writes what they hold, and what their digests depend on; sets that are there are kept."""
-    found = json.loads(SETS.read_text("utf-8"))["sets"] if SETS.exists() else []
-    rows = {row["preset"]: row for row in found}
-    for preset in TASKS:
-        if preset not in rows:
-            rows[preset] = describe(*_recorded(folder, preset))
-            result = {"versions": installed_versions(), "machine": machine(), "sets": [*rows.values()]}
+    """Records all sets, and writes what they hold, and what their digests depend on; sets with a row are kept."""
+    rows = json.loads(SETS.read_text("utf-8"))["sets"] if SETS.exists() else []
+    for preset, variations in RECORDED:
+        if (preset, variations) not in {(row["preset"], row["variations"]) for row in rows}:
+            rows.append(describe(folder, preset, variations))
+            result = {"versions": installed_versions(), "machine": machine(), "sets": rows}
             SETS.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
-def _recorded(folder: Path, preset: str) -> tuple[Path, str, float]:
-    output, minutes = record(folder, preset)
-    return output, preset, minutes
-
-
-def train(folder: Path, cell: Cell) -> tuple[Path, float]:
-    """Trains a policy, or continues; returns its file, and the minutes of a processor."""
+def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float]:
+    """Trains a policy with some flags, or continues; returns its file, and the minutes of a processor."""
     from kitchen_suite.training import checkpoints
     from kitchen_suite.training.seed_run import LAST_POLICY_FILE
 
     demonstrations, _ = record(folder, cell.preset)
-    output, (task, arguments) = folder / cell.name, TASKS[cell.preset][0]
+    output, (task, arguments) = folder / name, TASKS[cell.preset][0]
     run = (
         f"--output={output}",
-        *(f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", "--num_threads=1"),
+        *(f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--variations={VARIATIONS}"),
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--seed={cell.seed}"),
-        *(f"--num_steps={STEPS}", f"--eval_interval={STEPS}", "--eval_episodes=1"),
+        *("--num_threads=1", "--restarts=0", "--eval_episodes=10"),
         *(["--resume"] if (output / "training.json").exists() else []),
     )
-    call("train", *run)
+    call("train", *run, *flags)
     last = checkpoints.load_last(output / f"seed_{cell.seed}")
     assert last
     return output / f"seed_{cell.seed}" / LAST_POLICY_FILE, last.processor_seconds / 60
 
 
+def score(folder: Path, name: str, policy: Path, task: str, arguments: dict[str, Any]) -> dict[str, Any]:
+    """Evaluates a policy on a task; returns its JSON, with the digest of the episodes."""
+    name = f"{name}_{task}"
+    written, receipt = folder / f"{name}.json", folder / f"{name}_receipt.npz"
+    given = (f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--variations={VARIATIONS}")
+    episodes = (f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}", f"--receipt={receipt}")
+    evaluate(folder, name, policy, written, "--protocol=default", *given, *episodes)
+    result = json.loads(written.read_text("utf-8"))
+    # There is one condition, whose numbers are those of the whole.
+    return {**{key: value for key, value in result.items() if key != "conditions"}, "digest": digest_of(receipt)}
+
+
 def measure(folder: Path, cell: Cell) -> None:
     """Trains and evaluates a policy, and writes its JSON."""
-    policy, minutes = train(folder, cell)
-    conditions = {}
-    for task, arguments in TASKS[cell.preset]:
-        name = f"{cell.name}_{task}"
-        written, receipt = folder / f"{name}.json", folder / f"{name}.npz"
-        given = (f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--receipt={receipt}")
-        episodes = (f"--seed={FIRST_SEED}", f"--num_episodes={EPISODES}")
-        evaluate(folder, name, policy, written, "--protocol=default", *given, *episodes)
-        conditions[task] = {**json.loads(written.read_text("utf-8")), "digest": digest_of(receipt)}
+    policy, minutes = train(folder, cell, cell.name, f"--num_steps={STEPS}", f"--eval_interval={STEPS}")
+    conditions = {task: score(folder, cell.name, policy, task, arguments) for task, arguments in TASKS[cell.preset]}
     result = {**cell._asdict(), "minutes": minutes, "machine": machine(), "conditions": conditions}
     RESULTS.mkdir(exist_ok=True)
     cell.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def write_online(folder: Path) -> None:
+    """Evaluates clones of a set, and what PPO makes of them in fast physics; seeds with a row are kept."""
+    rows = json.loads(ONLINE.read_text("utf-8")) if ONLINE.exists() else []
+    for seed in SEEDS:
+        if seed in {row["seed"] for row in rows}:
+            continue
+        cell, row = Cell("ppo", ONLINE_SET, seed), {"seed": seed}
+        for stage, steps in (("clone", 0), ("online", ONLINE_STEPS)):
+            name = f"{cell.name}_{stage}"
+            fast = '--training_kwargs={"physics": "fast"}'
+            flags = (f"--num_steps={steps}", f"--eval_interval={max(steps, 1)}", "--target_success=1.1", "--patience=0")
+            policy, minutes = train(folder, cell, name, *flags, fast)
+            row[stage] = {"steps": steps, "minutes": minutes, **score(folder, name, policy, ONLINE_SET, {})}
+        rows.append(row)
+        ONLINE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 def digest_of(receipt: Path) -> str:
@@ -181,3 +208,28 @@ def cells_of(names: Sequence[str]) -> list[Cell]:
     if unknown := [name for name in names if name not in cells]:
         raise ValueError(f"{unknown[0]!r} is none of {', '.join(cells)}")
     return [cells[name] for name in names or cells]
+
+
+# What the command does instead of training and evaluating cells.
+OTHERS = {"sets": write_sets, "online": write_online}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the command; returns the exit status."""
+    try:
+        folder, names = Path(arguments[0]), arguments[1:]
+        work = OTHERS.get(" ".join(names))
+        cells = [] if work else cells_of(names)
+    except (IndexError, ValueError) as error:
+        print(error if arguments else __doc__, file=sys.stderr)
+        return 2
+    if work:
+        work(folder)
+    for cell in cells:
+        if not cell.result.exists():
+            measure(folder, cell)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

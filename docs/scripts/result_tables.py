@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from scipy import stats
 from tabulate import tabulate
 
 from kitchen_suite import suite
@@ -389,6 +390,96 @@ def imitation_table() -> str:
     return markdown(header, rows)
 
 
+def offline_set_table() -> str:
+    """Returns the table of what the sets for offline learning hold, from `docs/experiments/offline.py sets`."""
+    rows = [
+        (
+            f"`{row['preset']}`" + (f", `{row['variations']}`" if row["variations"] else ""),
+            f"`{row['task']}`",
+            f"{row['episodes']:,}",
+            f"{row['steps']:,}",
+            f"{row['successes'] / row['episodes']:.0%}",
+            f"{sum(int(count) * times for count, times in row['tasks_completed'].items()) / row['episodes']:.2f}",
+            f"{row['minutes']:.1f}",
+            f"{row['megabytes']:.0f}",
+        )
+        for row in read_results("datasets")["sets"]
+    ]
+    header = ("`--preset`", "rewards of", "episodes", "control steps", "success", "mean tasks", "minutes", "MB")
+    return markdown(header, rows)
+
+
+def offline_digest_table() -> str:
+    """Returns the table of the digests of the sets for offline learning, and what they depend on."""
+    result = read_results("datasets")
+    rows = [(f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["digest"]) for row in result["sets"]]
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    return f"{markdown(('`--preset`', '`--variations`', 'SHA-256'), rows)}\n\nWith {versions}, on {result['machine']}."
+
+
+def offline_table() -> str:
+    """Returns the table of the baselines of docs/experiments/offline.py: means over seeds, with intervals."""
+    found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("offline/*.json"))]
+    cells: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for result in found:
+        for task, condition in result["conditions"].items():
+            cells.setdefault((result["preset"], task, result["algorithm"]), []).append({**result, **condition})
+    order = [(preset, name) for preset, names in OFFLINE_BASELINES.items() for name in names]
+    rows = [
+        (
+            f"`{preset}`",
+            f"`{task}`",
+            f"`{algorithm}`",
+            ", ".join(f"{_offline_score(each):.0f}" for each in results),
+            _over_seeds([_offline_score(each) for each in results]),
+            *(f"{statistics.fmean(each['success'] for each in results):.2f}",),
+            f"{statistics.fmean(each['minutes'] for each in results):.1f}",
+        )
+        for (preset, task, algorithm), results in sorted(
+            cells.items(), key=lambda item: (order.index((item[0][0], item[0][2])), item[0][1])
+        )
+    ]
+    return markdown(("set", "evaluated on", "`--algorithm`", "score of each seed", "mean", "success", "minutes"), rows)
+
+
+# Sets and algorithms, in the order of the table.
+OFFLINE_BASELINES = {
+    **dict.fromkeys(("complete", "partial", "mixed"), ("offline_bc", "iql", "ivl", "td3bc")),
+    "play": ("gcbc", "gciql", "gcivl"),
+}
+
+
+def _offline_score(condition: Mapping[str, Any]) -> float:
+    """Returns D4RL's score: the share of the tasks asked for that are completed, times 100."""
+    asked = 1 if condition["task_name"] == "random_1" else 4
+    return 100.0 * float(condition["mean_tasks"]) / asked
+
+
+def _over_seeds(scores: Sequence[float]) -> str:
+    """Returns the mean of the scores of seeds with its interval of 95 %, by Student's distribution."""
+    mean = statistics.fmean(scores)
+    if len(scores) < 2:
+        return f"{mean:.0f}"
+    half = stats.t.ppf(0.975, len(scores) - 1) * statistics.stdev(scores) / len(scores) ** 0.5
+    return f"{mean:.0f} ({mean - half:.0f} to {mean + half:.0f})"
+
+
+def offline_online_table() -> str:
+    """Returns the table of clones and of what PPO makes of them, from `docs/experiments/offline.py online`."""
+    rows = [
+        (
+            row["seed"],
+            *(with_interval(row[stage], "success") for stage in ("clone", "online")),
+            *(f"{row[stage]['mean_tasks']:.2f}" for stage in ("clone", "online")),
+            f"{row['online']['steps']:,}",
+            f"{row['online']['minutes']:.1f}",
+        )
+        for row in read_results("offline_online")
+    ]
+    header = ("seed", "success of the clone", "after PPO", "mean tasks of the clone", "after PPO", "control steps", "minutes")
+    return markdown(header, rows)
+
+
 def kitchen_policy_table() -> str:
     """Returns the table of the whole kitchen's policies, from the result of `docs/experiments/kitchen_policy.py`."""
     rows = [
@@ -657,6 +748,10 @@ RESULT_TABLES: dict[str, Callable[[], str]] = {
     "imitation_results": imitation_table,
     "kitchen_policy": kitchen_policy_table,
     "digests": digest_table,
+    "offline_sets": offline_set_table,
+    "offline_digests": offline_digest_table,
+    "offline_results": offline_table,
+    "offline_online": offline_online_table,
     "mutants": mutant_table,
     "processors": processor_table,
     "processors_receipts": verified_table,

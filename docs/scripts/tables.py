@@ -44,6 +44,10 @@ from kitchen_suite.training.hyperparameters import (
     FlowHyperparameters,
     Hyperparameters,
     ImitationHyperparameters,
+    IQLHyperparameters,
+    IVLHyperparameters,
+    OfflineHyperparameters,
+    TD3BCHyperparameters,
     TokenHyperparameters,
 )
 
@@ -63,7 +67,7 @@ def first_line(documented: object) -> str:
 
 def attributes(documented: type) -> dict[str, str]:
     """Returns the names and texts of the section `Attributes` of a docstring."""
-    section = (inspect.getdoc(documented) or "").split("Attributes:\n", 1)[1]
+    _, _, section = (inspect.getdoc(documented) or "").partition("Attributes:\n")
     entries = re.findall(r"^ {2}(\w+): (.*(?:\n {4,}.*)*)", section, re.MULTILINE)
     return {name: re.sub(r"\s+", " ", text) for name, text in entries}
 
@@ -556,6 +560,14 @@ _IMITATION: dict[str, type[ImitationHyperparameters]] = {
 }
 
 
+_OFFLINE: dict[str, type[OfflineHyperparameters]] = {
+    "offline_bc": OfflineHyperparameters,
+    "iql": IQLHyperparameters,
+    "ivl": IVLHyperparameters,
+    "td3bc": TD3BCHyperparameters,
+}
+
+
 def preset_table() -> str:
     """Returns the table of the sets of demonstrations of all domains."""
     rows = [
@@ -570,11 +582,11 @@ def _preset_arguments(preset: Any) -> str:
     return ", ".join(f"`{name}`: {value}" for name, value in preset.get("task_kwargs", {}).items())
 
 
-def imitation_hyperparameter_table() -> str:
-    """Returns the table of the hyperparameters with their defaults."""
-    defaults = {name: each() for name, each in _IMITATION.items()}
-    meanings = {name: text for each in _IMITATION.values() for name, text in attributes(each).items()}
-    names = dict.fromkeys(name for each in _IMITATION.values() for name in get_type_hints(each))
+def learner_table(configs: Mapping[str, Any]) -> str:
+    """Returns the table of the hyperparameters of algorithms, by name, with their defaults."""
+    defaults = {name: each() for name, each in configs.items()}
+    meanings = {name: text for each in configs.values() for name, text in attributes(each).items()}
+    names = dict.fromkeys(name for each in configs.values() for name in get_type_hints(each))
     rows = [
         (f"`{name}`", meanings[name], *(f"{getattr(config, name, '')}" for config in defaults.values()))
         for name in names
@@ -662,7 +674,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "entity_joints": joint_table,
     "distributions": distribution_table,
     "hyperparameters": hyperparameter_table,
-    "imitation_hyperparameters": imitation_hyperparameter_table,
+    "imitation_hyperparameters": functools.partial(learner_table, _IMITATION),
+    "offline_hyperparameters": functools.partial(learner_table, _OFFLINE),
     "presets": preset_table,
     "protocols": protocol_table,
     "protocol_differences": protocol_differences,

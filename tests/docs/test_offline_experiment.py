@@ -1,0 +1,76 @@
+"""The experiment on offline learning records, trains and evaluates what is missing, and goes on where it was stopped."""
+
+import json
+
+import pytest
+from docs_scripts import load_script
+
+from kitchen_suite.settings import OFFLINE
+
+pytestmark = pytest.mark.clients
+
+
+@pytest.fixture
+def offline(tmp_path, monkeypatch):
+    module = load_script("experiments/offline")
+    for name, file in (("RESULTS", "offline"), ("SETS", "datasets.json"), ("ONLINE", "online.json")):
+        monkeypatch.setattr(module, name, tmp_path / "results" / file)
+    (tmp_path / "results").mkdir()
+    monkeypatch.setattr(module, "EPISODES", 2)
+    monkeypatch.setattr(module, "STEPS", 20)
+    monkeypatch.setattr(module, "ONLINE_STEPS", 10)
+    call = module.call
+
+    def short(command, *flags):
+        """Calls a command with fewer and shorter episodes, and small networks."""
+        if command == "record":
+            preset = next(flag for flag in flags if flag.startswith("--preset"))
+            flags = (*flags, "--num_episodes=3" if preset == "--preset=mixed" else "--num_episodes=1")
+        if command == "train":
+            assert "--num_threads=1" in flags
+            flags = tuple(flag for flag in flags if flag != "--eval_episodes=10")
+            flags = (*flags, "--eval_episodes=1", '--hyperparameters={"width": 8, "batch_size": 16}')
+        return call(command, *flags)
+
+    monkeypatch.setattr(module, "call", short)
+    return module
+
+
+def test_a_baseline_is_trained_and_measured_once(offline, tmp_path, monkeypatch):
+    folder = tmp_path / "work"
+    assert offline.main([str(folder), "ivl:mixed:2"]) == 0
+    result = json.loads((tmp_path / "results" / "offline" / "ivl_mixed_2.json").read_text())
+    assert (result["algorithm"], result["preset"], result["seed"]) == ("ivl", "mixed", 2)
+    condition = result["conditions"]["mixed"]
+    assert condition["num_episodes"] == 2
+    assert len(condition["digest"]) == 64
+    assert 0.0 <= condition["success"] <= 1.0
+    assert result["minutes"] > 0
+    monkeypatch.setattr(offline, "call", lambda *arguments: pytest.fail("it ran again"))
+    assert offline.main([str(folder), "ivl:mixed:2"]) == 0
+    tables = load_script("scripts/result_tables")
+    monkeypatch.setattr(tables, "RESULTS", tmp_path / "results")
+    row = next(line for line in tables.offline_table().splitlines() if "`ivl`" in line)
+    assert row.split("|")[1].strip() == "`mixed`"
+
+
+def test_every_cell_has_an_algorithm_and_a_task(offline):
+    tables = load_script("scripts/result_tables")
+    assert {cell.algorithm for cell in offline.CELLS} == {*OFFLINE}
+    for preset, algorithms in offline.ALGORITHMS.items():
+        assert {*algorithms} == {*tables.OFFLINE_BASELINES[preset]}
+        assert offline.TASKS[preset]
+    assert {cell.seed for cell in offline.CELLS} == {1, 2, 3}
+
+
+@pytest.mark.parametrize("arguments", [[], ["runs", "iql:mixd:1"], ["runs", "iql"], ["runs", "gcbc:mixed:1"]])
+def test_bad_arguments_are_refused(offline, capsys, arguments):
+    assert offline.main(arguments) == 2
+    assert capsys.readouterr().err
+
+
+def test_scores_are_shares_of_the_tasks_asked_for():
+    tables = load_script("scripts/result_tables")
+    assert tables._offline_score({"task_name": "random_1", "mean_tasks": 0.25}) == 25.0
+    assert tables._offline_score({"task_name": "mixed", "mean_tasks": 3.0}) == 75.0
+    assert tables._over_seeds([50.0, 60.0, 70.0]) == "60 (35 to 85)"
