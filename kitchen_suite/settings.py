@@ -127,6 +127,16 @@ num_threads_flag = functools.partial(
     flag, "Threads that step the environments.", minimum=1, maximum=checks.MAX_THREADS, unset="one per processor"
 )
 output_flag = functools.partial(flag, "Folder to write to.", check=check_folder)
+format_flag = functools.partial(
+    flag,
+    "Format of the dataset: minari, lerobot, robomimic, ogbench, d4rl, diffusion_policy or bet.",
+    unset="minari with --dataset",
+)
+dataset_flag = functools.partial(
+    flag,
+    "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
+    "(LeRobot).",
+)
 data_path_flag = functools.partial(flag, "Folder of the datasets.", unset="Minari's or LeRobot's own")
 camera_flag = functools.partial(flag, "Camera of the video and the page, by name or number.")
 video_flag = functools.partial(
@@ -297,16 +307,8 @@ class RecordSettings(WorkerSettings):
     num_episodes: int | None = num_episodes_flag(None, unset="the preset's, or 100")
     num_envs: int = num_envs_flag(16)
     num_threads: int | None = num_threads_flag(None)
-    format: str | None = flag(
-        "Format of the dataset: minari, lerobot, robomimic, ogbench, d4rl, diffusion_policy or bet.",
-        None,
-        unset="minari with --dataset",
-    )
-    dataset: str | None = flag(
-        "Name of a dataset to make of the episodes, such as kitchen-suite/complete-random-v0 (Minari) or me/kettle "
-        "(LeRobot).",
-        None,
-    )
+    format: str | None = format_flag(None)
+    dataset: str | None = dataset_flag(None)
     data_path: Path | None = data_path_flag(None)
 
     @property
@@ -344,10 +346,12 @@ class ReplaySettings(FilmSettings):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConvertSettings:
-    """Settings of `kitchen-convert`; `source` is its argument."""
+    """Settings of `kitchen-convert`; `source` is its argument. Either `output` or `dataset` is named."""
 
-    source: str = flag("Demonstrations to convert: HDF5 file of D4RL, or Minari dataset.")
-    output: Path = output_flag()
+    source: str = flag("Recording; or dataset that kitchen-record made, HDF5 file of D4RL or Minari dataset.")
+    output: Path | None = flag("Folder of the recording to make.", None, check=check_folder)
+    format: str | None = format_flag(None)
+    dataset: str | None = dataset_flag(None)
     data_path: Path | None = data_path_flag(None)
 
 

@@ -267,19 +267,23 @@ differs from it. Exit status: 0; 1 if writing failed; 2 for a bad argument, with
 
 convert = Command(
     name="kitchen-convert",
-    description="""Converts human demonstrations of the kitchen to a recording that policies can be trained on.
+    description="""Converts recordings to datasets of other programs, and datasets to recordings.
 
-  kitchen-convert kitchen_complete-v0.hdf5 --output=human    a file of D4RL: positions and goals, 60 numbers
-  kitchen-convert D4RL/kitchen/complete-v2 --output=human    a Minari dataset, by its name or in a folder
-  kitchen-train --domain_name=kitchen --task_name=random_4 --algorithm=bc --demonstrations=human --output=runs/human
+  kitchen-convert runs --format=robomimic --dataset=me/set --data_path=data    as kitchen-record does, of a recording
+  kitchen-convert data/me/set.hdf5 --output=back             makes the recording of such a dataset again, to the bit
+  kitchen-convert kitchen_complete-v0.hdf5 --output=human    human demonstrations of the kitchen, in a file of D4RL
+  kitchen-convert D4RL/kitchen/complete-v2 --output=human    human demonstrations in a Minari dataset
 
-Each episode is taken to ask for the tasks that it completes, by the suite's goals and thresholds, in the order of
-completion. Observations of D4RL have no velocities; policies that are trained on them act on positions alone. Exit
-status: 0; 1 if reading or writing failed; 2 for a bad argument or for data of another layout, with one line on stderr;
-130 if interrupted.
+Of a dataset that kitchen-record or kitchen-convert made, the actions are played again from their seeds, and all numbers
+compared. Human demonstrations are taken to ask for the tasks that they complete, by the suite's goals and thresholds,
+in that order. D4RL's have no velocities; policies that are trained on them act on positions alone. Exit status: 0; 1 if
+reading or writing failed, or an episode plays otherwise; 2 for a bad argument or data of another layout, with one line
+on stderr; 130 if interrupted.
 """,
     settings=ConvertSettings,
-    job="kitchen_suite.recordings.human_data:ConvertJob",
+    job="kitchen_suite.recordings.conversions:convert_job",
+    # A recording may hold pictures, which are rendered again.
+    renders=lambda settings: None,
     positional="source",
 )
 

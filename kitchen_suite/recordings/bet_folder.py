@@ -1,11 +1,10 @@
 """Recordings of the kitchen as the arrays of Behavior Transformers, which VQ-BeT, BESO and their descendants read."""
 
-import collections
 import io
 import pickle
 import struct
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.d4rl_file import relay_observations
-from kitchen_suite.recordings.exports import ExportPlan
+from kitchen_suite.recordings.exports import ExportPlan, check_count, check_room
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 
@@ -23,6 +22,13 @@ _OBSERVED, _GOAL_FORMAT = "goal", "dict"
 
 # The tasks of the goals, in BeT's order.
 TASKS = ("bottom burner", "top burner", "light switch", "slide cabinet", "hinge cabinet", "microwave", "kettle")
+
+# Files of arrays, by name without suffix, and the file of PyTorch's with the goals.
+_ARRAYS = ("observations_seq", "actions_seq", "existence_mask")
+_GOALS_FILE = "onehot_goals.pth"
+
+# Part of a file of PyTorch's that holds the numbers of a tensor.
+_NUMBERS = "archive/data/0"
 
 
 class BeTPlan(ExportPlan):
@@ -42,19 +48,35 @@ class BeTPlan(ExportPlan):
             raise ValueError("a dataset for BeT is of the domain kitchen, observed with goals by task")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        inner = suite_env(environment)
-        tasks = inner.composer_task.mdp.goals.tasks
-        columns: dict[str, list[NDArray]] = collections.defaultdict(list)
-        for episode in episodes:
-            columns["observations_seq"].append(relay_observations(inner, episode)[:-1])
-            columns["actions_seq"].append(episode.arrays["action"])
-            columns["existence_mask"].append(np.ones(episode.steps, np.float32))
-            columns["onehot_goals"].append(_next_tasks(tasks, episode))
+        parts = [self.columns(environment, self.spec, episode) for episode in episodes]
+        columns = {name: _side_by_side([part[name] for part in parts]) for name in parts[0]}
+        check_room(folder, sum(rows.nbytes for rows in columns.values()))
         target = folder / self.name
         target.mkdir()
-        for name in ("observations_seq", "actions_seq", "existence_mask"):
-            np.save(target / f"{name}.npy", _side_by_side(columns[name]))
-        (target / "onehot_goals.pth").write_bytes(as_torch_file(_side_by_side(columns["onehot_goals"])))
+        for name in _ARRAYS:
+            np.save(target / f"{name}.npy", columns[name])
+        (target / _GOALS_FILE).write_bytes(as_torch_file(columns["onehot_goals"]))
+
+    @classmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        inner = suite_env(environment)
+        return {
+            "observations_seq": relay_observations(inner, episode)[:-1],
+            "actions_seq": episode.arrays["action"],
+            "existence_mask": np.ones(episode.steps, np.float32),
+            "onehot_goals": _next_tasks(inner.composer_task.mdp.goals.tasks, episode),
+        }
+
+    @classmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        arrays = {name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _ARRAYS}
+        mask = arrays["existence_mask"]
+        check_count(mask.shape[1], count)
+        arrays["onehot_goals"] = _torch_numbers(path / _GOALS_FILE).reshape(*mask.shape, len(TASKS))
+        for number in range(count):
+            steps = np.count_nonzero(mask[:, number])
+            columns = {name: np.array(rows[:steps, number]) for name, rows in arrays.items()}
+            yield columns["actions_seq"], columns
 
 
 def _next_tasks(tasks: tuple[str, ...], episode: EpisodeArrays) -> NDArray[np.float32]:
@@ -85,9 +107,15 @@ def as_torch_file(array: NDArray[np.float32]) -> bytes:
     with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr("archive/data.pkl", _tensor_pickle(array.size, array.shape, strides))
         archive.writestr("archive/byteorder", "little")
-        archive.writestr("archive/data/0", array.astype("<f4").tobytes())
+        archive.writestr(_NUMBERS, array.astype("<f4").tobytes())
         archive.writestr("archive/version", "3\n")
     return buffer.getvalue()
+
+
+def _torch_numbers(path: Path) -> NDArray[np.float32]:
+    """Returns the numbers in a file of `as_torch_file`, in one row."""
+    with zipfile.ZipFile(path) as archive:
+        return np.frombuffer(archive.read(_NUMBERS), "<f4")
 
 
 def _tensor_pickle(size: int, shape: tuple[int, ...], strides: list[int]) -> bytes:

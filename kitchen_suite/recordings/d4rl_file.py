@@ -1,6 +1,7 @@
 """Recordings as HDF5 files of D4RL's layout, which many offline learners read. Needs the extra `record`."""
 
-from collections.abc import Iterable
+import importlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
@@ -8,8 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
-from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, further_observations, state_observations
+from kitchen_suite.recordings.exports import (
+    ExportPlan,
+    GrowingFile,
+    datasets_of,
+    episodes_between,
+    further_observations,
+    state_observations,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS
 
@@ -47,22 +56,32 @@ class D4RLPlan(ExportPlan):
     package = ("h5py", "record")
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
-        inner = suite_env(environment)
         with GrowingFile(folder / self.path.name) as file:
             for episode in episodes:
-                arrays, observed = episode.arrays, state_observations(episode)
-                is_relay = any(name.startswith("observation/desired_goal/") for name in arrays)
-                observations = relay_observations(inner, episode) if is_relay else observed
-                ends = arrays["truncation"].copy()
-                # An episode that was cut ends here as well.
-                ends[-1] |= not arrays["termination"][-1]
-                rows = {
-                    "observations": observations[:-1],
-                    "next_observations": observations[1:],
-                    "actions": arrays["action"],
-                    "rewards": arrays["reward"],
-                    "terminals": arrays["termination"],
-                    "timeouts": ends & ~arrays["termination"],
-                }
-                further = {f"infos/{key}": each[:-1] for key, each in further_observations(episode).items()}
-                file.append({**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **further})
+                file.append(self.columns(environment, self.spec, episode))
+
+    @classmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        arrays, observed = episode.arrays, state_observations(episode)
+        is_relay = any(name.startswith("observation/desired_goal/") for name in arrays)
+        observations = relay_observations(suite_env(environment), episode) if is_relay else observed
+        ends = arrays["truncation"].copy()
+        # An episode that was cut ends here as well.
+        ends[-1] |= not arrays["termination"][-1]
+        rows = {
+            "observations": observations[:-1],
+            "next_observations": observations[1:],
+            "actions": arrays["action"],
+            "rewards": arrays["reward"],
+            "terminals": arrays["termination"],
+            "timeouts": ends & ~arrays["termination"],
+        }
+        further = {f"infos/{key}": each[:-1] for key, each in further_observations(episode).items()}
+        return {**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **further}
+
+    @classmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        with importlib.import_module("h5py").File(path, "r") as file:
+            ends = np.flatnonzero(file["terminals"][()] | file["timeouts"][()]) + 1
+            for rows in episodes_between(datasets_of(file), ends, count):
+                yield rows["actions"], rows

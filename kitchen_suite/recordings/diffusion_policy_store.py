@@ -1,15 +1,23 @@
 """Recordings as zarr stores of Diffusion Policy's replay buffer. Needs the extra `zarr`."""
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
-from kitchen_suite import files
-from kitchen_suite.recordings.exports import ExportPlan, further_observations, key_of, state_observations
+from kitchen_suite.recordings.exports import (
+    ExportPlan,
+    check_room,
+    episodes_between,
+    further_observations,
+    key_of,
+    state_observations,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.spec import EpisodeSpec
 
 # Rows of a chunk.
 _CHUNK = 1024
@@ -32,18 +40,8 @@ class DiffusionPolicyPlan(ExportPlan):
         root = zarr.open_group(str(folder / self.path.name), mode="w")
         data, ends = root.create_group("data"), list[int]()
         for episode in episodes:
-            arrays = episode.arrays
-            pictures = {
-                key_of(name): rows[:-1]
-                for name, rows in arrays.items()
-                if name.startswith("observation") and rows.ndim == 4
-            }
-            observed = state_observations(episode)[:-1]
-            further = {key: each[:-1] for key, each in further_observations(episode).items()}
-            numbers = {"obs": observed} if observed.shape[1] else {}
-            rows = {**numbers, "action": arrays["action"], "reward": arrays["reward"], **further, **pictures}
-            files.reserve(folder / "reserved", sum(2 * each.nbytes for each in rows.values()))
-            (folder / "reserved").unlink()
+            rows = self.columns(environment, self.spec, episode)
+            check_room(folder, sum(2 * each.nbytes for each in rows.values()))
             for name, each in rows.items():
                 if name not in data:
                     chunk = max(1, min(_CHUNK, 2**22 // max(1, each[:1].nbytes)))
@@ -52,3 +50,18 @@ class DiffusionPolicyPlan(ExportPlan):
                 data[name].append(each)
             ends.append((ends[-1] if ends else 0) + episode.steps)
         root.create_group("meta").create_dataset("episode_ends", data=np.array(ends, np.int64))
+
+    @classmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        arrays, observed = episode.arrays, state_observations(episode)[:-1]
+        names = (name for name in arrays if name.startswith("observation"))
+        pictures = {key_of(name): arrays[name][:-1] for name in names if arrays[name].ndim == 4}
+        further = {key: each[:-1] for key, each in further_observations(episode).items()}
+        numbers = {"obs": observed} if observed.shape[1] else {}
+        return {**numbers, "action": arrays["action"], "reward": arrays["reward"], **further, **pictures}
+
+    @classmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        root = importlib.import_module("zarr").open_group(str(path), mode="r")
+        for rows in episodes_between(dict(root["data"].arrays()), root["meta/episode_ends"][:], count):
+            yield rows["action"], rows

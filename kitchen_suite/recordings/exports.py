@@ -3,7 +3,9 @@
 import abc
 import dataclasses
 import importlib
+import itertools
 import json
+import math
 import os
 import re
 import shutil
@@ -67,9 +69,7 @@ class ExportPlan(DatasetPlan):
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         """Checks that the dataset can be made, or has been made already; errors as of `DatasetPlan`."""
         super().__init__(dataset_id, spec, count, root)
-        if self.package:
-            name, extra = self.package
-            checks.installed([name], f"a dataset for {self.title}", extra)
+        self.check_installed()
         if not _DATASET_ID.fullmatch(dataset_id):
             raise ValueError(f"{checks.shown(dataset_id)} is no name of a dataset for {self.title}, such as me/kettle")
         if root is None:
@@ -78,7 +78,7 @@ class ExportPlan(DatasetPlan):
             raise ValueError(f"a dataset for {self.title} holds no pictures: record other observations")
         self.folder = root / Path(dataset_id).parent
         self.name = Path(dataset_id).name
-        self._record_file = self.folder / RECORD_FILE.format(name=self.name + self.suffix)
+        self._record_file = record_file(self.path)
         if self._record_file.exists():
             record = read_record(self._record_file)
             if record.format != self.title:
@@ -91,6 +91,13 @@ class ExportPlan(DatasetPlan):
                 self._check_free()
             except FileExistsError as error:
                 raise ValueError(str(error)) from error
+
+    @classmethod
+    def check_installed(cls) -> None:
+        """Raises an ImportError unless the package is there that reads and writes such datasets."""
+        if cls.package:
+            name, extra = cls.package
+            checks.installed([name], f"a dataset for {cls.title}", extra)
 
     @property
     def path(self) -> Path:
@@ -151,6 +158,54 @@ class ExportPlan(DatasetPlan):
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         """Writes the files of the dataset to an empty folder, by the names that they are to have."""
 
+    @classmethod
+    @abc.abstractmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        """Returns the arrays that a dataset holds of an episode, by their names there.
+
+        Args:
+          environment: that the episode was recorded in.
+          spec: of the recording.
+          episode: to be held.
+        """
+
+    @classmethod
+    @abc.abstractmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        """Yields the actions `(T, n)` and all `columns` of each episode of a dataset, in order.
+
+        Raises any exception where the dataset is damaged, or has not `count` episodes.
+        """
+
+
+def record_file(path: Path) -> Path:
+    """Returns the path of the record beside a dataset."""
+    return path.with_name(RECORD_FILE.format(name=path.name))
+
+
+def check_count(found: int, count: int) -> None:
+    """Raises a ValueError unless a dataset has the episodes of its record."""
+    if found != count:
+        raise ValueError(f"it has {found} episodes, its record {count}")
+
+
+def episodes_between(columns: Mapping[str, Any], ends: NDArray, count: int) -> Iterator[dict[str, NDArray]]:
+    """Yields the rows of each episode.
+
+    Args:
+      columns: arrays of NumPy, HDF5 or zarr by name, with the rows of all episodes one after the other.
+      ends: for each episode, the number of the row after its last one.
+      count: number of episodes that there should be.
+    """
+    check_count(len(ends), count)
+    for name, rows in columns.items():
+        if len(rows) != ends[-1]:
+            raise ValueError(f"{name} has {len(rows)} rows, not {ends[-1]}")
+    row_bytes = sum(rows.dtype.itemsize * math.prod(rows.shape[1:]) for rows in columns.values())
+    for start, stop in itertools.pairwise([0, *ends.tolist()]):
+        files.check_size((stop - start) * row_bytes, files.MAX_ARRAY_BYTES)
+        yield {name: rows[start:stop] for name, rows in columns.items()}
+
 
 def read_record(path: Path) -> ExportRecord:
     """Reads the record beside a dataset; raises an OSError if it cannot be read."""
@@ -204,14 +259,27 @@ def physics_states(environment: gymnasium.Env, spec: EpisodeSpec, episode: Episo
     return np.stack(states)
 
 
+def check_room(folder: Path, size: int) -> None:
+    """Raises an OSError unless the disk of a folder has room for `size` bytes: libraries report that less clearly."""
+    spare = folder / "reserved"
+    files.reserve(spare, size)
+    spare.unlink()
+
+
+def datasets_of(group: Any) -> dict[str, Any]:
+    """Returns the datasets in a group of an HDF5 file, and in groups there, by their paths."""
+    found: dict[str, Any] = {}
+    group.visititems(lambda name, item: found.update({name: item} if hasattr(item, "dtype") else {}))
+    return found
+
+
 class GrowingFile:
     """Datasets of an HDF5 file to which rows are added, and from which an error of a full disk leaves nothing."""
 
     def __init__(self, path: Path) -> None:
         """Makes the file, empty."""
         self.path = path
-        files.reserve(path, _OVERHEAD)
-        path.unlink()
+        check_room(path.parent, _OVERHEAD)
         self.file: Any = importlib.import_module("h5py").File(path, "w")
 
     def __enter__(self) -> "GrowingFile":
@@ -220,15 +288,17 @@ class GrowingFile:
     def __exit__(self, *exception: object) -> None:
         self.file.close()
 
-    def reserve(self, arrays: Mapping[str, NDArray]) -> None:
-        """Raises an OSError unless the disk has room for arrays; HDF5 fails late, and with other errors."""
-        spare = self.path.with_name(f"{self.path.name}.reserved")
-        files.reserve(spare, sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
-        spare.unlink()
+    def reserve(self, size: int) -> None:
+        """Raises an OSError unless the disk has room for `size` bytes more than what has been added up to now.
+
+        HDF5 fails late, and with other errors.
+        """
+        self.file.flush()
+        check_room(self.path.parent, _OVERHEAD + size)
 
     def append(self, arrays: Mapping[str, NDArray]) -> None:
         """Adds rows to datasets by name, which are made where they are missing."""
-        self.reserve(arrays)
+        self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
         for name, rows in arrays.items():
             if name not in self.file:
                 shape = rows.shape[1:]

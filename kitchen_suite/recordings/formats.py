@@ -168,8 +168,8 @@ LEROBOT = Format(
     obs_types=("environment_state_agent_pos", "pixels_agent_pos", "pixels_environment_state_agent_pos"),
 )
 
-# Files of other programs, written and not read; below the folder `--data_path`.
-_EXPORTS = tuple(
+# Files of other programs, below the folder `--data_path`; kitchen-convert makes recordings of them again.
+EXPORTS = tuple(
     Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.{plan}")
     for name, title, plan in (
         ("robomimic", "robomimic", "robomimic_file:RobomimicPlan"),
@@ -181,7 +181,7 @@ _EXPORTS = tuple(
 )
 
 # By the value of `--format`; the first is the default.
-FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (MINARI, LEROBOT, *_EXPORTS)})
+FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (MINARI, LEROBOT, *EXPORTS)})
 
 
 def find_source(name: str, root: Path | None = None) -> Source:

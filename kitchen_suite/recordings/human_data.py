@@ -21,12 +21,12 @@ from tqdm import tqdm
 from kitchen_suite import checks, files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.recordings.exports import record_file
 from kitchen_suite.recordings.formats import find_source
 from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
-from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.tasks import DEFAULT_TASKS, GOALS, KitchenTask
 from kitchen_suite.tasks.kitchen.mdp import KitchenState
 from kitchen_suite.tasks.kitchen.observation import OBJECT_POSITIONS, ROBOT_POSITIONS, ROUNDING, SIZE, KitchenReading
@@ -105,7 +105,10 @@ class D4RLData(HumanData):
         self._scene, arrays = scene, _read_hdf5(path)
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
-                raise ValueError(f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals")
+                raise ValueError(
+                    f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals; those that "
+                    f"kitchen-record made for other programs need their record beside them, {record_file(path).name}"
+                )
         count = np.atleast_1d(arrays["observations"]).shape[0]
         _check_shape(
             arrays["observations"], (count, _D4RL_SIZE), f"observations of {path}", "30 positions and 30 goals"
@@ -275,22 +278,22 @@ def _info(task: KitchenTask, state: KitchenState, step: int) -> dict[str, Any]:
     return {**info, "is_success": np.array(info["is_success"]), "episode_step": np.array(step)}
 
 
-class ConvertJob:
+class HumanDataJob:
     """Converts demonstrations to a recording."""
 
     failures = (OSError,)
     usage_errors = (ValueError,)
 
-    def __init__(self, settings: ConvertSettings) -> None:
-        """Opens the data, and starts the recording."""
-        self._settings = settings
+    def __init__(self, source: str, output: Path, data_path: Path | None) -> None:
+        """Opens the data of a file, or of a dataset below `data_path`, and starts the recording in a folder."""
+        self._source, self._output = source, output
         environments = EnvironmentSpec.make(domain_name="kitchen", task_name=_TASK, task_kwargs=_TASK_KWARGS)
         self._environment = suite_env(environments.make_environment())
         self._task = self._environment.composer_task
-        self._data = open_data(settings.source, settings.data_path, self._task.scene)
+        self._data = open_data(source, data_path, self._task.scene)
         if not len(self._data):
-            raise ValueError(f"{settings.source} holds no episodes of two or more observations")
-        origin = {"format": self._data.format, "source": settings.source}
+            raise ValueError(f"{source} holds no episodes of two or more observations")
+        origin = {"format": self._data.format, "source": source}
         spec = EpisodeSpec(
             **vars(environments),
             policy=_POLICY,
@@ -299,7 +302,7 @@ class ConvertJob:
             versions=installed_versions(),
             origin=origin,
         )
-        self._folder = RecordingFolder.claim(settings.output, spec)
+        self._folder = RecordingFolder.claim(output, spec)
         self._finished = 0
 
     def progress(self) -> str:
@@ -319,12 +322,12 @@ class ConvertJob:
                 goals |= {*demonstration.goals}
                 steps += episode.steps
                 self._finished += 1
-        print(f"{self._finished} episodes of {self._settings.source} ({self._data.format}), {steps} control steps")
+        print(f"{self._finished} episodes of {self._source} ({self._data.format}), {steps} control steps")
         print(f"goals of the data: {', '.join(sorted(goals)) or 'none of the suite'}\n")
         by_task = [(task, tasks[task]) for task in self._task.policy_inputs.tasks]
         print(tabulate.tabulate(by_task, ("task", "episodes that complete it"), tablefmt="simple"), "\n")
         print(tabulate.tabulate(sorted(numbers.items()), ("tasks completed", "episodes"), tablefmt="simple"), "\n")
         if not self._data.has_velocities:
             print("velocities were not recorded: policies that are trained on these episodes act on positions alone")
-        print(f"recording in {self._settings.output}")
+        print(f"recording in {self._output}")
         return True

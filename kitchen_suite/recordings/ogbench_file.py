@@ -1,7 +1,7 @@
 """Recordings as npz files of OGBench's layout."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +9,17 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from kitchen_suite import files
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import ExportPlan, further_observations, physics_states, state_observations
+from kitchen_suite.recordings.exports import (
+    ExportPlan,
+    episodes_between,
+    further_observations,
+    physics_states,
+    state_observations,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.spec import EpisodeSpec
 
 # One episode in ten is for validation; of fewer there is no file for it.
 _VALIDATION = 10
@@ -31,20 +39,21 @@ class OGBenchPlan(ExportPlan):
 
     @property
     def further(self) -> tuple[Path, ...]:
-        return (self.folder / f"{self.name}-val.npz",)
+        return (_validation_file(self.path),)
 
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         validation = count // _VALIDATION
         remaining = iter(episodes)
-        parts = {self.name: count - validation, f"{self.name}-val": validation}
-        for name, number in parts.items():
-            rows = [self._rows(environment, episode) for episode in itertools.islice(remaining, number)]
-            if rows:
-                columns: dict[str, Any] = {key: np.concatenate([each[key] for each in rows]) for key in rows[0]}
-                np.savez_compressed(folder / f"{name}.npz", **columns)
+        parts = {self.path: count - validation, _validation_file(self.path): validation}
+        for path, number in parts.items():
+            taken = itertools.islice(remaining, number)
+            if rows := [self.columns(environment, self.spec, episode) for episode in taken]:
+                columns: dict[str, Any] = _joined(rows)
+                np.savez_compressed(folder / path.name, **columns)
 
-    def _rows(self, environment: gymnasium.Env, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, physics_states(environment, self.spec, episode)
+    @classmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        arrays, states = episode.arrays, physics_states(environment, spec, episode)
         size = suite_env(environment).environment.physics.model.nq
         terminals = np.zeros(episode.steps + 1, np.float32)
         terminals[-1] = 1.0
@@ -58,3 +67,19 @@ class OGBenchPlan(ExportPlan):
             "completions": np.concatenate([[False], arrays["termination"]]),
             **further_observations(episode),
         }
+
+    @classmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        present = [each for each in (path, _validation_file(path)) if each.exists()]
+        columns = _joined([files.unpack_arrays(each, count * files.MAX_ARRAY_BYTES) for each in present])
+        for rows in episodes_between(columns, np.flatnonzero(columns["terminals"]) + 1, count):
+            yield rows["actions"][:-1], rows
+
+
+def _validation_file(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-val{path.suffix}")
+
+
+def _joined(parts: Sequence[Mapping[str, NDArray]]) -> dict[str, NDArray]:
+    """Returns arrays by name, each with the rows of all parts."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -1,22 +1,36 @@
 """Recordings as HDF5 files of robomimic's layout, with states of the physics. Needs the extra `record`."""
 
+import importlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
-from kitchen_suite import suite
+from kitchen_suite import files, suite
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.exports import ExportPlan, GrowingFile, key_of, physics_states
+from kitchen_suite.recordings.exports import (
+    ExportPlan,
+    GrowingFile,
+    check_count,
+    datasets_of,
+    key_of,
+    physics_states,
+)
 from kitchen_suite.rollouts.episode import EpisodeArrays
+from kitchen_suite.rollouts.spec import EpisodeSpec
 
 # robomimic's type of environments of Gymnasium's interface.
 _GYM_TYPE = 2
 
 # One episode in ten is for validation.
 _VALIDATION = 10
+
+
+# Greatest size that an episode takes in lists of them [bytes].
+_ROW_BYTES = 64
 
 
 class RobomimicPlan(ExportPlan):
@@ -37,27 +51,15 @@ class RobomimicPlan(ExportPlan):
         with GrowingFile(folder / self.path.name) as file:
             data = file.file.create_group("data")
             for number, episode in enumerate(episodes):
-                arrays, states = episode.arrays, physics_states(environment, spec, episode)
-                observed = {key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
-                file.append(
-                    {
-                        f"data/demo_{number}/{name}": rows
-                        for name, rows in {
-                            "actions": arrays["action"],
-                            "rewards": arrays["reward"],
-                            "dones": np.arange(1, episode.steps + 1) // episode.steps,
-                            "terminations": arrays["termination"],
-                            "truncations": arrays["truncation"],
-                            "states": states[:-1],
-                            **{f"obs/{key}": rows[:-1] for key, rows in observed.items()},
-                            **{f"next_obs/{key}": rows[1:] for key, rows in observed.items()},
-                        }.items()
-                    }
-                )
+                columns = self.columns(environment, spec, episode)
+                file.append({f"data/demo_{number}/{name}": rows for name, rows in columns.items()})
                 group = data[f"demo_{number}"]
                 group.attrs["num_samples"], group.attrs["seed"] = episode.steps, episode.seed
-                group.attrs["model_file"] = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
+                model = suite_env(environment).composer_task.root_entity.mjcf_model.to_xml_string()
+                file.reserve(len(model.encode()))
+                group.attrs["model_file"] = model
                 total += episode.steps
+            file.reserve(_ROW_BYTES * count)
             data.attrs["total"] = total
             own = suite.task_arguments(spec.domain_name, spec.task_name)
             arguments = {"env_name": suite.find_domain(spec.domain_name).env_id, "type": _GYM_TYPE}
@@ -67,3 +69,29 @@ class RobomimicPlan(ExportPlan):
             for name, numbers in masks.items():
                 if numbers:
                     file.file[f"mask/{name}"] = [f"demo_{number}".encode() for number in numbers]
+
+    @classmethod
+    def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
+        arrays, states = episode.arrays, physics_states(environment, spec, episode)
+        observed = {key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+        return {
+            "actions": arrays["action"],
+            "rewards": arrays["reward"],
+            "dones": np.arange(1, episode.steps + 1) // episode.steps,
+            "terminations": arrays["termination"],
+            "truncations": arrays["truncation"],
+            "states": states[:-1],
+            **{f"obs/{key}": rows[:-1] for key, rows in observed.items()},
+            **{f"next_obs/{key}": rows[1:] for key, rows in observed.items()},
+        }
+
+    @classmethod
+    def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
+        with importlib.import_module("h5py").File(path, "r") as file:
+            data = file["data"]
+            check_count(len(data), count)
+            for number in range(count):
+                datasets = datasets_of(data[f"demo_{number}"])
+                files.check_size(sum(rows.nbytes for rows in datasets.values()), files.MAX_ARRAY_BYTES)
+                columns = {name: rows[()] for name, rows in datasets.items()}
+                yield columns["actions"], columns

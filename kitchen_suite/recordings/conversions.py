@@ -1,0 +1,176 @@
+"""The work of `kitchen-convert`: recordings become datasets, and datasets recordings."""
+
+import contextlib
+import dataclasses
+import pkgutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from dm_control.rl.control import PhysicsError
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from kitchen_suite import checks, files
+from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings.exports import ExportPlan, read_record, record_file
+from kitchen_suite.recordings.formats import EXPORTS, FORMATS, MINARI
+from kitchen_suite.recordings.human_data import HumanDataJob
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
+from kitchen_suite.rollouts.folder import RecordingFolder
+from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
+from kitchen_suite.settings import ConvertSettings
+from kitchen_suite.versions import installed_versions
+
+
+def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | HumanDataJob":
+    """Returns the job of the direction that settings name: to a dataset, or to a recording.
+
+    Raises a ValueError unless they name exactly one.
+    """
+    if (settings.output is None) == (settings.dataset is None):
+        raise ValueError("name either --output=FOLDER, for a recording, or --dataset=OWNER/NAME, for a dataset")
+    if settings.dataset is not None:
+        return DatasetJob(settings, settings.dataset)
+    assert settings.output is not None
+    if settings.format is not None:
+        raise ValueError(f"a recording has no format: leave out --format={settings.format}")
+    source = Path(settings.source)
+    if record_file(source).is_file():
+        return RecordingJob(source, settings.output)
+    return HumanDataJob(settings.source, settings.output, settings.data_path)
+
+
+class DatasetJob:
+    """Makes a dataset of a recording, as `kitchen-record` does with `--dataset`."""
+
+    failures = (OSError, PhysicsError)
+    usage_errors = ()
+
+    def __init__(self, settings: ConvertSettings, dataset: str) -> None:
+        """Plans the dataset of a name."""
+        self._source, self._folder = settings.source, RecordingFolder.open(Path(settings.source))
+        spec, self._indices = self._folder.spec, self._folder.indices
+        if not self._indices:
+            raise ValueError(f"{self._source} holds no episodes")
+        # The seeds of others are not those of `env.reset(seed=...)`, which datasets promise.
+        if spec.origin is not None or spec.seeding != "gymnasium":
+            maker = "kitchen-rollout" if spec.origin is None else "kitchen-convert"
+            raise ValueError(f"{self._source} was made by {maker}: datasets are made of recordings of kitchen-record")
+        chosen = FORMATS[checks.choice(settings.format or MINARI.name, FORMATS, "format")]
+        chosen.task_kwargs({"obs_type": spec.argument("obs_type")})
+        # As many as kitchen-record was asked for, unless the physics of the last ones diverged.
+        self._plan = chosen.make_plan(dataset, spec, self._indices[-1] + 1, settings.data_path)
+        self._environment = spec.make_environment()
+
+    def progress(self) -> str:
+        return "before the dataset was complete: there is none"
+
+    def run(self) -> bool:
+        """Makes the dataset, unless it is there already."""
+        with contextlib.closing(self._environment):
+            if self._plan.is_missing:
+                self._plan.make(self._environment, self._folder, self._indices)
+        print(f"{len(self._indices)} episodes of {self._source}")
+        print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
+        return True
+
+
+class RecordingJob:
+    """Makes the recording again of which a dataset in files of another program was made.
+
+    The actions of each episode are played from its seed. All arrays that the dataset holds have to be, to the bit,
+    those of the episode as it was played.
+    """
+
+    failures = (OSError, PhysicsError)
+    usage_errors = (ValueError,)
+
+    def __init__(self, source: Path, output: Path) -> None:
+        """Reads the record beside a dataset."""
+        self._source, self._output = source, output
+        record = read_record(record_file(source))
+        titles = {each.title: each for each in EXPORTS}
+        chosen = titles[checks.choice(record.format, titles, f"the format in {record_file(source)}")]
+        self._layout: type[ExportPlan] = pkgutil.resolve_name(chosen.plan)
+        self._layout.check_installed()
+        self._record, spec = record, EpisodeSpec.from_json(record.recording)
+        # Of the program that plays the episodes now.
+        self._spec = dataclasses.replace(spec, versions=installed_versions())
+        if not record.seeds or spec.origin is not None or sorted({*record.seeds}) != record.seeds:
+            raise ValueError(f"{record_file(source)} has no seeds of episodes, in ascending order")
+        if record.seeds[0] < spec.seed:
+            raise ValueError(f"{record_file(source)} has seeds before the first one, {spec.seed}")
+        self._environment = spec.make_environment()
+        self._finished = 0
+
+    def progress(self) -> str:
+        finished = f"after {self._finished} of {len(self._record.seeds)} episodes"
+        return f"{finished}; the same command completes the recording"
+
+    def run(self) -> bool:
+        """Plays the episodes, compares and writes them; none is written before the first one has been compared."""
+        task, indices = suite_env(self._environment).composer_task, []
+        stored = tqdm(self._stored(), total=len(self._record.seeds), disable=None, leave=False)
+        with contextlib.closing(self._environment):
+            for seed, actions, columns in stored:
+                episode = self._play(seed, actions, columns)
+                folder = RecordingFolder.claim(self._output, self._spec)
+                if episode.index not in folder.indices:
+                    folder.save(episode, EpisodeStats.of(episode, task.metrics(episode.last_info)))
+                indices.append(episode.index)
+                self._finished += 1
+        print(f"{self._finished} episodes of {self._source} ({self._layout.title}), which play again to the bit")
+        print(f"digest of all arrays  {folder.digest(indices)}")
+        print(f"recording in {self._output}")
+        return True
+
+    def _stored(self) -> Iterator[tuple[int, NDArray, Mapping[str, NDArray]]]:
+        """Yields seed, actions and all arrays of each episode; raises an OSError if they cannot be read."""
+        seeds = self._record.seeds
+        with files.reading(self._source, f"the dataset that {record_file(self._source).name} describes"):
+            for seed, stored in zip(seeds, self._layout.read(self._source, len(seeds)), strict=True):
+                yield seed, *stored
+
+    def _play(self, seed: int, actions: NDArray, columns: Mapping[str, NDArray]) -> EpisodeArrays:
+        """Plays an episode; raises an OSError if it is not the one of the dataset."""
+        environment, where = self._environment, f"the episode of seed {seed} in {self._source}"
+        _check_actions(actions, environment, self._spec.max_episode_steps, where)
+        buffer = EpisodeBuffer(*reset_to_seed(environment, seed, self._spec.seeding))
+        for action in actions:
+            if buffer.has_ended:
+                raise OSError(f"{where} goes on after its end: it was made elsewhere, or changed")
+            buffer.step(environment, action)
+        episode = EpisodeArrays(
+            index=seed - self._spec.seed,
+            seed=seed,
+            arrays=buffer.arrays(),
+            instruction=suite_env(environment).instruction,
+        )
+        if differing := _differing(columns, self._layout.columns(environment, self._spec, episode)):
+            raise OSError(f"{where} plays otherwise here, with another {differing}: it was made elsewhere, or changed")
+        return episode
+
+
+def _check_actions(actions: NDArray, environment: gymnasium.Env, limit: int, where: str) -> None:
+    """Raises an OSError unless an array holds at least one action of an environment, and at most `limit`."""
+    space = environment.action_space
+    assert isinstance(space, gymnasium.spaces.Box)
+    if actions.dtype != space.dtype or actions.shape[1:] != space.shape:
+        found = f"{actions.dtype} of shape {actions.shape[1:]}"
+        raise OSError(f"{where} has actions of {found}, its environment of {space.dtype} of shape {space.shape}")
+    if not 0 < len(actions) <= limit:
+        raise OSError(f"{where} has {len(actions)} actions, not 1 to {limit}")
+    if not ((space.low <= actions) & (actions <= space.high)).all():
+        raise OSError(f"{where} has actions beyond the bounds of its environment")
+
+
+def _differing(one: Mapping[str, NDArray], other: Mapping[str, NDArray]) -> str:
+    """Returns the name of an array that is missing in one of two mappings, or not the same to the bit; or nothing."""
+
+    def content(arrays: Mapping[str, NDArray], name: str) -> tuple | None:
+        found = arrays.get(name)
+        return None if found is None else (found.shape, found.dtype, np.ascontiguousarray(found).tobytes())
+
+    return next((name for name in {**other, **one} if content(one, name) != content(other, name)), "")
