@@ -10,13 +10,13 @@ CEILINGS = {
     "members of KitchenTask": 60,
     "classes of KitchenTask": 4,
     # Raised for teleoperation: episodes that are live, the page, the page in other programs, LeRobot's teleoperator.
-    # Raised for datasets in the files of five other programs.
-    "files of source": 180,
+    # Raised for datasets in the files of five other programs, and for kitchen-convert in both directions.
+    "files of source": 181,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
-    # Raised for teleoperation.
-    "lines of source": 33_600,
+    # Raised for teleoperation, and for kitchen-convert in both directions.
+    "lines of source": 34_000,
 }
 
 

@@ -17,11 +17,15 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.recordings.exports import ExportPlan, read_record, record_file
 from kitchen_suite.recordings.formats import EXPORTS, FORMATS, MINARI
 from kitchen_suite.recordings.human_data import HumanDataJob
+from kitchen_suite.recordings.replay import check_pictures
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.versions import installed_versions
+
+# Ends of names that files of human demonstrations do not have.
+_NOT_HUMAN = (".npz", ".zarr")
 
 
 def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | HumanDataJob":
@@ -39,6 +43,8 @@ def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | Human
     source = Path(settings.source)
     if record_file(source).is_file():
         return RecordingJob(source, settings.output)
+    if source.suffix in _NOT_HUMAN and source.exists():
+        raise ValueError(f"{source} has no record of its episodes beside it, {record_file(source).name}")
     return HumanDataJob(settings.source, settings.output, settings.data_path)
 
 
@@ -63,6 +69,7 @@ class DatasetJob:
         # As many as kitchen-record was asked for, unless the physics of the last ones diverged.
         self._plan = chosen.make_plan(dataset, spec, self._indices[-1] + 1, settings.data_path)
         self._environment = spec.make_environment()
+        check_pictures(self._environment)
 
     def progress(self) -> str:
         return "before the dataset was complete: there is none"
@@ -103,6 +110,7 @@ class RecordingJob:
         if record.seeds[0] < spec.seed:
             raise ValueError(f"{record_file(source)} has seeds before the first one, {spec.seed}")
         self._environment = spec.make_environment()
+        check_pictures(self._environment)
         self._finished = 0
 
     def progress(self) -> str:
@@ -140,7 +148,7 @@ class RecordingJob:
         buffer = EpisodeBuffer(*reset_to_seed(environment, seed, self._spec.seeding))
         for action in actions:
             if buffer.has_ended:
-                raise OSError(f"{where} goes on after its end: it was made elsewhere, or changed")
+                raise OSError(f"{where} goes on after its end: it was changed, or made elsewhere")
             buffer.step(environment, action)
         episode = EpisodeArrays(
             index=seed - self._spec.seed,
@@ -149,7 +157,10 @@ class RecordingJob:
             instruction=suite_env(environment).instruction,
         )
         if differing := _differing(columns, self._layout.columns(environment, self._spec, episode)):
-            raise OSError(f"{where} plays otherwise here, with another {differing}: it was made elsewhere, or changed")
+            raise OSError(
+                f"{where} plays otherwise here, with another {differing}: it was changed, made elsewhere, or did not "
+                "begin as a reset with its seed alone does"
+            )
         return episode
 
 

@@ -106,8 +106,8 @@ class D4RLData(HumanData):
         for name in ("observations", "actions", "terminals"):
             if name not in arrays:
                 raise ValueError(
-                    f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals; those that "
-                    f"kitchen-record made for other programs need their record beside them, {record_file(path).name}"
+                    f"{path} has no array {name!r}: D4RL's files have observations, actions and terminals; one that "
+                    f"kitchen-record made for another program needs its record beside it, {record_file(path).name}"
                 )
         count = np.atleast_1d(arrays["observations"]).shape[0]
         _check_shape(

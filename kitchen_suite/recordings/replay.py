@@ -235,6 +235,15 @@ def _first(differs: NDArray[np.bool_]) -> int | None:
     return int(np.argmax(differs)) + 1 if differs.any() else None
 
 
+def check_pictures(environment: gymnasium.Env) -> None:
+    """Resets an environment; raises an OSError if it has pictures that cannot be rendered here."""
+    try:
+        # The first reset compiles the model, and the size of its pictures with it.
+        environment.reset()
+    except RuntimeError as error:
+        raise OSError(f"the recording holds pictures: {error}") from error
+
+
 class ReplayJob:
     """Replays episodes of a recording, and compares them."""
 
@@ -247,11 +256,7 @@ class ReplayJob:
         self._source = find_source(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
         self._environment = self._source.make_environment(**settings.rendering)
-        try:
-            # The first reset compiles the model, and the size of its pictures with it.
-            self._environment.reset()
-        except RuntimeError as error:
-            raise OSError(f"the recording holds pictures: {error}") from error
+        check_pictures(self._environment)
         self._inner = suite_env(self._environment).environment
         limit = self._environment.spec.max_episode_steps if self._environment.spec else None
         self._views = Views(settings, self._inner, num_episodes=len(self._indices), max_steps=limit)

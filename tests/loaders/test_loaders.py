@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.episodes import load_episode
 
 from kitchen_suite.cli.commands import record
+from kitchen_suite.rollouts.folder import RecordingFolder
 
 COUNT = 10
 READERS = Path(__file__).with_name("readers.py")
@@ -37,7 +37,8 @@ def make(run, folder):
         flags = ["--num_threads=1", "--output=runs", f"--num_episodes={COUNT}", "--num_envs=5", "--seed=5"]
         status, _, err = run(record, *flags, f"--format={name}", "--dataset=me/set", "--data_path=data", *arguments)
         assert (status, err) == (0, "")
-        return [load_episode(path)[1] for path in sorted(Path("runs").glob("*.npz"))]
+        recording = RecordingFolder.open(Path("runs"))
+        return [recording.load(index).arrays for index in recording.indices]
 
     return make
 
@@ -78,7 +79,9 @@ def joined(episodes, name, rows=slice(None)):
 
 
 @pytest.mark.loaders
-@pytest.mark.parametrize("arguments", [[], PICTURES], ids=["states", "pictures"])
+@pytest.mark.parametrize(
+    "arguments", [pytest.param([], id="states"), pytest.param(PICTURES, id="pictures", marks=pytest.mark.rendering)]
+)
 def test_robomimic_reads_and_clones(read, make, arguments):
     episodes = make("robomimic", *SHORT, *arguments)
     found = read("robomimic", "data/me/set.hdf5")
