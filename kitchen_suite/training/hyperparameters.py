@@ -331,7 +331,7 @@ class OfflineHyperparameters:
       chunk: number of actions that are predicted at once, of which the first one is applied.
       returns: control steps whose rewards are summed before the value of what comes after them.
       batch_size: control steps of a step of the optimiser.
-      learning_rate: of the optimiser (Adam).
+      learning_rate: of the optimiser (Adam) at first; it falls to 0 like half a cosine.
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
       discount: discount factor; of goals also that with which later states are drawn.
       standardisation_epsilon: added to the standard deviations that inputs are divided by, in units of the inputs;

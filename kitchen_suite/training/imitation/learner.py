@@ -97,7 +97,7 @@ class ImitationLearner(Learner):
     def _step(self) -> float:
         """Makes a step of the optimiser; returns its loss."""
         for group in self._optimizer.param_groups:
-            group["lr"] = self._config.learning_rate * 0.5 * (1 + math.cos(math.pi * self.steps / self._num_steps))
+            group["lr"] = self._config.learning_rate * cosine(self.steps / self._num_steps)
         indices = torch.randint(len(self._inputs), (self._config.batch_size,))
         inputs, chunks = self._inputs[indices], self._actions[self._chunks[indices]].flatten(1)
         if self._config.input_noise:
@@ -144,6 +144,11 @@ class ImitationLearner(Learner):
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         return policy_controller(policy, environments)
+
+
+def cosine(share: float) -> float:
+    """Returns half a cosine, which falls from 1 to 0 over shares from 0 to 1."""
+    return 0.5 * (1 + math.cos(math.pi * share))
 
 
 def policy_controller(policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:

@@ -16,7 +16,7 @@ from kitchen_suite.rollouts.rollout import Controller
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-from kitchen_suite.training.imitation.learner import RecordingTraining, policy_controller, scales_of
+from kitchen_suite.training.imitation.learner import RecordingTraining, cosine, policy_controller, scales_of
 from kitchen_suite.training.learner import DivergedError, Learner
 from kitchen_suite.training.offline.methods import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.offline.transitions import GoalSampler, GoalShares, Sampler, Transitions, load_transitions
@@ -46,7 +46,7 @@ class OfflineLearner(Learner):
           transitions: to learn from.
           method: class of the method.
           config: its hyperparameters.
-          num_steps: steps of the optimiser in the whole run.
+          num_steps: steps of the optimiser in the whole run, over which the learning rate falls.
           seed: of networks and batches.
           goal_elements: elements of the state in a goal, which are further inputs; empty for none.
           metadata: of the policy, on its inputs.
@@ -86,6 +86,8 @@ class OfflineLearner(Learner):
 
     def _step(self) -> float:
         """Makes a step of the optimiser; returns its loss."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._config.learning_rate * cosine(self.steps / self._num_steps)
         loss = self._method.loss(*self._sampler.draw(), self.steps)
         self._optimizer.zero_grad()
         loss.backward()
