@@ -26,9 +26,15 @@ _BRIGHTNESS = 2.2
 # Direction that most of it comes from, and colour of the light from the opposite side.
 _LIGHT, _SHADE = (-0.5, -0.8, 1.0), (90, 95, 105)
 
+# Greatest angle [rad] between two triangles of a surface that looks smooth.
+_SMOOTH = math.radians(35.0)
+
 # Greatest height and width of a texture [pixels], which a page holds; and the least length of a surface that has one
 # [m]. Smaller ones have the texture's mean colour.
 _TEXTURE_SIZE, _LEAST_LENGTH = 256, 0.5
+
+# Faces along a capsule, without its middle, and around it.
+_CAPSULE = (8, 20)
 
 # Half the length of a floor without edges [m].
 _FLOOR = 5.0
@@ -50,9 +56,8 @@ class WebScene:
         self._appearance = {name: getattr(self._model, name).copy() for name in _APPEARANCE}
         self._model.geom_rgba[self._model.geom_group >= _FIRST_HIDDEN_GROUP, 3] = 0.0
         set_camera(server, physics, camera)
-        _add_surfaces(server, self._model, physics.data.ptr)
-        _colour_by_textures(self._model)
-        with _matte():
+        with _light_shapes():
+            _add_fixed_shapes(server, self._model, physics.data.ptr)
             self._scene = _scene_class()(server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         # After mjviser's own lights.
@@ -116,23 +121,26 @@ def _add_lights(server: "viser.ViserServer") -> None:
 
 
 @contextlib.contextmanager
-def _matte() -> Iterator[None]:
-    """Context in which mjviser makes matte shapes; otherwise they are of bare metal, which reflects its surroundings.
+def _light_shapes() -> Iterator[None]:
+    """Context in which mjviser makes matte shapes, and capsules of few faces.
 
-    It has no argument for it, and looks up the function that makes them when it is called.
+    Otherwise shapes are of bare metal, which reflects its surroundings, and a capsule has 4,096 faces. mjviser has no
+    arguments for it, and looks up the functions that make shapes when it calls them.
     """
+    import trimesh
     from mjviser import scene
 
-    original = scene.merge_geoms
+    merge, capsule = scene.merge_geoms, trimesh.creation.capsule
 
-    def merge(*arguments: Any) -> Any:
-        return _with_matte_colours(original(*arguments))
+    def merge_matte(*arguments: Any) -> Any:
+        return _with_matte_colours(merge(*arguments))
 
-    scene.merge_geoms = merge
+    scene.merge_geoms = merge_matte
+    trimesh.creation.capsule = functools.partial(capsule, count=_CAPSULE)
     try:
         yield
     finally:
-        scene.merge_geoms = original
+        scene.merge_geoms, trimesh.creation.capsule = merge, capsule
 
 
 def _with_matte_colours(mesh: Any) -> Any:
@@ -170,34 +178,96 @@ def _colour_by_textures(model: "mujoco.MjModel") -> None:
         model.mat_texid[material] = -1
 
 
-def _add_surfaces(server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
-    """Adds large textured surfaces that never move, such as floor and worktop, and hides them in the model."""
+def _add_fixed_shapes(server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
+    """Adds all that never moves in the light, and hides it in the model, whose materials have plain colours then."""
+    from mjviser.conversions import is_fixed_body
+
+    bodies = [body for body in range(model.nbody) if is_fixed_body(model, body)]
+    fixed = np.flatnonzero(np.isin(model.geom_bodyid, bodies) & (model.geom_rgba[:, 3] > 0.0))
+    _add_surfaces(server, model, data, fixed)
+    _colour_by_textures(model)
+    _add_plain_shapes(server, model, data, fixed[model.geom_rgba[fixed, 3] > 0.0])
+    model.geom_rgba[fixed, 3] = 0.0
+
+
+def _add_surfaces(
+    server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData", geoms: NDArray[np.int64]
+) -> None:
+    """Adds those of some geoms that are large and textured, such as floor and worktop, and hides them in the model."""
     import mujoco
 
     textures = _textures(model)
-    for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0).tolist():
+    for geom in geoms.tolist():
         material, lengths = model.geom_matid[geom], 2 * model.geom_size[geom]
         is_floor = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-        if material not in textures or not model.geom_rgba[geom, 3] or not (is_floor or lengths.max() >= _LEAST_LENGTH):
+        if material not in textures or not (is_floor or lengths.max() >= _LEAST_LENGTH):
             continue
         mesh = _floor_mesh(model, geom) if is_floor else _solid_mesh(model, geom)
         if mesh is None:
             continue
         vertices, texture_coordinates = mesh
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
-        server.scene.add_mesh_trimesh(
-            f"/surfaces/{geom}",
-            _textured(vertices, texture_coordinates, textures[material], model.mat_rgba[material]),
-            cast_shadow=False,
-            receive_shadow=False,
-            position=data.geom_xpos[geom],
-            wxyz=quaternion,
-        )
+        vertices = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        textured = _textured(vertices, texture_coordinates, textures[material], model.mat_rgba[material])
+        _add_in_light(server, f"/surfaces/{geom}", textured)
         model.geom_rgba[geom, 3] = 0.0
         if is_floor:
             # mjviser shows a grid in place of any plane.
             model.geom_type[geom] = mujoco.mjtGeom.mjGEOM_BOX
+
+
+def _add_plain_shapes(
+    server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData", geoms: NDArray[np.int64]
+) -> None:
+    """Adds some geoms without textures, and moves them in the model to their poses in the world; planes are left out."""
+    import mujoco
+    from mjviser.conversions import merge_geoms
+
+    geoms = geoms[model.geom_type[geoms] != mujoco.mjtGeom.mjGEOM_PLANE]
+    for geom in geoms.tolist():
+        model.geom_pos[geom] = data.geom_xpos[geom]
+        mujoco.mju_mat2Quat(model.geom_quat[geom], data.geom_xmat[geom])
+    if not len(geoms):
+        return
+    mesh = _with_edges(merge_geoms(model, geoms.tolist()))
+    is_opaque = mesh.visual.face_colors[:, 3] == 255
+    for name, faces in (("opaque", is_opaque), ("transparent", ~is_opaque)):
+        if faces.any():
+            _add_in_light(server, f"/shapes/{name}", _with_matte_colours(mesh.submesh([faces], append=True)))
+
+
+def _with_edges(mesh: Any) -> Any:
+    """Returns a mesh of trimesh, with colours of vertices, whose smooth parts have no vertices in common."""
+    import trimesh
+
+    is_smooth = mesh.face_adjacency_angles < _SMOOTH
+    parts = trimesh.graph.connected_component_labels(mesh.face_adjacency[is_smooth], node_count=len(mesh.faces))
+    corners = mesh.faces + len(mesh.vertices) * parts[:, np.newaxis]
+    _, first, faces = np.unique(corners, return_index=True, return_inverse=True)
+    vertices = mesh.faces.ravel()[first]
+    colours = mesh.visual.vertex_colors[vertices]
+    return trimesh.Trimesh(mesh.vertices[vertices], faces.reshape(-1, 3), vertex_colors=colours, process=False)
+
+
+def _add_in_light(server: "viser.ViserServer", name: str, mesh: Any) -> None:
+    """Adds a mesh of trimesh that never moves, with the colours that it has in the light of `_add_lights`.
+
+    Without a graphics card, browsers take long to compute the light for each pixel.
+    """
+    shade = (np.array(_SHADE) / 255 + 0.055) / 1.055
+    shade **= 2.4  # As three.js decodes colours.
+    lit = (1.0 + mesh.vertex_normals @ np.array(_LIGHT) / np.linalg.norm(_LIGHT)) / 2.0
+    light = _BRIGHTNESS / math.pi * (shade + (1.0 - shade) * lit[:, np.newaxis])
+    colours = mesh.visual.vertex_attributes["color"]
+    mesh.visual.vertex_attributes["color"] = np.rint(colours * np.pad(light, ((0, 0), (0, 1)), constant_values=1.0))
+    glb = mesh.export(file_type="glb", include_normals=False, tree_postprocessor=_make_unlit)
+    server.scene.add_glb(name, glb, cast_shadow=False, receive_shadow=False)
+
+
+def _make_unlit(tree: dict[str, Any]) -> None:
+    """Lets the materials of a glTF file have their own colours, in any light."""
+    tree["extensionsUsed"] = ["KHR_materials_unlit"]
+    for material in tree["materials"]:
+        material["extensions"] = {"KHR_materials_unlit": {}}
 
 
 def _floor_mesh(model: "mujoco.MjModel", geom: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -254,6 +324,7 @@ def _textured(
         baseColorFactor=rgba, baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0
     )
     visual = trimesh.visual.TextureVisuals(uv=texture_coordinates, material=material)
+    visual.vertex_attributes["color"] = np.full((len(vertices), 4), 255, np.uint8)
     return trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), visual=visual, process=False)
 
 
