@@ -43,7 +43,7 @@ _CAMERA = "overview"
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
-# Greatest time between two readings of the panel, and least time between two states that are shown [s].
+# Greatest time between two readings of the panel, and least time between two control steps that are shown [s].
 _IDLE, _SHOW_EVERY = 0.05, 0.04
 
 # Errors of a choice in the panel, of the policy, or of physics that diverges (a RuntimeError); they are shown there.
@@ -296,9 +296,12 @@ class Viewer:
         episode = self.episode
         if isinstance(episode, TeleoperatedEpisode):
             was_waiting = episode.is_waiting
-            self._try(lambda: command(episode))
-            if was_waiting:
+            self._try(lambda: command(episode), is_due=False)
+            if was_waiting and not episode.is_waiting:
+                # The first control step is made at once, and shown with what the command has changed.
                 self._due = time.monotonic()
+            elif self._is_stale:
+                self._show()
 
     def _release(self) -> None:
         """Lets time stand still: the browser is gone that has controlled until now."""
@@ -309,7 +312,10 @@ class Viewer:
 
     def _step(self) -> None:
         if not self.episode.has_ended:
-            self._try(self.episode.step, is_due=False)
+            now = time.monotonic()
+            if is_due := now - self._shown >= _SHOW_EVERY:
+                self._shown = now
+            self._try(self.episode.step, is_due=is_due)
         elif self._panel.continues and not self._person:
             self._panel.seed = self.episode.seed + 1
             self._try(self._reset)
@@ -337,24 +343,26 @@ class Viewer:
     def _try(self, action: Callable[[], None], *, is_due: bool = True) -> None:
         """Calls a function, and shows the state after it; or its error, which pauses the episode until a reset.
 
-        `is_due` says whether the state is shown at once; otherwise where the last one is old enough.
+        `is_due` says whether the state is shown at once; otherwise later.
         """
         try:
             action()
             self._problem = ""
         except _ERRORS as error:
             self._problem = " ".join(str(error).split())
-        if is_due or self._problem or time.monotonic() - self._shown >= _SHOW_EVERY:
+        if is_due or self._problem:
             self._show()
         else:
             self._is_stale = True
 
     def _show(self) -> None:
-        """Shows the present state."""
-        self._is_stale, self._shown = False, time.monotonic()
+        """Shows the present state, with its report in one message: a browser draws a frame for each."""
+        self._is_stale = False
         follows = self._follow is not None and bool(self._follow.value)
-        self._stage.update(self.episode.physics, self._person, follows=follows)
-        self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
+        with self._page.server.atomic():
+            self._stage.update(self.episode.physics, self._person, follows=follows)
+            self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
+        self._page.server.flush()
         if self._picture:
             self._picture.update(self.episode.physics)
 
