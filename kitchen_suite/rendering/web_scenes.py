@@ -218,7 +218,7 @@ def _add_surfaces(
 def _add_plain_shapes(
     server: "viser.ViserServer", model: "mujoco.MjModel", data: "mujoco.MjData", geoms: NDArray[np.int64]
 ) -> None:
-    """Adds some geoms without textures, and moves them in the model to their poses in the world; planes are left out."""
+    """Adds some geoms without textures but planes, and moves them in the model to their poses in the world."""
     import mujoco
     from mjviser.conversions import merge_geoms
 

@@ -340,6 +340,16 @@ def test_one_browser_controls_and_another_can_take_control(viewer, port):
 
 
 @pytest.mark.web
+def test_the_first_control_step_comes_in_one_message(viewer, port):
+    with browsing(port) as browser:
+        browser.read(1.0)  # What is sent at first.
+        before = browser.windows
+        browser.press("Up")
+        browser.wait(lambda: browser.number("control step") > 0)
+        assert browser.windows == before + 1
+
+
+@pytest.mark.web
 def test_a_reset_starts_the_episode_anew(port):
     flags = ["--teleop", "--task_name=kettle", f"--port={port}"]
     with running("view", *flags) as process, browsing_of(process, port) as browser:

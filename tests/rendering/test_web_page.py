@@ -1,15 +1,18 @@
-"""Web pages hold the recordings of viser's, with what they share only once."""
+"""Web pages hold the recordings of viser's, with what they share only once, and scenes what is drawn fast."""
 
+import io
 import math
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from dm_control import mjcf
 from helpers import pages
 
 from kitchen_suite.rendering.viser_servers import silent_server
 from kitchen_suite.rendering.web_page import WebPage
+from kitchen_suite.rendering.web_scenes import WebScene
 
 pytestmark = pytest.mark.web
 
@@ -93,3 +96,60 @@ def listening():
 def test_recordings_are_messagepack(recordings):
     head, _ = pages.contents(recordings[0])
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(head)) == head
+
+
+ROOM = """
+<mujoco>
+  <worldbody>
+    <camera name="camera" pos="0 -3 1"/>
+    <geom name="box" type="box" size="1 1 1" rgba="0.8 0.4 0.2 1"/>
+    <geom name="pane" type="box" size="1 1 1" pos="3 0 0" rgba="0.8 0.4 0.2 0.5"/>
+    <body name="moving" pos="0 0 2">
+      <joint/>
+      <geom type="capsule" size="0.1 0.5"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def meshes():
+    """The glTF files of a scene by the names of their nodes."""
+    physics = mjcf.Physics.from_mjcf_model(mjcf.from_xml_string(ROOM))
+    with silent_server() as server:
+        WebScene(server, physics, 0)
+        head, _ = pages.contents(server.get_scene_serializer().serialize())
+    messages = (message for _, message in head["messages"])
+    return {message["name"]: message["props"]["glb_data"] for message in messages if "GlbMessage" in message["type"]}
+
+
+def test_what_never_moves_has_its_colours_in_the_light(meshes):
+    assert {*meshes} == {"/shapes/opaque", "/shapes/transparent", "/bodies/moving/group0"}
+    assert [b"KHR_materials_unlit" in glb for glb in meshes.values()] == [True, True, False]
+    mesh = geometry(meshes["/shapes/opaque"])
+    colours = mesh.visual.vertex_attributes["color"]
+    # A hemisphere light of three.js: (sky + ground) / 2 + (sky - ground) / 2 * cosine, times intensity / pi.
+    cosines = mesh.vertex_normals @ [-0.5, -0.8, 1.0] / math.sqrt(1.89)
+    ground = ((90 / 255 + 0.055) / 1.055) ** 2.4
+    light = 2.2 / math.pi * ((1 + ground) / 2 + (1 - ground) / 2 * cosines)
+    np.testing.assert_allclose(colours[:, 0], 0.8 * 255 * light, atol=1.0)  # Rounded to whole numbers.
+    assert (colours[:, 3] == 255).all()
+
+
+def test_edges_are_sharp(meshes):
+    box = geometry(meshes["/shapes/opaque"])
+    assert len(box.vertices) == 24
+    np.testing.assert_allclose(np.abs(box.vertex_normals).max(axis=1), 1.0)
+
+
+def test_a_capsule_has_few_faces(meshes):
+    assert len(geometry(meshes["/bodies/moving/group0"]).faces) < 400
+
+
+def geometry(glb):
+    """The mesh of a glTF file."""
+    import trimesh
+
+    (mesh,) = trimesh.load_scene(io.BytesIO(glb), file_type="glb", process=False).geometry.values()
+    return mesh
