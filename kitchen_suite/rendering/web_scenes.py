@@ -27,7 +27,7 @@ _BRIGHTNESS = 2.2
 _LIGHT, _SHADE = (-0.5, -0.8, 1.0), (90, 95, 105)
 
 # Greatest angle [rad] between two triangles of a surface that looks smooth.
-_SMOOTH = math.radians(35.0)
+_SMOOTH = math.radians(25.0)
 
 # Greatest height and width of a texture [pixels], which a page holds; and the least length of a surface that has one
 # [m]. Smaller ones have the texture's mean colour.
