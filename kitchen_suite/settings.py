@@ -435,7 +435,7 @@ class DoctorSettings:
 # Algorithms by the name of `--algorithm`; all but the first learn from recordings alone.
 PPO = "ppo"
 IMITATION = ("bc", "flow", "vqbet")
-OFFLINE = ("offline_bc", "iql", "ivl", "td3bc", "gcbc", "gciql", "gcivl")
+OFFLINE = ("offline_bc", "iql", "idql", "td3bc", "gcbc", "gciql")
 ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
 # Values of a `Schedule` by imitation and by offline learning, in every domain.
@@ -467,7 +467,7 @@ class TrainSettings(TaskSettings):
     output: Path = output_flag()
     algorithm: str = flag(
         "ppo; bc, flow or vqbet, which imitate the successful episodes of --demonstrations; or offline_bc, iql, "
-        "ivl, td3bc, and on goals gcbc, gciql and gcivl, which learn from all of them.",
+        "idql, td3bc, and on goals gcbc and gciql, which learn from all of them.",
         PPO,
     )
     training_kwargs: Mapping[str, Any] = flag(

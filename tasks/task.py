@@ -99,7 +99,6 @@ class PolicyInputs:
         requested = {name: requests[..., i : i + 1] for i, name in enumerate(self.tasks)}
         return np.concatenate([flat[..., : self.state_size], *(requested.get(name, none) for name in tasks)], axis=-1)
 
-
     def wanted(self, observation: NDArray | Mapping[str, Any]) -> NDArray[np.float64]:
         """Returns the `goal_elements` `(..., g)` of the last goal state in an observation, as `flatten` takes it."""
         assert self.goal_place is not None, "goal states are observed"

@@ -46,13 +46,13 @@ TASKS: dict[str, tuple[tuple[str, dict[str, Any]], ...]] = {
     "play": (("random_1", GOAL), ("random_4", GOAL)),
 }
 ALGORITHMS = {
-    **dict.fromkeys(("mixed", "partial", "complete"), ("offline_bc", "ivl", "iql", "td3bc")),
-    "play": ("gcbc", "gcivl", "gciql"),
+    **dict.fromkeys(("mixed", "partial", "complete"), ("offline_bc", "idql", "iql", "td3bc")),
+    "play": ("gcbc", "gciql"),
 }
 SEEDS = (1, 2, 3)
 
 # Steps of the optimiser. Policies are those after the last one: none is chosen by its evaluations.
-STEPS = 12_000
+STEPS = 24_000
 
 EPISODES = 100
 

@@ -412,7 +412,10 @@ def offline_set_table() -> str:
 def offline_digest_table() -> str:
     """Returns the table of the digests of the sets for offline learning, and what they depend on."""
     result = read_results("datasets")
-    rows = [(f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["digest"]) for row in result["sets"]]
+    rows = [
+        (f"`{row['preset']}`", f"`{row['variations']}`" if row["variations"] else "", row["digest"])
+        for row in result["sets"]
+    ]
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
     return f"{markdown(('`--preset`', '`--variations`', 'SHA-256'), rows)}\n\nWith {versions}, on {result['machine']}."
 
@@ -444,8 +447,8 @@ def offline_table() -> str:
 
 # Sets and algorithms, in the order of the table.
 OFFLINE_BASELINES = {
-    **dict.fromkeys(("complete", "partial", "mixed"), ("offline_bc", "iql", "ivl", "td3bc")),
-    "play": ("gcbc", "gciql", "gcivl"),
+    **dict.fromkeys(("complete", "partial", "mixed"), ("offline_bc", "iql", "idql", "td3bc")),
+    "play": ("gcbc", "gciql"),
 }
 
 
@@ -476,7 +479,15 @@ def offline_online_table() -> str:
         )
         for row in read_results("offline_online")
     ]
-    header = ("seed", "success of the clone", "after PPO", "mean tasks of the clone", "after PPO", "control steps", "minutes")
+    header = (
+        "seed",
+        "success of the clone",
+        "after PPO",
+        "mean tasks of the clone",
+        "after PPO",
+        "control steps",
+        "minutes",
+    )
     return markdown(header, rows)
 
 

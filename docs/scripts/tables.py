@@ -43,9 +43,9 @@ from kitchen_suite.tasks.variations.distributions import GROUPS, Bands, Choice, 
 from kitchen_suite.training.hyperparameters import (
     FlowHyperparameters,
     Hyperparameters,
+    IDQLHyperparameters,
     ImitationHyperparameters,
     IQLHyperparameters,
-    IVLHyperparameters,
     OfflineHyperparameters,
     TD3BCHyperparameters,
     TokenHyperparameters,
@@ -563,7 +563,7 @@ _IMITATION: dict[str, type[ImitationHyperparameters]] = {
 _OFFLINE: dict[str, type[OfflineHyperparameters]] = {
     "offline_bc": OfflineHyperparameters,
     "iql": IQLHyperparameters,
-    "ivl": IVLHyperparameters,
+    "idql": IDQLHyperparameters,
     "td3bc": TD3BCHyperparameters,
 }
 

@@ -122,8 +122,9 @@ class FrankaKitchenEnv(SuiteEnv, GoalEnv):
       `tasks_in_turn` also `attempted_tasks_mask` `(n,)` bool: the task requested before the step, and those completed.
     Info, with a dense reward: its terms, such as `reward/approach`, and under `reward_state/...` what `compute_reward`
       needs of the episode.
-    Info, after a reset with the option `task_id` or `render_goal`, as in OGBench: `goal` `(59,)`, the observation of the
-      goal state, at rest and without noise; with `render_goal=True` also `goal_rendered`, its picture as of `render`.
+    Info, after a reset with the option `task_id` or `render_goal`, as in OGBench: `goal` `(59,)`, the observation of
+      the goal state, at rest and without noise; with `render_goal=True` also `goal_rendered`, its picture as of
+      `render`.
     Info, always: `is_success`, whether all tasks that the episode asks for have been completed, and `episode_step`;
       numbers, or arrays of shape `()` with `info_format="arrays"`.
     """

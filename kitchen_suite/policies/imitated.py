@@ -190,7 +190,9 @@ class ImitatedPolicy(StoredPolicy):
             if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
                 height, width = self.metadata["image_size"]
                 raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
-        if self.goal_size and (task.policy_inputs.goal_place is None or self.goal_size != len(task.policy_inputs.goal_elements)):
+        if self.goal_size and (
+            task.policy_inputs.goal_place is None or self.goal_size != len(task.policy_inputs.goal_elements)
+        ):
             raise ValueError(f"the policy needs a goal state in the observation: {self._trained_for}")
         if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
@@ -255,12 +257,44 @@ class FlowPolicy(ImitatedPolicy):
         _check_network(self.networks["network"], self.num_inputs + size + len(time_features(0.0)), size)
 
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        return self._carried(inputs, generator.standard_normal(self.chunk * self.action_size, np.float32))
+
+    def _carried(self, inputs: NDArray[np.float32], values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the chunks `(..., n)` that noise `(..., n)` becomes on inputs `(m,)`."""
         count: int = self.metadata["flow_steps"]
-        values = generator.standard_normal(self.chunk * self.action_size, np.float32)
+        leading = values.shape[:-1]
+        given = np.broadcast_to(inputs, (*leading, inputs.size))
         for step in range(count):
-            features = np.concatenate([inputs, values, time_features(step / count)])
+            time = time_features(step / count)
+            features = np.concatenate([given, values, np.broadcast_to(time, (*leading, time.size))], axis=-1)
             values = values + self.networks["network"](features) / np.float32(count)
         return values
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class RankedPolicy(FlowPolicy):
+    """IDQL: some chunks are drawn by flow matching, and the one that two value networks rate highest is taken.
+
+    Source: Hansen-Estruch et al., IDQL: Implicit Q-Learning as an Actor-Critic Method with Diffusion Policies, 2023.
+    """
+
+    algorithm = "idql"
+    network_names = ("network", "first_critic", "second_critic")
+
+    def _check_sizes(self) -> None:
+        super()._check_sizes()
+        checks.integer(self.metadata.get("candidates"), "candidates", minimum=1)
+        for name in self.network_names[1:]:
+            _check_network(self.networks[name], self.num_inputs + self.chunk * self.action_size, 1)
+
+    def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
+        count = self.metadata["candidates"]
+        noise = generator.standard_normal((count, self.chunk * self.action_size), np.float32)
+        chunks = self._carried(inputs, noise)
+        pairs = np.concatenate([np.broadcast_to(inputs, (count, inputs.size)), chunks], axis=1)
+        first, second = (self.networks[name](pairs)[:, 0] for name in self.network_names[1:])
+        best: NDArray[np.float32] = chunks[np.minimum(first, second).argmax()]
+        return best
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
@@ -297,6 +331,10 @@ class TokenPolicy(ImitatedPolicy):
         offset = sum(network.output.rows(start, start + size)(features) for start in starts)
         latent = books.reshape(count * codes, -1)[chosen].sum(axis=0)
         return self.networks["decoder"](latent) + offset
+
+
+POLICIES: tuple[type[ImitatedPolicy], ...] = (ClonedPolicy, FlowPolicy, RankedPolicy, TokenPolicy)
+"""The classes of policies that files may hold."""
 
 
 def time_features(time: Any) -> NDArray[np.float32]:

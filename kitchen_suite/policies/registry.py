@@ -139,7 +139,7 @@ def load_policy(path: Path) -> "StoredPolicy":
     """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
     from kitchen_suite.policies import imitated, stored, trained
 
-    return stored.load(path, (trained.TrainedPolicy, imitated.ClonedPolicy, imitated.FlowPolicy, imitated.TokenPolicy))
+    return stored.load(path, (trained.TrainedPolicy, *imitated.POLICIES))
 
 
 class TrainedSource(PolicySource):

@@ -110,6 +110,7 @@ _MAXIMA = {
     "mini_batches": 2**16,
     "hidden": 2**14,
     "width": 2**14,
+    "value_width": 2**14,
     "chunk": 2**10,
     "returns": 2**10,
     "averaging": 1,
@@ -328,7 +329,8 @@ class OfflineHyperparameters:
     Attributes:
       width: values between the blocks.
       blocks: number of blocks.
-      chunk: number of actions that are predicted at once, of which the first one is applied.
+      chunk: number of actions that are predicted at once.
+      executed: number of these that are applied before the next prediction.
       returns: control steps whose rewards are summed before the value of what comes after them.
       batch_size: control steps of a step of the optimiser.
       learning_rate: of the optimiser (Adam) at first; it falls to 0 like half a cosine.
@@ -341,6 +343,7 @@ class OfflineHyperparameters:
     width: int = 256
     blocks: int = 2
     chunk: int = 8
+    executed: int = 1
     returns: int = 1
     batch_size: int = 256
     learning_rate: float = 1e-3
@@ -350,31 +353,55 @@ class OfflineHyperparameters:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class IQLHyperparameters(OfflineHyperparameters):
+class ValueHyperparameters(OfflineHyperparameters):
+    """Hyperparameters of algorithms that learn values.
+
+    A greater network without noise learns the outcome of each recorded episode by heart, and then sees no advantage.
+
+    Attributes:
+      value_width: values between the blocks of value networks.
+      value_noise: standard deviation of normal noise on the inputs of value networks in training, standardised.
+      target_rate: share by which target networks move in a step of the optimiser.
+    """
+
+    value_width: int = 64
+    value_noise: float = 0.3
+    target_rate: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IQLHyperparameters(ValueHyperparameters):
     """Hyperparameters of implicit Q-learning.
 
     Attributes:
       expectile: of the values of actions that the value function learns.
       temperature: inverse temperature: factor of an action's advantage in the logarithm of its weight.
-      target_rate: share by which target networks move in a step of the optimiser.
     """
 
     returns: int = 8
     expectile: float = 0.7
     temperature: float = 5.0
-    target_rate: float = 0.01
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class IVLHyperparameters(IQLHyperparameters):
-    """Hyperparameters of implicit V-learning."""
+class IDQLHyperparameters(ValueHyperparameters):
+    """Hyperparameters of IDQL.
 
+    Attributes:
+      expectile: of the values of actions that the value function learns.
+      flow_steps: steps of Euler's method in a prediction.
+      candidates: number of chunks that are drawn, of which the most valuable one is taken.
+    """
+
+    executed: int = 4
     returns: int = 30
-    temperature: float = 3.0
+    expectile: float = 0.7
+    flow_steps: int = 8
+    candidates: int = 32
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TD3BCHyperparameters(OfflineHyperparameters):
+class TD3BCHyperparameters(ValueHyperparameters):
     """Hyperparameters of TD3+BC.
 
     Attributes:
@@ -382,11 +409,9 @@ class TD3BCHyperparameters(OfflineHyperparameters):
         magnitude.
       target_noise: standard deviation of the noise on the actions of the targets, standardised.
       noise_clip: greatest magnitude of this noise.
-      target_rate: share by which target networks move in a step of the optimiser.
     """
 
     returns: int = 8
     cloning: float = 10.0
     target_noise: float = 0.2
     noise_clip: float = 0.5
-    target_rate: float = 0.01

@@ -14,9 +14,9 @@ from kitchen_suite.tasks.kitchen import observation
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.observation import KitchenReading, KitchenSensors
 from kitchen_suite.tasks.kitchen.requests import (
-    STATE_SIZE,
     REQUESTED,
     REQUESTED_ORDER,
+    STATE_SIZE,
     Request,
     TaskDraw,
     counted_in_order,
@@ -170,7 +170,7 @@ class KitchenMDP(MDP[KitchenReading, KitchenState]):
         return state._replace(goal_states=np.tile(self._state_with(self.current_mask(state)), self.goal_states))
 
     def goal_state(self, state: KitchenState) -> NDArray[np.float64]:
-        """Returns the last goal state `(..., 30)`, or where none is observed the start with the requested tasks done."""
+        """Returns the last goal state `(..., 30)`; where none is observed, the start with the requested tasks done."""
         if state.goal_states is not None:
             return state.goal_states[..., -STATE_SIZE:].copy()
         masks = self.current_mask(state)

@@ -1,4 +1,4 @@
-"""The experiment on offline learning records, trains and evaluates what is missing, and goes on where it was stopped."""
+"""The experiment on offline learning records, trains and evaluates what is missing."""
 
 import json
 
@@ -38,19 +38,19 @@ def offline(tmp_path, monkeypatch):
 
 def test_a_baseline_is_trained_and_measured_once(offline, tmp_path, monkeypatch):
     folder = tmp_path / "work"
-    assert offline.main([str(folder), "ivl:mixed:2"]) == 0
-    result = json.loads((tmp_path / "results" / "offline" / "ivl_mixed_2.json").read_text())
-    assert (result["algorithm"], result["preset"], result["seed"]) == ("ivl", "mixed", 2)
+    assert offline.main([str(folder), "iql:mixed:2"]) == 0
+    result = json.loads((tmp_path / "results" / "offline" / "iql_mixed_2.json").read_text())
+    assert (result["algorithm"], result["preset"], result["seed"]) == ("iql", "mixed", 2)
     condition = result["conditions"]["mixed"]
     assert condition["num_episodes"] == 2
     assert len(condition["digest"]) == 64
     assert 0.0 <= condition["success"] <= 1.0
     assert result["minutes"] > 0
     monkeypatch.setattr(offline, "call", lambda *arguments: pytest.fail("it ran again"))
-    assert offline.main([str(folder), "ivl:mixed:2"]) == 0
+    assert offline.main([str(folder), "iql:mixed:2"]) == 0
     tables = load_script("scripts/result_tables")
     monkeypatch.setattr(tables, "RESULTS", tmp_path / "results")
-    row = next(line for line in tables.offline_table().splitlines() if "`ivl`" in line)
+    row = next(line for line in tables.offline_table().splitlines() if "`iql`" in line)
     assert row.split("|")[1].strip() == "`mixed`"
 
 

@@ -40,7 +40,9 @@ def test_the_goal_is_an_info_of_resets_that_ask_for_it_alone(environment):
     assert "goal" not in environment.reset()[1]
     first = environment.reset(seed=5, options={"task_id": 2})[0]["observation"]
     # The number replaces what would be drawn, and changes no other draw.
-    np.testing.assert_array_equal(first, environment.reset(seed=5, options={"requested_tasks": ["top burner"]})[0]["observation"])
+    np.testing.assert_array_equal(
+        first, environment.reset(seed=5, options={"requested_tasks": ["top burner"]})[0]["observation"]
+    )
 
 
 def test_without_observed_goals_the_goal_has_all_tasks_done():
@@ -62,7 +64,9 @@ def test_the_picture_of_the_goal_is_that_of_a_kitchen_there_and_leaves_nothing_b
     assert picture.shape == before.shape == (64, 64, 3)
     assert picture.dtype == np.uint8
     assert (picture != before).any()
-    state = environment.reset(seed=0, options={"start_state": environment.reset(seed=0, options={"task_id": 6})[0]["goal_states"]})
+    state = environment.reset(
+        seed=0, options={"start_state": environment.reset(seed=0, options={"task_id": 6})[0]["goal_states"]}
+    )
     np.testing.assert_array_equal(environment.render(), picture)
     del state
     environment.reset(seed=0, options={"task_id": 6})
@@ -116,5 +120,5 @@ def test_bad_options_are_refused(environment, options, error, shown):
 
 def test_a_number_needs_tasks_that_are_drawn():
     environment = FrankaKitchenEnv(visuals=False)
-    with pytest.raises(ValueError, match="task_id cannot be chosen, .* build the environment with tasks_per_episode"):
+    with pytest.raises(ValueError, match=r"task_id cannot be chosen, .* build the environment with tasks_per_episode"):
         environment.reset(options={"task_id": 1})

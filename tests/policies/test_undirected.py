@@ -97,8 +97,7 @@ def test_one_action_in_some_is_uniform():
     changed = 0
     for seed in range(60):
         plain, noisy = (
-            experts.make(environment.task, style=experts.MotionStyle(random_actions=share))
-            for share in (0.0, 0.5)
+            experts.make(environment.task, style=experts.MotionStyle(random_actions=share)) for share in (0.0, 0.5)
         )
         for expert in (plain, noisy):
             expert.reset(np.random.default_rng(seed))

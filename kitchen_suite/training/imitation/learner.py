@@ -196,12 +196,16 @@ class RecordingTraining(Training):
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec, method: Any) -> None:
         """Checks the settings; `spec` is that of the environments that are evaluated in, `method` a class."""
         if not settings.demonstrations:
-            raise ValueError(f"algorithm {settings.algorithm!r} needs --demonstrations, a folder written by kitchen-record")
+            raise ValueError(
+                f"algorithm {settings.algorithm!r} needs --demonstrations, a folder written by kitchen-record"
+            )
         for flag in ("initial_policy", "training_kwargs"):
             if getattr(settings, flag):
                 raise ValueError(f"--{flag} is for the algorithm 'ppo', not for {settings.algorithm!r}")
         self.title = method.title
         self.config: Any = checked_changes(method.hyperparameters(), settings.hyperparameters)
+        if self.config.executed > self.config.chunk:
+            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
         self.training_kwargs: dict[str, Any] = {}
         self.max_episode_steps = spec.max_episode_steps
         self.num_steps = settings.schedule.num_steps
@@ -217,8 +221,6 @@ class ImitationTraining(RecordingTraining):
         """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         self._method = METHODS[settings.algorithm]
         super().__init__(settings, spec, self._method)
-        if self.config.executed > self.config.chunk:
-            raise ValueError(f"executed must be at most chunk, {self.config.chunk}, got {self.config.executed}")
         self._demonstrations = load_demonstrations(
             settings.demonstrations, spec, self.tasks, settings.num_demonstrations
         )

@@ -10,13 +10,14 @@ import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.policies.imitated import ClonedPolicy
+from kitchen_suite.policies.imitated import ImitatedPolicy
 from kitchen_suite.policies.stored import StoredPolicy
 from kitchen_suite.rollouts.rollout import Controller
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import TrainSettings
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
 from kitchen_suite.training.imitation.learner import RecordingTraining, cosine, policy_controller, scales_of
+from kitchen_suite.training.imitation.methods import TorchNetwork
 from kitchen_suite.training.learner import DivergedError, Learner
 from kitchen_suite.training.offline.methods import OFFLINE_METHODS, OfflineMethod
 from kitchen_suite.training.offline.transitions import GoalSampler, GoalShares, Sampler, Transitions, load_transitions
@@ -97,11 +98,15 @@ class OfflineLearner(Learner):
         self.steps += 1
         return loss.item()
 
-    def export(self, metadata: Mapping[str, Any]) -> ClonedPolicy:
-        acting = {"algorithm": ClonedPolicy.algorithm, "chunk": self._config.chunk, "executed": 1}
-        own = {**acting, "method": self._method.title, **self._own}
-        network = cast(Any, self._average.module).export()
-        return ClonedPolicy(scales=self._scales, networks={"network": network}, metadata={**metadata, **own})
+    def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
+        config, method = self._config, self._method
+        acting = {"algorithm": method.policy_class.algorithm, "chunk": config.chunk, "executed": config.executed}
+        networks = {"network": cast(TorchNetwork, self._average.module), **method.further_networks()}
+        return method.policy_class(
+            scales=self._scales,
+            networks={name: network.export() for name, network in networks.items()},
+            metadata={**metadata, **acting, "method": method.title, **method.settings(), **self._own},
+        )
 
     def controller(self, policy: StoredPolicy, environments: SuiteVectorEnv) -> Controller:
         return policy_controller(policy, environments)

@@ -8,13 +8,15 @@ from typing import Any, ClassVar
 
 import torch
 
+from kitchen_suite.policies.imitated import ClonedPolicy, ImitatedPolicy, RankedPolicy
 from kitchen_suite.training.hyperparameters import (
+    IDQLHyperparameters,
     IQLHyperparameters,
-    IVLHyperparameters,
     OfflineHyperparameters,
     TD3BCHyperparameters,
+    ValueHyperparameters,
 )
-from kitchen_suite.training.imitation.methods import TorchNetwork
+from kitchen_suite.training.imitation.methods import Flow, TorchNetwork
 from kitchen_suite.training.offline.transitions import Batch
 
 # Greatest weight of an action in the policy's loss of IQL.
@@ -30,12 +32,14 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
     Attributes:
       title: name of the algorithm.
       hyperparameters: class of its hyperparameters.
+      policy_class: class of the policies that it exports.
       reaches_goals: whether it learns to reach goals, rather than from recorded rewards.
-      policy: from inputs `(b, n)` to chunks of actions `(b, c k)`.
+      policy: the network that acts, from inputs `(b, n)` to chunks of actions `(b, c k)`.
     """
 
     title: ClassVar[str]
     hyperparameters: ClassVar[type[OfflineHyperparameters]]
+    policy_class: ClassVar[type[ImitatedPolicy]] = ClonedPolicy
     reaches_goals: ClassVar[bool] = False
 
     policy: TorchNetwork
@@ -44,17 +48,28 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
         """Builds the networks for `inputs` and `actions` values."""
         super().__init__()
         self.config = config
-        self.policy = self._network(inputs, actions)
+        self.policy = self._make_policy(inputs, actions)
 
-    def _network(self, inputs: int, outputs: int) -> TorchNetwork:
-        return TorchNetwork(inputs, outputs, width=self.config.width, blocks=self.config.blocks)
+    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
+        return TorchNetwork(inputs, actions, width=self.config.width, blocks=self.config.blocks)
 
     @abc.abstractmethod
     def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
-        """Returns the loss `()` in a step of the optimiser, counted from 0, of batches for values and for the policy."""
+        """Returns the loss `()` in a step of the optimiser, counted from 0.
 
-    def follow(self) -> None:  # noqa: B027
+        Values learn from `batch`, the policy from `shown`: the same, but for the goals where there are any.
+        """
+
+    def follow(self) -> None:
         """Moves target networks towards those that learn, after a step of the optimiser."""
+
+    def further_networks(self) -> dict[str, TorchNetwork]:
+        """Returns the policy's networks beside `policy`, by name."""
+        return {}
+
+    def settings(self) -> dict[str, Any]:
+        """Returns the metadata that only policies of this algorithm have."""
+        return {}
 
 
 class Cloning(OfflineMethod):
@@ -67,24 +82,38 @@ class Cloning(OfflineMethod):
         return torch.nn.functional.l1_loss(self.policy(shown.inputs), shown.chunks)
 
 
-class Critics(torch.nn.Module):
-    """Two networks for the value of an action, and slowly moving copies of them as targets."""
+class Value(torch.nn.Module):
+    """A network for the value of its inputs, which are disturbed in training."""
 
-    def __init__(self, networks: list[TorchNetwork], rate: float) -> None:
-        """Takes the two networks, and the share by which targets move in a step."""
+    def __init__(self, inputs: int, config: ValueHyperparameters) -> None:
+        """Builds the network."""
         super().__init__()
-        self._rate = rate
-        self.networks = torch.nn.ModuleList(networks)
+        self._noise = config.value_noise
+        self.network = TorchNetwork(inputs, 1, width=config.value_width, blocks=1)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Returns values `(b,)` of inputs `(b, n)`."""
+        return self.network(inputs + self._noise * torch.randn_like(inputs)).squeeze(1)
+
+
+class Critics(torch.nn.Module):
+    """Two networks for the value of chunks of actions, and slowly moving copies of them as targets."""
+
+    def __init__(self, inputs: int, actions: int, config: ValueHyperparameters) -> None:
+        """Builds the networks for `inputs` and `actions` values."""
+        super().__init__()
+        self._rate = config.target_rate
+        self.networks = torch.nn.ModuleList(Value(inputs + actions, config) for _ in range(2))
         self.targets = copy.deepcopy(self.networks).requires_grad_(False)
 
     def forward(self, inputs: torch.Tensor, actions: torch.Tensor) -> list[torch.Tensor]:
         """Returns both values `(b,)` of chunks of actions `(b, c k)` on inputs `(b, n)`."""
-        return [network(torch.cat([inputs, actions], dim=1)).squeeze(1) for network in self.networks]
+        return [network(torch.cat([inputs, actions], dim=1)) for network in self.networks]
 
     @torch.no_grad()
     def target(self, inputs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """Returns the smaller one of the targets' values `(b,)`."""
-        values = [target(torch.cat([inputs, actions], dim=1)).squeeze(1) for target in self.targets]
+        values = [target(torch.cat([inputs, actions], dim=1)) for target in self.targets]
         return torch.minimum(*values)
 
     def loss(self, inputs: torch.Tensor, actions: torch.Tensor, returns: torch.Tensor) -> torch.Tensor:
@@ -103,76 +132,75 @@ def _move(target: torch.nn.Module, module: torch.nn.Module, rate: float) -> None
     torch._foreach_lerp_([*target.parameters()], [*module.parameters()], rate)
 
 
-class WeightedCloning(OfflineMethod):
-    """Behaviour cloning in which actions weigh the more the greater their advantage is."""
-
-    def _policy_loss(self, shown: Batch, advantages: torch.Tensor) -> torch.Tensor:
-        """Returns the loss `()` of actions with advantages `(b,)`."""
-        weights = (self.config.temperature * advantages).exp().clamp(max=_MAX_WEIGHT)
-        return (weights * (self.policy(shown.inputs) - shown.chunks).abs().mean(dim=1)).mean()
-
-    def _expectile_loss(self, errors: torch.Tensor) -> torch.Tensor:
-        """Returns the loss `()` of a value function whose errors are `(b,)`."""
-        return (torch.where(errors > 0, self.config.expectile, 1.0 - self.config.expectile) * errors.square()).mean()
+def expectile_loss(errors: torch.Tensor, expectile: float) -> torch.Tensor:
+    """Returns the loss `()` of a value function whose errors are `(b,)`, for an expectile of its targets."""
+    return (torch.where(errors > 0, expectile, 1.0 - expectile) * errors.square()).mean()
 
 
-class IQL(WeightedCloning):
-    """Implicit Q-learning: values are expectiles over the data's actions, of which the better ones are cloned.
+class ImplicitQ(OfflineMethod):
+    """Values by expectiles over the actions of the data, without any action of a policy.
 
     Source: Kostrikov, Nair and Levine, Offline Reinforcement Learning with Implicit Q-Learning, ICLR 2022.
     """
 
-    title = "Implicit Q-learning"
-    hyperparameters = IQLHyperparameters
-
-    def __init__(self, inputs: int, actions: int, config: IQLHyperparameters) -> None:
+    def __init__(self, inputs: int, actions: int, config: Any) -> None:
         super().__init__(inputs, actions, config)
-        self.value = self._network(inputs, 1)
-        self.critics = Critics([self._network(inputs + actions, 1) for _ in range(2)], config.target_rate)
+        self.value = Value(inputs, config)
+        self.critics = Critics(inputs, actions, config)
 
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+    def _value_loss(self, batch: Batch) -> torch.Tensor:
+        """Returns the loss `()` of all value networks."""
         with torch.no_grad():
-            returns = batch.rewards + batch.discounts * self.value(batch.later_inputs).squeeze(1)
+            returns = batch.rewards + batch.discounts * self.value(batch.later_inputs)
         errors = self._advantages(batch)
-        chosen = (errors if shown is batch else self._advantages(shown)).detach()
-        critic_loss = self.critics.loss(batch.inputs, batch.chunks, returns)
-        return self._expectile_loss(errors) + critic_loss + self._policy_loss(shown, chosen)
+        # The expectile of the values of actions, by the squared error with two weights.
+        weights = torch.where(errors > 0, self.config.expectile, 1.0 - self.config.expectile)
+        return (weights * errors.square()).mean() + self.critics.loss(batch.inputs, batch.chunks, returns)
 
     def _advantages(self, batch: Batch) -> torch.Tensor:
-        return self.critics.target(batch.inputs, batch.chunks) - self.value(batch.inputs).squeeze(1)
+        """Returns by how much the chunks `(b,)` of a batch are worth more than what they are taken on."""
+        return self.critics.target(batch.inputs, batch.chunks) - self.value(batch.inputs)
 
     def follow(self) -> None:
         self.critics.follow()
 
 
-class IVL(WeightedCloning):
-    """Implicit V-learning: IQL without values of actions, whose advantages are those of what came of them.
+class IQL(ImplicitQ):
+    """Implicit Q-learning: actions of greater advantage weigh more in cloning."""
 
-    The value function is an expectile of the returns of some steps and the value after them. Where what comes of an
-    action is its own doing, as in this suite, its advantage needs no other network.
-    Source: GCIVL in Park et al., OGBench: Benchmarking Offline Goal-Conditioned RL, ICLR 2025, there for one step.
-    """
-
-    title = "Implicit V-learning"
-    hyperparameters = IVLHyperparameters
-
-    def __init__(self, inputs: int, actions: int, config: IVLHyperparameters) -> None:
-        super().__init__(inputs, actions, config)
-        self.value = self._network(inputs, 1)
-        self.target = copy.deepcopy(self.value).requires_grad_(False)
+    title = "Implicit Q-learning"
+    hyperparameters = IQLHyperparameters
 
     def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
-        errors = self._advantages(batch)
-        chosen = (errors if shown is batch else self._advantages(shown)).detach()
-        return self._expectile_loss(errors) + self._policy_loss(shown, chosen)
-
-    def _advantages(self, batch: Batch) -> torch.Tensor:
         with torch.no_grad():
-            returns = batch.rewards + batch.discounts * self.target(batch.later_inputs).squeeze(1)
-        return returns - self.value(batch.inputs).squeeze(1)
+            weights = (self.config.temperature * self._advantages(shown)).exp().clamp(max=_MAX_WEIGHT)
+        mistakes = (self.policy(shown.inputs) - shown.chunks).abs().mean(dim=1)
+        return self._value_loss(batch) + (weights * mistakes).mean()
 
-    def follow(self) -> None:
-        _move(self.target, self.value, self.config.target_rate)
+
+class IDQL(ImplicitQ):
+    """IQL with a policy of flow matching, which clones all actions; values choose among several chunks that it draws.
+
+    Source: as of `RankedPolicy`.
+    """
+
+    title = "IDQL"
+    hyperparameters = IDQLHyperparameters
+    policy_class = RankedPolicy
+
+    def _make_policy(self, inputs: int, actions: int) -> TorchNetwork:
+        self.flow = Flow(inputs, actions, self.config)
+        return self.flow.network
+
+    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+        return self._value_loss(batch) + self.flow.loss(shown.inputs, shown.chunks, step)
+
+    def further_networks(self) -> dict[str, TorchNetwork]:
+        first, second = self.critics.targets
+        return {"first_critic": first.network, "second_critic": second.network}
+
+    def settings(self) -> dict[str, Any]:
+        return {"flow_steps": self.config.flow_steps, "candidates": self.config.candidates}
 
 
 class TD3BC(OfflineMethod):
@@ -186,7 +214,7 @@ class TD3BC(OfflineMethod):
 
     def __init__(self, inputs: int, actions: int, config: TD3BCHyperparameters) -> None:
         super().__init__(inputs, actions, config)
-        self.critics = Critics([self._network(inputs + actions, 1) for _ in range(2)], config.target_rate)
+        self.critics = Critics(inputs, actions, config)
         self.policy_target = copy.deepcopy(self.policy).requires_grad_(False)
 
     def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
@@ -204,7 +232,7 @@ class TD3BC(OfflineMethod):
         # The policy's loss trains the policy alone.
         frozen = {name: parameter.detach() for name, parameter in first.named_parameters()}
         pairs = torch.cat([shown.inputs, chosen], dim=1)
-        values = torch.func.functional_call(first, frozen, (pairs,)).squeeze(1)
+        values = torch.func.functional_call(first, frozen, (pairs,))
         scale = values.detach().abs().mean().clamp(min=1e-6)
         mistakes = (chosen - shown.chunks).square().mean()
         return self.config.cloning * mistakes - values.mean() / scale
@@ -224,17 +252,10 @@ class GoalCloning(Cloning):
 class GoalIQL(IQL):
     """Implicit Q-learning on goals (GCIQL), whose policy imitates on goals that were reached later.
 
-    Source: as of `IVL`.
+    Source: Park et al., OGBench: Benchmarking Offline Goal-Conditioned RL, ICLR 2025.
     """
 
     title = "Goal-conditioned implicit Q-learning"
-    reaches_goals = True
-
-
-class GoalIVL(IVL):
-    """Implicit V-learning on goals (GCIVL)."""
-
-    title = "Goal-conditioned implicit V-learning"
     reaches_goals = True
 
 
@@ -242,11 +263,10 @@ OFFLINE_METHODS: Mapping[str, type[OfflineMethod]] = MappingProxyType(
     {
         "offline_bc": Cloning,
         "iql": IQL,
-        "ivl": IVL,
+        "idql": IDQL,
         "td3bc": TD3BC,
         "gcbc": GoalCloning,
         "gciql": GoalIQL,
-        "gcivl": GoalIVL,
     }
 )
 """By the value of `--algorithm`."""

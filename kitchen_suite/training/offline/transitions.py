@@ -68,8 +68,7 @@ def load_transitions(
     ]
     starts = np.cumsum([0, *(len(part.inputs) for part in parts[:-1])])
     moved = [
-        part._replace(rows=part.rows + start, last=part.last + start)
-        for part, start in zip(parts, starts, strict=True)
+        part._replace(rows=part.rows + start, last=part.last + start) for part, start in zip(parts, starts, strict=True)
     ]
     return Transitions(*map(np.concatenate, zip(*moved, strict=True)))
 
@@ -176,7 +175,7 @@ class Sampler:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GoalShares:
-    """Where the goals of value functions come from; the rest are states of any episode. The policy's are all later ones.
+    """Where the goals of values come from; the rest are states of any episode. The policy's are all later ones.
 
     Source: OGBench's goal-conditioned IQL.
 
@@ -192,8 +191,8 @@ class GoalShares:
 class GoalSampler(Sampler):
     """Draws batches with goals that were reached in hindsight: states of the data stand for what was wanted.
 
-    The reward of a step is -1, and 0 where it reaches the goal, after which nothing is to be had. Later states are drawn
-    from a geometric distribution with the discount factor, so that near ones are the more frequent.
+    The reward of a step is -1, and 0 where it reaches the goal, after which nothing is to be had. Later states are
+    drawn from a geometric distribution with the discount factor, so that near ones are the more frequent.
     """
 
     def __init__(
