@@ -9,6 +9,8 @@ from kitchen_suite.settings import OFFLINE
 
 pytestmark = pytest.mark.clients
 
+SMALL_PPO = {"num_envs": 2, "rollouts": 4, "mini_batches": 2, "hidden": [8], "clone_epochs": 1, "value_batches": 1}
+
 
 @pytest.fixture
 def offline(tmp_path, monkeypatch):
@@ -29,7 +31,8 @@ def offline(tmp_path, monkeypatch):
         if command == "train":
             assert "--num_threads=1" in flags
             flags = tuple(flag for flag in flags if flag != "--eval_episodes=10")
-            flags = (*flags, "--eval_episodes=1", '--hyperparameters={"width": 8, "batch_size": 16}')
+            small = SMALL_PPO if "--algorithm=ppo" in flags else {"width": 8, "batch_size": 16}
+            flags = (*flags, "--eval_episodes=1", f"--hyperparameters={json.dumps(small)}")
         return call(command, *flags)
 
     monkeypatch.setattr(module, "call", short)
@@ -52,6 +55,30 @@ def test_a_baseline_is_trained_and_measured_once(offline, tmp_path, monkeypatch)
     monkeypatch.setattr(tables, "RESULTS", tmp_path / "results")
     row = next(line for line in tables.offline_table().splitlines() if "`iql`" in line)
     assert row.split("|")[1].strip() == "`mixed`"
+
+
+def test_what_ppo_makes_of_a_clone_is_measured_beside_it(offline, tmp_path, monkeypatch):
+    monkeypatch.setattr(offline, "SEEDS", (1,))
+    assert offline.main([str(tmp_path / "work"), "online"]) == 0
+    (row,) = json.loads((tmp_path / "results" / "online.json").read_text())
+    assert row["seed"] == 1
+    assert (row["clone"]["steps"], row["online"]["steps"]) == (0, 10)
+    assert row["clone"]["digest"] != row["online"]["digest"]
+    monkeypatch.setattr(offline, "call", lambda *arguments: pytest.fail("it ran again"))
+    assert offline.main([str(tmp_path / "work"), "online"]) == 0
+
+
+def test_sets_are_described_and_kept(offline, tmp_path, monkeypatch):
+    monkeypatch.setattr(offline, "RECORDED", (("mixed", ""), ("complete", "start")))
+    assert offline.main([str(tmp_path / "work"), "sets"]) == 0
+    result = json.loads((tmp_path / "results" / "datasets.json").read_text())
+    first, second = result["sets"]
+    assert (first["preset"], first["episodes"], first["steps"], first["successes"]) == ("mixed", 3, 420, 0)
+    assert sum(first["tasks_completed"].values()) == 3
+    assert (second["preset"], second["variations"], second["successes"]) == ("complete", "start", 1)
+    assert len(first["digest"]) == len(second["digest"]) == 64
+    monkeypatch.setattr(offline, "call", lambda *arguments: pytest.fail("it ran again"))
+    assert offline.main([str(tmp_path / "work"), "sets"]) == 0
 
 
 def test_every_cell_has_an_algorithm_and_a_task(offline):

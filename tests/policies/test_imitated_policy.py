@@ -10,7 +10,7 @@ from helpers.errors import refused
 from kitchen_suite import suite
 from kitchen_suite.cli.commands import rollout
 from kitchen_suite.policies import load_policy, trained
-from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, TokenPolicy, time_features
+from kitchen_suite.policies.imitated import ClonedPolicy, FlowPolicy, RankedPolicy, TokenPolicy, time_features
 from kitchen_suite.policies.networks import Block, Convolution, Linear, PictureEncoder, ResidualNetwork, Scales, silu
 from kitchen_suite.rollouts.folder import RecordingFolder
 
@@ -57,7 +57,8 @@ def make(algorithm, **changes):
         "executed": 2,
         "state_size": STATE,
         "tasks": TASKS,
-        **({"flow_steps": 4} if algorithm == "flow" else {}),
+        **({"flow_steps": 4} if algorithm in ("flow", "idql") else {}),
+        **({"candidates": 5} if algorithm == "idql" else {}),
         **changes,
     }
     size = CHUNK * ACTION
@@ -66,6 +67,11 @@ def make(algorithm, **changes):
     if algorithm == "flow":
         inputs = INPUTS + size + time_features(0.0).size
         return FlowPolicy(scales=scales(), networks={"network": network(generator, inputs, size)}, metadata=metadata)
+    if algorithm == "idql":
+        networks = {"network": network(generator, INPUTS + size + time_features(0.0).size, size)}
+        for name in RankedPolicy.network_names[1:]:
+            networks[name] = network(generator, INPUTS + size, 1)
+        return RankedPolicy(scales=scales(), networks=networks, metadata=metadata)
     networks = {
         "network": network(generator, INPUTS, BOOKS * CODES * (1 + size)),
         "decoder": network(generator, LATENT, size, blocks=1),
@@ -74,7 +80,7 @@ def make(algorithm, **changes):
     return TokenPolicy(scales=scales(), networks=networks, tables=tables, metadata=metadata)
 
 
-ALGORITHMS = ("bc", "flow", "vqbet")
+ALGORITHMS = ("bc", "flow", "idql", "vqbet")
 
 CAMERAS = ["workspace", "franka/hand"]
 SEEING = {"state_size": 18, "state_elements": [*range(18)], "cameras": CAMERAS, "image_size": [9, 12]}
@@ -97,6 +103,48 @@ def make_seeing(**changes):
         encoders=(encoder(), encoder()),
         metadata={**blind.metadata, **SEEING, **changes},
     )
+
+
+def test_of_several_chunks_the_most_valuable_is_taken():
+    """By the smaller one of two values."""
+    policy, inputs = make("idql"), np.random.default_rng(1).standard_normal(INPUTS)
+    chosen = policy.predict(inputs, np.random.default_rng(2))
+    standardised = policy.scales.inputs(inputs)
+    flow = FlowPolicy(
+        scales=policy.scales, networks={"network": policy.networks["network"]}, metadata={**policy.metadata}
+    )
+    noise = np.random.default_rng(2).standard_normal((5, CHUNK * ACTION), np.float32)
+    chunks = np.array([flow._carried(standardised, each) for each in noise])
+    values = [
+        min(
+            float(policy.networks[name](np.concatenate([standardised, chunk]))[0])
+            for name in ("first_critic", "second_critic")
+        )
+        for chunk in chunks
+    ]
+    best = policy.scales.actions(chunks[np.argmax(values)].reshape(CHUNK, ACTION))
+    np.testing.assert_allclose(chosen, best, rtol=1e-4, atol=1e-5)
+    assert len({round(value, 5) for value in values}) == 5
+
+
+def test_a_policy_for_goals_is_given_the_objects_of_the_last_goal():
+    elements, metadata = 21, {**make("bc").metadata, "tasks": [], "goal_size": 21}
+    policy = ClonedPolicy(
+        scales=scales(STATE + elements),
+        networks={"network": network(np.random.default_rng(0), STATE + elements, CHUNK * ACTION)},
+        metadata=metadata,
+    )
+    environment = kitchen("all", goal_states=2)
+    timestep = environment.reset()
+    seen = []
+    policy.episode(environment.task, np.random.default_rng(0))
+    object.__setattr__(policy, "predict", lambda inputs, *rest: seen.append(inputs) or np.zeros((CHUNK, ACTION)))
+    policy.episode(environment.task, np.random.default_rng(0))(timestep)
+    np.testing.assert_array_equal(seen[0][STATE:], timestep.observation["goal_states"][-elements:])
+    with pytest.raises(ValueError, match="the policy needs a goal state in the observation"):
+        policy.check_fits(kitchen("all").task)
+    with pytest.raises(ValueError, match="state, tasks and goal have"):
+        policy.with_metadata({**metadata, "goal_size": 20})
 
 
 @pytest.fixture(params=ALGORITHMS)
