@@ -11,12 +11,13 @@ CEILINGS = {
     "classes of KitchenTask": 4,
     # Raised for teleoperation: episodes that are live, the page, the page in other programs, LeRobot's teleoperator.
     # Raised for datasets in the files of five other programs, and for kitchen-convert in both directions.
-    "files of source": 181,
+    # Raised for offline learning: an undirected expert, transitions, methods, their learner.
+    "files of source": 186,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
-    # Raised for teleoperation, and for kitchen-convert in both directions.
-    "lines of source": 34_000,
+    # Raised for teleoperation, for kitchen-convert in both directions, for light in web scenes, for offline learning.
+    "lines of source": 35_250,
 }
 
 
