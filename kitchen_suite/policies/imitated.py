@@ -249,7 +249,7 @@ class FlowPolicy(ImitatedPolicy):
     """
 
     algorithm = "flow"
-    network_names = ("network",)
+    network_names: ClassVar[tuple[str, ...]] = ("network",)
 
     def _check_sizes(self) -> None:
         checks.integer(self.metadata.get("flow_steps"), "flow_steps", minimum=1)

@@ -85,6 +85,7 @@ class RecordJob:
         self._template_env = self._spec.make_environment()
         check_file_size(self._template_env.observation_space, self._spec.max_episode_steps)
         self._spec.check_policy(self._template_env)
+        assert settings.num_episodes is not None, "they are resolved"
         self._wanted = range(settings.num_episodes)
         self._plan: DatasetPlan | None = None
         if settings.dataset is not None:

@@ -67,7 +67,8 @@ class Expert(abc.ABC):
             raise TypeError(f"style must be a MotionStyle, got {checks.shown(style)}")
         self._style, self._encoder = style or MotionStyle(), encoder
         self._kinematics, self._limits = encoder.arm.kinematics, encoder.limits
-        if self._style.random_actions and not np.isfinite([encoder.low, encoder.high]).all():
+        self._low, self._high = (np.asarray(bound, np.float64) for bound in (encoder.low, encoder.high))
+        if self._style.random_actions and not np.isfinite(np.append(self._low, self._high)).all():
             raise ValueError("random_actions needs a control mode whose actions have bounds")
         self.reset(np.random.default_rng(0))
 
@@ -146,7 +147,7 @@ class Expert(abc.ABC):
         if self._style.action_noise:
             action[:size] += self._style.action_noise * self._generator.standard_normal(size)
         if self._style.random_actions and self._generator.random() < self._style.random_actions:
-            action[:size] = self._generator.uniform(encoder.low, encoder.high, action.shape)[:size]
+            action[:size] = self._generator.uniform(self._low, self._high, action.shape)[:size]
         bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded

@@ -4,7 +4,7 @@ import abc
 import copy
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 
@@ -196,8 +196,8 @@ class IDQL(ImplicitQ):
         return self._value_loss(batch) + self.flow.loss(shown.inputs, shown.chunks, step)
 
     def further_networks(self) -> dict[str, TorchNetwork]:
-        first, second = self.critics.targets
-        return {"first_critic": first.network, "second_critic": second.network}
+        first, second = (cast(Value, target).network for target in self.critics.targets)
+        return {"first_critic": first, "second_critic": second}
 
     def settings(self) -> dict[str, Any]:
         return {"flow_steps": self.config.flow_steps, "candidates": self.config.candidates}
