@@ -439,7 +439,7 @@ OFFLINE = ("offline_bc", "iql", "idql", "td3bc", "gcbc", "gciql")
 ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
 # Values of a `Schedule` by imitation and by offline learning, in every domain.
-_OFFLINE_SCHEDULE = {"num_steps": 20_000, "eval_interval": 10_000, "target_success": 1.1, "patience": 0}
+_OFFLINE_SCHEDULE = {"num_steps": 40_000, "eval_interval": 10_000, "target_success": 1.1, "patience": 0}
 _IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
 
 # Values by PPO, unless the domain's training recipe has others.

@@ -52,7 +52,7 @@ ALGORITHMS = {
 SEEDS = (1, 2, 3)
 
 # Steps of the optimiser. Policies are those after the last one: none is chosen by its evaluations.
-STEPS = 20_000
+STEPS = 40_000
 
 EPISODES = 100
 

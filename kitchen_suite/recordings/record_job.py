@@ -48,15 +48,15 @@ KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         # Tasks in random order; some episodes do the four that are rewarded, and no others.
         "partial": {
             "task_name": "partial",
-            "policy": _UNDIRECTED.format(", repertoire='ten', directed=0.1"),
-            "num_episodes": 2_000,
+            "policy": _UNDIRECTED.format(", directed=0.1"),
+            "num_episodes": 1_000,
             "max_episode_steps": 140,
         },
         # Tasks in random order; no episode does all four that are rewarded.
         "mixed": {
             "task_name": "mixed",
-            "policy": _UNDIRECTED.format(", repertoire='ten', spare_last=True"),
-            "num_episodes": 2_000,
+            "policy": _UNDIRECTED.format(", spare_last=True"),
+            "num_episodes": 1_000,
             "max_episode_steps": 140,
         },
         # All twenty tasks, without end: what has been done is undone.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
-from kitchen_suite.names import DEFAULT_TASKS, REVERSES
+from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
@@ -16,11 +16,7 @@ from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
 # Repertoires by name.
-_REPERTOIRES = {
-    "seven": DEFAULT_TASKS,
-    "ten": tuple(task for task in GOALS if task not in REVERSES),
-    "twenty": tuple(GOALS),
-}
+_REPERTOIRES = {"seven": DEFAULT_TASKS, "twenty": tuple(GOALS)}
 
 # The task whose goal has another object at rest, and the task that puts this to rest.
 _NEEDS = {"hinge cabinet": "close left hinge cabinet"}
@@ -51,8 +47,8 @@ class UndirectedExpert(KitchenExpert):
 
         Args:
           tasks: names of the tasks that an episode asks for.
-          repertoire: the tasks to choose from, with their usual goals: `seven`, the reference's; `ten`, those and
-            three like them; `twenty`, all of `tasks.GOALS`, of which ten undo the others; or a list of names.
+          repertoire: the tasks to choose from, with their usual goals: `seven`, the reference's; `twenty`, all of
+            `tasks.GOALS`, of which ten undo the others; or a list of names.
           directed: probability that an episode is one in which it does the tasks that are asked for, and no others.
           spare_last: whether it never begins the last of these tasks that is not complete.
           **options: of `KitchenExpert`.
