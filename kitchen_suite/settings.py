@@ -452,8 +452,9 @@ def _by_domain(name: str) -> str:
     own = {domain: recipe.settings[name] for domain, recipe in recipes.items() if recipe and name in recipe.settings}
     values = {**{f" in {domain}": value for domain, value in own.items()}, " elsewhere": _PPO_SCHEDULE[name]}
     of_ppo = ", ".join(f"{value:,}{place}" for place, value in values.items())
-    others = {f"{_IMITATION_SCHEDULE[name]:,} by imitation": None, f"{_OFFLINE_SCHEDULE[name]:,} offline": None}
-    return "; ".join([of_ppo, *others])
+    imitation, offline = _IMITATION_SCHEDULE[name], _OFFLINE_SCHEDULE[name]
+    others = f"{imitation:,} by imitation" + (f", {offline:,} offline" if offline != imitation else "")
+    return f"{of_ppo}; {others}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -466,8 +467,7 @@ class TrainSettings(TaskSettings):
 
     output: Path = output_flag()
     algorithm: str = flag(
-        "ppo; bc, flow or vqbet, which imitate the successful episodes of --demonstrations; or offline_bc, iql, "
-        "idql, td3bc, and on goals gcbc and gciql, which learn from all of them.",
+        "ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.",
         PPO,
     )
     training_kwargs: Mapping[str, Any] = flag(
@@ -484,14 +484,14 @@ class TrainSettings(TaskSettings):
     )
     initial_policy: Path | None = flag("File of a trained policy to start from.", None, unset="from scratch")
     num_steps: int | None = flag(
-        "Control steps in total, over all environments; training may end earlier: see --target_success.",
+        "Control steps of all environments, at most: see --target_success.",
         None,
         minimum=0,
         maximum=_MAX_STEPS,
         unset=functools.partial(_by_domain, "num_steps"),
     )
     eval_interval: int | None = flag(
-        "Control steps between evaluations, each followed by a checkpoint.",
+        "Control steps between evaluations and checkpoints.",
         None,
         minimum=1,
         maximum=_MAX_STEPS,
@@ -511,7 +511,7 @@ class TrainSettings(TaskSettings):
         maximum=_MAX_STEPS,
         unset=functools.partial(_by_domain, "patience"),
     )
-    min_progress: float = flag("Mean opening [m], or tasks completed, that counts as progress.", 0.05, minimum=0)
+    min_progress: float = flag("Mean opening [m], or tasks completed, that is progress.", 0.05, minimum=0)
     seed: int = seed_flag(0)
     restarts: int = flag("Number of further seeds to try where one is given up.", 3, minimum=0, maximum=MAX_COUNT)
     num_threads: int | None = num_threads_flag(None)
