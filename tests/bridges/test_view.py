@@ -96,8 +96,8 @@ def test_episodes_are_shown_and_driven_until_an_interrupt(process, port):
 @pytest.mark.parametrize(
     ("domain", "task", "offered"),
     [
-        ("kitchen", "kettle", ("expert", "random", "zero", "trained", "takeover")),
-        ("kitchen", "top_right_burner", ("expert", "random", "zero")),
+        ("kitchen", "kettle", ("expert", "random", "zero", "undirected", "trained", "takeover")),
+        ("kitchen", "top_right_burner", ("expert", "random", "zero", "undirected")),
         ("microwave_table", "open", ("expert", "random", "zero")),
     ],
 )
