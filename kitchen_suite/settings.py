@@ -348,7 +348,7 @@ class ReplaySettings(FilmSettings):
 class ConvertSettings:
     """Settings of `kitchen-convert`; `source` is its argument. Either `output` or `dataset` is named."""
 
-    source: str = flag("Recording; or dataset that kitchen-record made, HDF5 file of D4RL or Minari dataset.")
+    source: str = flag("Recording; dataset in files of another program; or demonstrations of people.")
     output: Path | None = flag("Folder of the recording to make.", None, check=check_folder)
     format: str | None = format_flag(None)
     dataset: str | None = dataset_flag(None)

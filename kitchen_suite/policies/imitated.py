@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
 
+# Rows of a product of matrices: for more, linear algebra starts threads, on whose number rounding depends.
+_ROWS = 4
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ImitatedPolicy(StoredPolicy):
     """A policy that predicts chunks of actions.
@@ -290,11 +294,17 @@ class RankedPolicy(FlowPolicy):
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         count = self.metadata["candidates"]
         noise = generator.standard_normal((count, self.chunk * self.action_size), np.float32)
-        chunks = self._carried(inputs, noise)
-        pairs = np.concatenate([np.broadcast_to(inputs, (count, inputs.size)), chunks], axis=1)
-        first, second = (self.networks[name](pairs)[:, 0] for name in self.network_names[1:])
-        best: NDArray[np.float32] = chunks[np.minimum(first, second).argmax()]
+        groups = np.split(noise, range(_ROWS, count, _ROWS))
+        chunks = np.concatenate([self._carried(inputs, group) for group in groups])
+        values = np.concatenate([self._values(inputs, group) for group in np.split(chunks, range(_ROWS, count, _ROWS))])
+        best: NDArray[np.float32] = chunks[values.argmax()]
         return best
+
+    def _values(self, inputs: NDArray[np.float32], chunks: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the smaller one of both values `(b,)` of chunks `(b, n)` on inputs `(m,)`."""
+        pairs = np.concatenate([np.broadcast_to(inputs, (len(chunks), inputs.size)), chunks], axis=1)
+        first, second = (self.networks[name](pairs)[:, 0] for name in self.network_names[1:])
+        return np.minimum(first, second)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

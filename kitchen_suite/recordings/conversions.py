@@ -68,6 +68,7 @@ class DatasetJob:
         chosen.task_kwargs({"obs_type": spec.argument("obs_type")})
         # As many as kitchen-record was asked for, unless the physics of the last ones diverged.
         self._plan = chosen.make_plan(dataset, spec, self._indices[-1] + 1, settings.data_path)
+        self._plan.check_holds(self._folder, self._indices)
         self._environment = spec.make_environment()
         check_pictures(self._environment)
 

@@ -107,6 +107,13 @@ class ExportPlan(DatasetPlan):
     def is_missing(self) -> bool:
         return not self._record_file.exists()
 
+    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        seeds = [folder.spec.seed_of(index) for index in indices]
+        if not self.is_missing and read_record(self._record_file).seeds != seeds:
+            raise ValueError(
+                f"dataset {self.dataset_id!r} was made of other episodes of this recording: name another one"
+            )
+
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         seeds: list[int] = []
 

@@ -51,6 +51,9 @@ class DatasetPlan(abc.ABC):
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         """Makes the dataset of episodes that were recorded in an environment; after an error there is none."""
 
+    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:  # noqa: B027
+        """Raises a FileExistsError if the dataset is there, but is not of these episodes."""
+
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
         if found := files.first_difference(spec, self.spec.as_json()):

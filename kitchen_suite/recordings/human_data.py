@@ -156,7 +156,8 @@ class MinariData(HumanData):
         self._source, self._name = source, name
         if source.spec is not None or not source.is_original:
             raise ValueError(
-                f"{name} is not of FrankaKitchen-v1, but of this suite: kitchen-record makes recordings of it"
+                f"{name} is not of FrankaKitchen-v1, but of this suite, and no recording is made of it: kitchen-replay "
+                "plays it"
             )
 
     def __len__(self) -> int:

@@ -99,7 +99,7 @@ class SeedRun:
         """Restores the newest checkpoint in the folder, if there is one.
 
         Args:
-          folder: of curves, checkpoints and the best policy; created if it does not exist.
+          folder: of curves, checkpoints, the best policy and the last one; created if it does not exist.
           seed: of the learner.
           schedule: when to evaluate and when to stop.
           learner: new.
@@ -188,7 +188,7 @@ class SeedRun:
         )
 
     def _evaluate(self) -> dict[str, float]:
-        """Evaluates the policy, saves it if it is the best so far, and returns the means of the episodes' metrics."""
+        """Evaluates and saves the policy, also as the best so far if it is, and returns the means of the metrics."""
         policy = self._learner.export(self._metadata)
         metrics = self._play(self._learner.controller(policy, self._evaluation_environments))
         means = {name: float(values.mean()) for name, values in metrics.items()}

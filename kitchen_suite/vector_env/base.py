@@ -229,7 +229,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
         variation_requests = vector_checks.variation_requests(chosen, task.variations, mask)
         task_requests = vector_checks.task_requests(chosen, task, mask)
-        self._template_env.check_pictures(chosen)
+        self._template_env.check_pictures(vector_checks.options_of(chosen, task, mask))
         with self._all_or_nothing():
             self._episodes.request(variation_requests, task_requests)
             self._episodes.seed({i: seed for i, seed in enumerate(seeds) if mask[i] and seed is not None})

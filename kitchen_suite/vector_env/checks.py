@@ -88,6 +88,12 @@ def task_requests(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.
     return {i: task.requests.checked({name: rows[i] for name, rows in each.items()}) for i in indices}
 
 
+def options_of(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.bool_]) -> dict[str, list[Any]]:
+    """Returns the task's own options of a reset, checked, for the environments of its mask alone."""
+    each = {name: options[name] for name in task.requests.options if options.get(name) is not None}
+    return {name: [rows[i] for i in mask.nonzero()[0]] for name, rows in each.items()}
+
+
 def variation_requests(
     options: Mapping[str, Any], variations: Variations, mask: NDArray[np.bool_]
 ) -> dict[int, VariationRequest]:

@@ -35,6 +35,8 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         return {**self._names(), **infos} if self._template_env.info_format == "lists" else infos
 
     def _infos_of_reset(self, options: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+        if not options.keys() & {TASK_ID, RENDER_GOAL}:
+            return {}
         given = (options.get(name) for name in (TASK_ID, RENDER_GOAL))
         ids, shown = ([None] * self.num_envs if rows is None else rows for rows in given)
         wanted = mask & [task_id is not None or each is not None for task_id, each in zip(ids, shown, strict=True)]

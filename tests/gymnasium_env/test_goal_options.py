@@ -122,3 +122,25 @@ def test_a_number_needs_tasks_that_are_drawn():
     environment = FrankaKitchenEnv(visuals=False)
     with pytest.raises(ValueError, match=r"task_id cannot be chosen, .* build the environment with tasks_per_episode"):
         environment.reset(options={"task_id": 1})
+
+
+def test_bad_options_of_vectorised_resets_are_refused():
+    arguments = {"tasks_per_episode": 1, "visuals": False}
+    vector = gymnasium.make_vec(
+        "KitchenSuite/FrankaKitchen-v1", 2, vectorization_mode="vector_entry_point", **arguments
+    )
+    vector.reset(seed=0)
+    for options, error, shown in (
+        ({"task_id": 3}, TypeError, "task_id must be a sequence"),
+        ({"task_id": [1, 2, 3]}, ValueError, "task_id must have one element for each of 2"),
+        ({"task_id": [1, 8]}, ValueError, "task_id must be at most 7"),
+        ({"render_goal": [True, False]}, ValueError, "render_goal needs an environment with render_mode"),
+    ):
+        with pytest.raises(error, match=shown):
+            vector.reset(options=options)
+    # Of an environment that starts no episode, no picture is taken.
+    mask = np.array([True, False])
+    infos = vector.reset(options={"reset_mask": mask, "task_id": [4, None], "render_goal": [None, True]})[1]
+    assert infos["_goal"].tolist() == [True, False]
+    assert "goal_rendered" not in infos
+    vector.close()

@@ -1,7 +1,10 @@
 """Policies learned by imitation: files, chunks, and the tasks that they act in."""
 
 import dataclasses
+import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -125,6 +128,37 @@ def test_of_several_chunks_the_most_valuable_is_taken():
     best = policy.scales.actions(chunks[np.argmax(values)].reshape(CHUNK, ACTION))
     np.testing.assert_allclose(chosen, best, rtol=1e-4, atol=1e-5)
     assert len({round(value, 5) for value in values}) == 5
+
+
+@pytest.mark.thorough
+def test_chunks_are_the_same_whatever_the_number_of_threads(tmp_path):
+    program = (
+        "import sys, numpy as np; from pathlib import Path; from kitchen_suite.policies import load_policy; "
+        "policy = load_policy(Path(sys.argv[1])); inputs = np.random.default_rng(1).standard_normal(62); "
+        "print(policy.predict(inputs, np.random.default_rng(2)).tobytes().hex())"
+    )
+    generator, width, size = np.random.default_rng(0), 256, CHUNK * ACTION
+
+    def wide(inputs, outputs):
+        def part(rows, columns):
+            return Linear(generator.standard_normal((rows, columns), np.float32) / 16, np.zeros(rows, np.float32))
+
+        norm = Linear(np.ones(width, np.float32), np.zeros(width, np.float32))
+        block = Block(norm, part(width, width), part(width, width))
+        return ResidualNetwork(part(width, inputs), (block, block), part(outputs, width))
+
+    networks = {"network": wide(INPUTS + size + time_features(0.0).size, size)}
+    networks |= {name: wide(INPUTS + size, 1) for name in RankedPolicy.network_names[1:]}
+    policy = RankedPolicy(scales=scales(), networks=networks, metadata={**make("idql").metadata, "candidates": 30})
+    policy.save(tmp_path / "policy.npz")
+    command = [sys.executable, "-c", program, str(tmp_path / "policy.npz")]
+    chosen = {
+        subprocess.run(
+            command, env={**os.environ, "OPENBLAS_NUM_THREADS": str(count)}, check=True, capture_output=True, text=True
+        ).stdout
+        for count in (1, 2, 4)
+    }
+    assert len(chosen) == 1
 
 
 def test_a_policy_for_goals_is_given_the_objects_of_the_last_goal():

@@ -107,9 +107,29 @@ def test_one_action_in_some_is_uniform():
     assert 15 <= changed <= 45
 
 
+@pytest.mark.parametrize("criterion", [{"success": "strict"}, {"threshold": 0.1}, {"threshold": {"kettle": 0.05}}])
+def test_tasks_are_complete_as_the_environment_has_it(criterion):
+    environment = suite.load("kitchen", "mixed", {"visuals": False, **criterion})
+    expert = UndirectedExpert.for_task(environment.task, repertoire=["kettle", "microwave"])
+    plain = experts.make(environment.task)
+    flat = environment.task.policy_inputs.flatten(environment.reset().observation)[:59]
+    distances, expected = (each._relative_distances(flat) for each in (expert, plain))
+    assert distances == {task: expected[task] for task in distances}
+
+
+def test_where_tasks_are_drawn_nothing_is_asked_for_in_every_episode(kitchen):
+    environment = suite.load("kitchen", "random_2", {"visuals": False})
+    UndirectedExpert.for_task(environment.task)
+    for options in ({"directed": 0.5}, {"spare_last": True}):
+        with pytest.raises(ValueError, match="the same tasks in every episode"):
+            UndirectedExpert.for_task(environment.task, **options)
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
+        ({"repertoire": []}, "repertoire"),
+        ({"repertoire": 5}, "repertoire"),
         ({"repertoire": "eight"}, "repertoire"),
         ({"repertoire": ["microwav"]}, "microwave"),
         ({"directed": 1.5}, "directed must be at most 1"),

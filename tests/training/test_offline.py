@@ -263,6 +263,13 @@ def test_what_does_not_fit_is_refused_in_one_line(refusal, tmp_path, recording):
     assert "--demonstrations" in refused("--task_name=mixed", "--algorithm=iql")
     # Rewards of another task.
     assert "tasks_to_complete" in refused("--task_name=complete", "--algorithm=iql", own)
+    for changed in ('{"success": "strict"}', '{"remove_task_when_completed": false}', '{"threshold": 0.2}'):
+        name = changed.split('"')[1]
+        assert name in refused("--task_name=mixed", "--algorithm=iql", own, f"--task_kwargs={changed}")
+    for discount in (0, 1):
+        flags = ("--task_name=random_1", '--task_kwargs={"goal_states": 1}', "--algorithm=gcbc", own)
+        problem = refused(*flags, f'--hyperparameters={{"discount": {discount}}}')
+        assert "goals need a discount between 0 and 1" in problem
     assert "goal states" in refused("--task_name=random_1", "--algorithm=gcbc", own)
     assert "3 episodes, not 4" in refused("--task_name=mixed", "--algorithm=iql", own, "--num_demonstrations=4")
     assert "expertile" in refused("--task_name=mixed", "--algorithm=iql", own, '--hyperparameters={"expertile": 0.5}')

@@ -11,7 +11,7 @@ from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.policies.experts.kitchen import KitchenExpert
 from kitchen_suite.policies.experts.skills import Array
 from kitchen_suite.policies.experts.trajectories import JointTrajectory
-from kitchen_suite.tasks.goals import GoalSet
+from kitchen_suite.tasks.goals import GoalSet, Thresholds
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
 
@@ -41,30 +41,45 @@ class UndirectedExpert(KitchenExpert):
         repertoire: str | Sequence[str] = "seven",
         directed: float = 0.0,
         spare_last: bool = False,
+        goals: Mapping[str, ArrayLike] | None = None,
+        threshold: Thresholds | None = None,
         **options: Any,
     ) -> None:
         """Builds an expert for episodes that ask for some tasks.
 
         Args:
-          tasks: names of the tasks that an episode asks for.
-          repertoire: the tasks to choose from, with their usual goals: `seven`, the reference's; `twenty`, all of
+          tasks: names of the tasks that every episode asks for; empty where they are drawn.
+          repertoire: the tasks to choose from: `seven`, the reference's; `twenty`, all of
             `tasks.GOALS`, of which ten undo the others; or a list of names.
           directed: probability that an episode is one in which it does the tasks that are asked for, and no others.
           spare_last: whether it never begins the last of these tasks that is not complete.
+          goals: as of `KitchenExpert`; those of other tasks than the repertoire's are left out.
+          threshold: as of `KitchenExpert`, likewise.
           **options: of `KitchenExpert`.
         """
         if isinstance(repertoire, str):
             repertoire = _REPERTOIRES[checks.choice(repertoire, _REPERTOIRES, "repertoire")]
+        names = [checks.choice(task, GOALS, "repertoire") for task in checks.unique_names(repertoire, "repertoire")]
         self._directed = checks.number(directed, "directed", maximum=1.0)
-        super().__init__(repertoire, **options)
-        self._asked = tuple(checks.choice(task, GOALS, "task") for task in checks.unique_names(tasks, "tasks"))
+        goals = {task: value for task, value in (goals or {}).items() if task in names}
+        if isinstance(threshold, Mapping):
+            threshold = {task: value for task, value in threshold.items() if task in names}
+        super().__init__(names, goals=goals, threshold=threshold, **options)
+        self._asked = tuple(tasks)
         self._spares_last = checks.boolean(spare_last, "spare_last")
+        if not self._asked and (self._directed or self._spares_last):
+            raise ValueError("directed and spare_last need a task that asks for the same tasks in every episode")
         if self._directed and not {*self._asked} <= {*self._goals.tasks}:
             raise ValueError(f"directed episodes need a repertoire with {', '.join(self._asked)}")
 
     @classmethod
     def _task_settings(cls, task: KitchenTask) -> dict[str, Any]:
-        return {"tasks": task.mdp.goals.tasks, "extra_observables": tuple(task.extra_observables)}
+        return {
+            "tasks": () if task.mdp.task_draw else task.mdp.goals.tasks,
+            "goals": task.goals,
+            **task.success_options,
+            "extra_observables": tuple(task.extra_observables),
+        }
 
     @staticmethod
     def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:

@@ -132,11 +132,6 @@ def _move(target: torch.nn.Module, module: torch.nn.Module, rate: float) -> None
     torch._foreach_lerp_([*target.parameters()], [*module.parameters()], rate)
 
 
-def expectile_loss(errors: torch.Tensor, expectile: float) -> torch.Tensor:
-    """Returns the loss `()` of a value function whose errors are `(b,)`, for an expectile of its targets."""
-    return (torch.where(errors > 0, expectile, 1.0 - expectile) * errors.square()).mean()
-
-
 class ImplicitQ(OfflineMethod):
     """Values by expectiles over the actions of the data, without any action of a policy.
 

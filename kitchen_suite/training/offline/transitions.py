@@ -1,6 +1,7 @@
 """Recorded control steps with what came before and after them, and the batches that are drawn of them."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,10 @@ from kitchen_suite.training.imitation.demonstrations import finite, open_recordi
 # Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
 # protocol `goal-reaching`.
 REACHED = 0.1
+
+
+# Arguments that may differ between a recording and the environments that a policy is evaluated in.
+_FREE = {"physics", "render_quality", "sleep", "variation_split", "variations"}
 
 
 class Transitions(NamedTuple):
@@ -76,9 +81,10 @@ def load_transitions(
 def _load(
     folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None, *, with_rewards: bool
 ) -> Transitions:
-    domain = suite.find_domain(spec.domain_name)
-    options = (*domain.control_options, *(("reward", *spec.env_class.goal_options) if with_rewards else ()))
+    options = suite.find_domain(spec.domain_name).control_options
     recording = open_recording(folder, spec, options)
+    if with_rewards:
+        open_recording(folder, spec, _arguments_of_rewards(recording.spec, spec))
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     if not recording.indices or len(recording.indices) < (count or 1):
@@ -102,6 +108,12 @@ def _load(
         )
         rows += steps + 1
     return Transitions(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _arguments_of_rewards(*specs: EnvironmentSpec) -> list[str]:
+    """Returns the names of all arguments of some environments, but those on which no reward depends."""
+    tasks = {name for spec in specs for name in suite.task_arguments(spec.domain_name, spec.task_name)}
+    return sorted((tasks | {name for spec in specs for name in spec.task_kwargs}) - _FREE)
 
 
 class Batch(NamedTuple):
@@ -136,10 +148,10 @@ class Sampler:
         self._transitions, self._config = transitions, config
         self._inputs, self._actions = torch.as_tensor(inputs), torch.as_tensor(actions)
         self._left = transitions.last - transitions.rows
-        self._returns, self._ended = self._sum_rewards()
 
-    def _sum_rewards(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Returns the discounted rewards `(m,)` of the next `returns` steps, and whether success ended them."""
+    @functools.cached_property
+    def _outcomes(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """The discounted rewards `(m,)` of the next `returns` steps, and whether success ended them."""
         transitions, config = self._transitions, self._config
         count = len(transitions.rows)
         total, ended = np.zeros(count), np.zeros(count, np.bool_)
@@ -154,13 +166,13 @@ class Sampler:
         """Draws batches for the value functions and for the policy; random numbers are PyTorch's."""
         steps = self._draw_steps()
         rows, ahead = self._transitions.rows[steps], np.minimum(self._left[steps], self._config.returns)
-        goes_on = ~self._ended[steps]
+        returns, ended = self._outcomes
         batch = Batch(
             inputs=self._inputs[rows],
             chunks=self._chunks(steps),
             later_inputs=self._inputs[rows + ahead],
-            rewards=torch.as_tensor(self._returns[steps]),
-            discounts=torch.as_tensor(goes_on * self._config.discount**ahead).float(),
+            rewards=torch.as_tensor(returns[steps]),
+            discounts=torch.as_tensor(~ended[steps] * self._config.discount**ahead).float(),
         )
         return batch, batch
 
@@ -207,8 +219,8 @@ class GoalSampler(Sampler):
     ) -> None:
         """Takes what `Sampler` does; `elements` are those of the state in a goal."""
         super().__init__(transitions, inputs, actions, config)
-        if config.discount >= 1.0:
-            raise ValueError(f"goals need a discount below 1, got {config.discount}")
+        if not 0.0 < config.discount < 1.0:
+            raise ValueError(f"goals need a discount between 0 and 1, got {config.discount}")
         self._shares = shares
         self._goals, self._places = self._inputs[:, [*elements]], transitions.inputs[:, [*elements]]
 
