@@ -68,7 +68,6 @@ class DatasetJob:
         chosen.task_kwargs({"obs_type": spec.argument("obs_type")})
         # As many as kitchen-record was asked for, unless the physics of the last ones diverged.
         self._plan = chosen.make_plan(dataset, spec, self._indices[-1] + 1, settings.data_path)
-        self._plan.check_holds(self._folder, self._indices)
         self._environment = spec.make_environment()
         check_pictures(self._environment)
 
@@ -80,6 +79,8 @@ class DatasetJob:
         with contextlib.closing(self._environment):
             if self._plan.is_missing:
                 self._plan.make(self._environment, self._folder, self._indices)
+            else:
+                self._plan.check_holds(self._folder, self._indices)
         print(f"{len(self._indices)} episodes of {self._source}")
         print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
         return True

@@ -110,7 +110,7 @@ class ExportPlan(DatasetPlan):
     def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:
         seeds = [folder.spec.seed_of(index) for index in indices]
         if not self.is_missing and read_record(self._record_file).seeds != seeds:
-            raise ValueError(
+            raise FileExistsError(
                 f"dataset {self.dataset_id!r} was made of other episodes of this recording: name another one"
             )
 

@@ -84,6 +84,22 @@ def test_a_dataset_of_a_recording_becomes_the_recording_again(make, run):
     assert contents() == before
 
 
+def test_a_dataset_of_fewer_episodes_is_not_taken_for_one_of_all(make, run):
+    make(*SHORT)
+    recorded = sorted(Path("runs").glob("episode_*.npz"))
+    content = recorded[1].read_bytes()
+    recorded[1].unlink()
+    assert run(convert, *to_dataset("d4rl"))[0] == 0
+    recorded[1].write_bytes(content)
+    status, _, error = run(convert, *to_dataset("d4rl"))
+    assert (status, error.count("\n")) == (1, 1)
+    assert "dataset 'me/set' was made of other episodes of this recording: name another one" in error
+    arguments = ["--num_threads=1", "--output=runs", f"--num_episodes={COUNT}", "--num_envs=6", "--seed=5", *SHORT]
+    status, _, error = run(record, *arguments, *to_dataset("d4rl")[1:])
+    assert status == 1
+    assert "other episodes" in error
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=pytest.mark.rendering if kind == "pictures" else []) for kind in RECORDINGS]
