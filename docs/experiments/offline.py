@@ -15,7 +15,6 @@ import collections
 import hashlib
 import json
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,17 +94,17 @@ CELLS = [
 ]
 
 
-def record(folder: Path, preset: str, variations: str = VARIATIONS) -> tuple[Path, float]:
-    """Records a set, or completes it; returns its folder, and the minutes that this took."""
-    output, started = folder / f"{preset}_{variations or 'original'}", time.monotonic()
+def record(folder: Path, preset: str, variations: str = VARIATIONS) -> Path:
+    """Records a set, or completes it; returns its folder."""
+    output = folder / f"{preset}_{variations or 'original'}"
     varied = [f"--variations={variations}"] if variations else []
     call("record", f"--output={output}", f"--preset={preset}", *varied)
-    return output, (time.monotonic() - started) / 60
+    return output
 
 
 def describe(folder: Path, preset: str, variations: str) -> dict[str, Any]:
     """Records a set, and returns what it holds."""
-    output, minutes = record(folder, preset, variations)
+    output = record(folder, preset, variations)
     recording = RecordingFolder.open(output)
     stats = [recording.load_stats(index) for index in recording.indices]
     counts = collections.Counter(len(each.metrics["tasks_completed"]) for each in stats)
@@ -118,7 +117,8 @@ def describe(folder: Path, preset: str, variations: str) -> dict[str, Any]:
         "successes": sum(bool(each.metrics["success"]) for each in stats),
         "tasks_completed": {str(count): counts[count] for count in sorted(counts)},
         "megabytes": round(sum(path.stat().st_size for path in output.glob("*.npz")) / 1e6, 1),
-        "minutes": round(minutes, 1),
+        # That its episodes took, beside each other and whatever interrupted them.
+        "minutes": round(sum(each.seconds for each in stats) / 60, 1),
         "digest": recording.digest(recording.indices),
     }
 
@@ -138,7 +138,7 @@ def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float
     from kitchen_suite.training import checkpoints
     from kitchen_suite.training.seed_run import LAST_POLICY_FILE
 
-    demonstrations, _ = record(folder, cell.preset)
+    demonstrations = record(folder, cell.preset)
     output, (task, arguments) = folder / name, TASKS[cell.preset][0]
     run = (
         f"--output={output}",

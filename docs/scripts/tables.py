@@ -585,7 +585,8 @@ def _preset_arguments(preset: Any) -> str:
 def learner_table(configs: Mapping[str, Any]) -> str:
     """Returns the table of the hyperparameters of algorithms, by name, with their defaults."""
     defaults = {name: each() for name, each in configs.items()}
-    meanings = {name: text for each in configs.values() for name, text in attributes(each).items()}
+    classes = {base for each in configs.values() for base in each.__mro__[:-1]}
+    meanings = {name: text for each in classes for name, text in attributes(each).items()}
     names = dict.fromkeys(name for each in configs.values() for name in get_type_hints(each))
     rows = [
         (f"`{name}`", meanings[name], *(f"{getattr(config, name, '')}" for config in defaults.values()))
