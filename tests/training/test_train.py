@@ -82,7 +82,7 @@ def test_a_run_leaves_a_policy_curves_and_the_last_checkpoints(run):
     assert rows(out) == [(0, batches * BATCH) for batches in (0, 2, 4, 6, 8, 10)]
     assert out.splitlines()[-1] == "best policy: run/policy.npz"
     assert sorted(os.listdir("run")) == ["policy.npz", "seed_0", "training.json"]
-    assert files("run/seed_0") == [*map(checkpoint, (6, 8, 10)), "policy.npz"]
+    assert files("run/seed_0") == [*map(checkpoint, (6, 8, 10)), "last_policy.npz", "policy.npz"]
     policy = TrainedPolicy.load("run/policy.npz")
     assert (policy.metadata["domain_name"], policy.metadata["task_name"]) == ("open_cabinet", "top_drawer")
     assert policy.metadata["hyperparameters"]["num_envs"] == SMALL["num_envs"]
@@ -222,7 +222,7 @@ def test_divergence_is_reported_in_one_line(run):
     assert re.fullmatch(
         r"kitchen-train: after \d+ steps the \w+ network is no longer finite: lower the learning rate\n", err
     )
-    assert files("run/seed_0") == [checkpoint(0), "policy.npz"]
+    assert files("run/seed_0") == [checkpoint(0), "last_policy.npz", "policy.npz"]
 
 
 @clients
@@ -231,7 +231,7 @@ def test_a_finished_run_can_be_resumed_with_more_steps(run):
     status, out, err = run("--resume", f"--num_steps={8 * BATCH}")
     assert (status, err) == (0, "")
     assert rows(out) == [(0, 8 * BATCH)]
-    assert files("run/seed_0") == [*map(checkpoint, (4, 6, 8)), "policy.npz"]
+    assert files("run/seed_0") == [*map(checkpoint, (4, 6, 8)), "last_policy.npz", "policy.npz"]
 
 
 @clients
