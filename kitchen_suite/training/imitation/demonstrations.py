@@ -61,10 +61,7 @@ def load_demonstrations(
       tasks: names of the tasks whose request the policy observes.
       counts: number of episodes of each recording, or one number for all; empty for all episodes.
     """
-    if len(counts) not in (0, 1, len(folders)):
-        raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
-    wanted = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)
-    parts = [load_recording(folder, spec, tasks, count) for folder, count in zip(folders, wanted, strict=True)]
+    parts = [load_recording(folder, spec, tasks, count) for folder, count in with_counts(folders, counts)]
     for folder, part in zip(folders, parts, strict=True):
         if part.state_elements != parts[0].state_elements:
             raise ValueError(f"{folder} and {folders[0]} do not hold the same elements of the state")
@@ -76,6 +73,14 @@ def load_demonstrations(
         state_elements=parts[0].state_elements,
         pictures={camera: np.concatenate([part.pictures[camera] for part in parts]) for camera in parts[0].pictures},
     )
+
+
+def with_counts(folders: Sequence[Path], counts: Sequence[int]) -> list[tuple[Path, int | None]]:
+    """Returns the number of episodes beside each folder, None for all; arguments as of `load_demonstrations`."""
+    if len(counts) not in (0, 1, len(folders)):
+        raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
+    each = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)
+    return [*zip(folders, each, strict=True)]
 
 
 def load_recording(

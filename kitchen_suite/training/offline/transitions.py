@@ -15,7 +15,7 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-from kitchen_suite.training.imitation.demonstrations import finite, open_recording
+from kitchen_suite.training.imitation.demonstrations import finite, open_recording, with_counts
 
 # Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
 # protocol `goal-reaching`.
@@ -64,12 +64,8 @@ def load_transitions(
       ValueError: it is of another domain or task, or with other arguments that state, actions or rewards depend on, or
         holds fewer episodes, or numbers that are not finite.
     """
-    if len(counts) not in (0, 1, len(folders)):
-        raise ValueError(f"num_demonstrations has {len(counts)} numbers for {len(folders)} folders of demonstrations")
-    wanted = counts if len(counts) == len(folders) else [counts[0] if counts else None] * len(folders)
     parts = [
-        _load(folder, spec, tasks, count, with_rewards=with_rewards)
-        for folder, count in zip(folders, wanted, strict=True)
+        _load(folder, spec, tasks, count, with_rewards=with_rewards) for folder, count in with_counts(folders, counts)
     ]
     starts = np.cumsum([0, *(len(part.inputs) for part in parts[:-1])])
     moved = [
