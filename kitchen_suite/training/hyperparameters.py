@@ -112,7 +112,7 @@ _MAXIMA = {
     "width": 2**14,
     "value_width": 2**14,
     "chunk": 2**10,
-    "returns": 2**10,
+    "n_step": 2**10,
     "averaging": 1,
     "discount": 1,
     "expectile": 1,
@@ -331,7 +331,7 @@ class OfflineHyperparameters:
       blocks: number of blocks.
       chunk: number of actions that are predicted at once.
       executed: number of these that are applied before the next prediction.
-      returns: control steps whose rewards are summed before the value of what comes after them.
+      n_step: control steps of an n-step return, before the value of the state after them.
       batch_size: control steps of a step of the optimiser.
       learning_rate: of the optimiser (Adam) at first; it falls to 0 like half a cosine.
       averaging: decay of the moving average of the policy's weights, which is evaluated and exported.
@@ -344,7 +344,7 @@ class OfflineHyperparameters:
     blocks: int = 2
     chunk: int = 8
     executed: int = 1
-    returns: int = 1
+    n_step: int = 1
     batch_size: int = 256
     learning_rate: float = 1e-3
     averaging: float = 0.999
@@ -378,7 +378,7 @@ class IQLHyperparameters(ValueHyperparameters):
       temperature: inverse temperature: factor of an action's advantage in the logarithm of its weight.
     """
 
-    returns: int = 8
+    n_step: int = 8
     expectile: float = 0.7
     temperature: float = 5.0
 
@@ -394,7 +394,7 @@ class IDQLHyperparameters(ValueHyperparameters):
     """
 
     executed: int = 4
-    returns: int = 30
+    n_step: int = 30
     expectile: float = 0.7
     flow_steps: int = 8
     candidates: int = 32
@@ -405,13 +405,13 @@ class TD3BCHyperparameters(ValueHyperparameters):
     """Hyperparameters of TD3+BC.
 
     Attributes:
-      cloning: factor of the squared distance from the actions of the data, beside values divided by their mean
+      bc_weight: factor of the squared distance from the actions of the data, beside values divided by their mean
         magnitude.
       target_noise: standard deviation of the noise on the actions of the targets, standardised.
       noise_clip: greatest magnitude of this noise.
     """
 
-    returns: int = 8
-    cloning: float = 10.0
+    n_step: int = 8
+    bc_weight: float = 10.0
     target_noise: float = 0.2
     noise_clip: float = 0.5

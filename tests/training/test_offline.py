@@ -82,7 +82,7 @@ def learner(algorithm, transitions, num_steps=600, seed=0, **changes):
 
     torch.set_num_threads(1)
     method = OFFLINE_METHODS[algorithm]
-    config = checked_changes(method.hyperparameters(), {"returns": 1, **SMALL, **changes})
+    config = checked_changes(method.hyperparameters(), {"n_step": 1, **SMALL, **changes})
     goals = ELEMENTS if method.reaches_goals else ()
     metadata = {"state_size": transitions.inputs.shape[1], "tasks": [], "goal_size": len(goals)}
     return OfflineLearner(
@@ -111,7 +111,7 @@ def test_cloning_does_not_tell_good_from_bad():
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "changes"), [("iql", {"discount": 0.9}), ("idql", {"discount": 0.9}), ("td3bc", {"cloning": 0.1})]
+    ("algorithm", "changes"), [("iql", {"discount": 0.9}), ("idql", {"discount": 0.9}), ("td3bc", {"bc_weight": 0.1})]
 )
 def test_what_was_rewarded_is_done(algorithm, changes):
     actions = chosen(taught(algorithm, corridor(), **changes), [0.0, 0.0, 1.0], [2.0, 0.0, 1.0])
@@ -134,12 +134,12 @@ def sampler(transitions, *, goals=False, **changes):
     import torch
 
     from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-    from kitchen_suite.training.offline.transitions import GoalSampler, GoalShares, Sampler
+    from kitchen_suite.training.offline.transitions import GoalSampler, Sampler
 
     torch.manual_seed(0)
-    config = OfflineHyperparameters(**{"batch_size": 4000, "discount": 0.8, "chunk": 3, "returns": 4, **changes})
+    config = OfflineHyperparameters(**{"batch_size": 4000, "discount": 0.8, "chunk": 3, "n_step": 4, **changes})
     recorded = (transitions, transitions.inputs, transitions.actions, config)
-    return GoalSampler(*recorded, elements=ELEMENTS, shares=GoalShares()) if goals else Sampler(*recorded)
+    return GoalSampler(*recorded, elements=ELEMENTS) if goals else Sampler(*recorded)
 
 
 def steps_of(batch, transitions):

@@ -54,7 +54,7 @@ class UndirectedExpert(KitchenExpert):
           directed: probability that an episode is one in which it does the tasks that are asked for, and no others.
           spare_last: whether it never begins the last of these tasks that is not complete.
           goals: as of `KitchenExpert`; those of other tasks than the repertoire's are left out.
-          threshold: as of `KitchenExpert`, likewise.
+          threshold: as of `KitchenExpert`; those of other tasks are left out.
           **options: of `KitchenExpert`.
         """
         if isinstance(repertoire, str):

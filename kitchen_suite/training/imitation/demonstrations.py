@@ -223,7 +223,13 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
     recorded = recording.spec
     if recorded.domain_name != wanted.domain_name:
         raise ValueError(f"{folder} holds episodes of {_title(recorded)}, not of {_title(wanted)}")
-    for name in (*OBSERVATION_OPTIONS, *options):
+    check_same(folder, recorded, wanted, (*OBSERVATION_OPTIONS, *options))
+    return recording
+
+
+def check_same(folder: Path, recorded: EnvironmentSpec, wanted: EnvironmentSpec, names: Collection[str]) -> None:
+    """Raises a ValueError unless the arguments of some names of recorded environments and of others are the same."""
+    for name in names:
         one, other = (spec.argument(name) for spec in (recorded, wanted))
         if one != other:
             one, other = _in_mode(recorded, name, one), _in_mode(wanted, name, other)
@@ -232,7 +238,6 @@ def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[st
                 f"{folder} was recorded with {name} {json.dumps(one)}, but this run has {json.dumps(other)}: "
                 f"{_REMEDIES.get(name, 'pass the same --task_kwargs to both commands')}"
             )
-    return recording
 
 
 def _title(spec: EnvironmentSpec) -> str:

@@ -20,7 +20,7 @@ from kitchen_suite.training.imitation.learner import RecordingTraining, cosine, 
 from kitchen_suite.training.imitation.methods import TorchNetwork
 from kitchen_suite.training.learner import DivergedError, Learner
 from kitchen_suite.training.offline.methods import OFFLINE_METHODS, OfflineMethod
-from kitchen_suite.training.offline.transitions import GoalSampler, GoalShares, Sampler, Transitions, load_transitions
+from kitchen_suite.training.offline.transitions import GoalSampler, Sampler, Transitions, load_transitions
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Steps of the optimiser between points of the curves.
@@ -58,9 +58,7 @@ class OfflineLearner(Learner):
         inputs = scales.inputs(transitions.inputs)
         actions = (transitions.actions - scales.action_mean) / scales.action_deviation
         recorded = (transitions, inputs, actions, config)
-        self._sampler = (
-            GoalSampler(*recorded, elements=goal_elements, shares=GoalShares()) if goal_elements else Sampler(*recorded)
-        )
+        self._sampler = GoalSampler(*recorded, elements=goal_elements) if goal_elements else Sampler(*recorded)
         # Goals are standardised as the elements of the state that they have.
         elements = [*range(inputs.shape[1]), *goal_elements]
         self._scales = dataclasses.replace(
@@ -93,7 +91,7 @@ class OfflineLearner(Learner):
         self._optimizer.zero_grad()
         loss.backward()
         self._optimizer.step()
-        self._method.follow()
+        self._method.update_targets()
         self._average.update_parameters(self._method.policy)
         self.steps += 1
         return loss.item()

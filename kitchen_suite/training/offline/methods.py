@@ -54,13 +54,13 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
         return TorchNetwork(inputs, actions, width=self.config.width, blocks=self.config.blocks)
 
     @abc.abstractmethod
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+    def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         """Returns the loss `()` in a step of the optimiser, counted from 0.
 
-        Values learn from `batch`, the policy from `shown`: the same, but for the goals where there are any.
+        Values learn from `batch`, the policy from `policy_batch`: the same, but for the goals where there are any.
         """
 
-    def follow(self) -> None:
+    def update_targets(self) -> None:
         """Moves target networks towards those that learn, after a step of the optimiser."""
 
     def further_networks(self) -> dict[str, TorchNetwork]:
@@ -73,17 +73,17 @@ class OfflineMethod(torch.nn.Module, abc.ABC):
 
 
 class Cloning(OfflineMethod):
-    """Behaviour cloning of every action, whatever came of it."""
+    """Behaviour cloning of all recorded actions, those of failed episodes included."""
 
     title = "Behaviour cloning of all episodes"
     hyperparameters = OfflineHyperparameters
 
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
-        return torch.nn.functional.l1_loss(self.policy(shown.inputs), shown.chunks)
+    def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
+        return torch.nn.functional.l1_loss(self.policy(policy_batch.inputs), policy_batch.chunks)
 
 
 class Value(torch.nn.Module):
-    """A network for the value of its inputs, which are disturbed in training."""
+    """A network for the value of its inputs, to which noise is added in training."""
 
     def __init__(self, inputs: int, config: ValueHyperparameters) -> None:
         """Builds the network."""
@@ -121,8 +121,8 @@ class Critics(torch.nn.Module):
         values = self(inputs, actions)
         return sum(((value - returns).square().mean() for value in values), start=torch.zeros(()))
 
-    def follow(self) -> None:
-        """Moves the targets."""
+    def update_targets(self) -> None:
+        """Moves the targets towards the networks."""
         _move(self.targets, self.networks, self._rate)
 
 
@@ -153,11 +153,11 @@ class ImplicitQ(OfflineMethod):
         return (weights * errors.square()).mean() + self.critics.loss(batch.inputs, batch.chunks, returns)
 
     def _advantages(self, batch: Batch) -> torch.Tensor:
-        """Returns by how much the chunks `(b,)` of a batch are worth more than what they are taken on."""
+        """Returns the advantages `(b,)` of the chunks of a batch."""
         return self.critics.target(batch.inputs, batch.chunks) - self.value(batch.inputs)
 
-    def follow(self) -> None:
-        self.critics.follow()
+    def update_targets(self) -> None:
+        self.critics.update_targets()
 
 
 class IQL(ImplicitQ):
@@ -166,11 +166,11 @@ class IQL(ImplicitQ):
     title = "Implicit Q-learning"
     hyperparameters = IQLHyperparameters
 
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+    def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         with torch.no_grad():
-            weights = (self.config.temperature * self._advantages(shown)).exp().clamp(max=_MAX_WEIGHT)
-        mistakes = (self.policy(shown.inputs) - shown.chunks).abs().mean(dim=1)
-        return self._value_loss(batch) + (weights * mistakes).mean()
+            weights = (self.config.temperature * self._advantages(policy_batch)).exp().clamp(max=_MAX_WEIGHT)
+        errors = (self.policy(policy_batch.inputs) - policy_batch.chunks).abs().mean(dim=1)
+        return self._value_loss(batch) + (weights * errors).mean()
 
 
 class IDQL(ImplicitQ):
@@ -187,8 +187,8 @@ class IDQL(ImplicitQ):
         self.flow = Flow(inputs, actions, self.config)
         return self.flow.network
 
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
-        return self._value_loss(batch) + self.flow.loss(shown.inputs, shown.chunks, step)
+    def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
+        return self._value_loss(batch) + self.flow.loss(policy_batch.inputs, policy_batch.chunks, step)
 
     def further_networks(self) -> dict[str, TorchNetwork]:
         first, second = (cast(Value, target).network for target in self.critics.targets)
@@ -212,28 +212,28 @@ class TD3BC(OfflineMethod):
         self.critics = Critics(inputs, actions, config)
         self.policy_target = copy.deepcopy(self.policy).requires_grad_(False)
 
-    def loss(self, batch: Batch, shown: Batch, step: int) -> torch.Tensor:
+    def loss(self, batch: Batch, policy_batch: Batch, step: int) -> torch.Tensor:
         config = self.config
         with torch.no_grad():
             noise = (config.target_noise * torch.randn_like(batch.chunks)).clamp(-config.noise_clip, config.noise_clip)
             actions = self.policy_target(batch.later_inputs) + noise
             returns = batch.rewards + batch.discounts * self.critics.target(batch.later_inputs, actions)
         loss = self.critics.loss(batch.inputs, batch.chunks, returns)
-        return loss if step % _POLICY_DELAY else loss + self._policy_loss(shown)
+        return loss if step % _POLICY_DELAY else loss + self._policy_loss(policy_batch)
 
-    def _policy_loss(self, shown: Batch) -> torch.Tensor:
-        chosen = self.policy(shown.inputs)
+    def _policy_loss(self, policy_batch: Batch) -> torch.Tensor:
+        chosen = self.policy(policy_batch.inputs)
         first = self.critics.networks[0]
         # The policy's loss trains the policy alone.
         frozen = {name: parameter.detach() for name, parameter in first.named_parameters()}
-        pairs = torch.cat([shown.inputs, chosen], dim=1)
+        pairs = torch.cat([policy_batch.inputs, chosen], dim=1)
         values = torch.func.functional_call(first, frozen, (pairs,))
         scale = values.detach().abs().mean().clamp(min=1e-6)
-        mistakes = (chosen - shown.chunks).square().mean()
-        return self.config.cloning * mistakes - values.mean() / scale
+        errors = (chosen - policy_batch.chunks).square().mean()
+        return self.config.bc_weight * errors - values.mean() / scale
 
-    def follow(self) -> None:
-        self.critics.follow()
+    def update_targets(self) -> None:
+        self.critics.update_targets()
         _move(self.policy_target, self.policy, self.config.target_rate)
 
 

@@ -1,6 +1,5 @@
 """Recorded control steps with what came before and after them, and the batches that are drawn of them."""
 
-import dataclasses
 import functools
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,11 +14,15 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.rollouts.episode import unflatten
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.training.hyperparameters import OfflineHyperparameters
-from kitchen_suite.training.imitation.demonstrations import finite, open_recording, with_counts
+from kitchen_suite.training.imitation.demonstrations import check_same, finite, open_recording, with_counts
 
 # Euclidean distance from a goal, in the elements of the state that it has, at which it is reached [rad, m]: that of the
 # protocol `goal-reaching`.
 REACHED = 0.1
+
+# Shares of the goals of values that are the state after the step, and later states of the same episode; the rest are
+# states of any episode. Source: OGBench's goal-conditioned IQL.
+_NEXT, _LATER = 0.2, 0.5
 
 
 # Arguments that may differ between a recording and the environments that a policy is evaluated in.
@@ -80,7 +83,7 @@ def _load(
     options = suite.find_domain(spec.domain_name).control_options
     recording = open_recording(folder, spec, options)
     if with_rewards:
-        open_recording(folder, spec, _arguments_of_rewards(recording.spec, spec))
+        check_same(folder, recording.spec, spec, _arguments_of_rewards(recording.spec, spec))
     if recording.spec.origin is not None:
         raise ValueError(f"{folder} was made by kitchen-convert: --algorithm=bc, flow or vqbet learns from it")
     if not recording.indices or len(recording.indices) < (count or 1):
@@ -120,7 +123,7 @@ class Batch(NamedTuple):
       chunks: `(b, c k)`, the actions of the chunks that follow; at the end of an episode the last one repeats.
       later_inputs: `(b, n)`, a number of steps later or at the end of the episode.
       rewards: `(b,)`, discounted, of the steps up to then.
-      discounts: `(b,)`, factor of what is to be had from then on; 0 where that is nothing.
+      discounts: `(b,)`, discount factor of the value from then on; 0 after a success.
     """
 
     inputs: torch.Tensor
@@ -147,11 +150,11 @@ class Sampler:
 
     @functools.cached_property
     def _outcomes(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """The discounted rewards `(m,)` of the next `returns` steps, and whether success ended them."""
+        """The discounted rewards `(m,)` of the next `n_step` steps, and whether success ended them."""
         transitions, config = self._transitions, self._config
         count = len(transitions.rows)
         total, ended = np.zeros(count), np.zeros(count, np.bool_)
-        for ahead in range(config.returns):
+        for ahead in range(config.n_step):
             steps = np.minimum(np.arange(count) + ahead, count - 1)
             inside = ahead < self._left
             total += np.where(inside, config.discount**ahead * transitions.rewards[steps], 0.0)
@@ -161,7 +164,7 @@ class Sampler:
     def draw(self) -> tuple[Batch, Batch]:
         """Draws batches for the value functions and for the policy; random numbers are PyTorch's."""
         steps = self._draw_steps()
-        rows, ahead = self._transitions.rows[steps], np.minimum(self._left[steps], self._config.returns)
+        rows, ahead = self._transitions.rows[steps], np.minimum(self._left[steps], self._config.n_step)
         returns, ended = self._outcomes
         batch = Batch(
             inputs=self._inputs[rows],
@@ -181,25 +184,10 @@ class Sampler:
         return self._actions[steps[:, np.newaxis] + ahead].flatten(1)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class GoalShares:
-    """Where the goals of values come from; the rest are states of any episode. The policy's are all later ones.
-
-    Source: OGBench's goal-conditioned IQL.
-
-    Attributes:
-      present: share of goals that are the state after the step itself.
-      later: share of goals that are later states of the same episode.
-    """
-
-    present: float = 0.2
-    later: float = 0.5
-
-
 class GoalSampler(Sampler):
     """Draws batches with goals that were reached in hindsight: states of the data stand for what was wanted.
 
-    The reward of a step is -1, and 0 where it reaches the goal, after which nothing is to be had. Later states are
+    The reward of a step is -1, and 0 where it reaches the goal, after which the value is 0. Later states are
     drawn from a geometric distribution with the discount factor, so that near ones are the more frequent.
     """
 
@@ -211,13 +199,11 @@ class GoalSampler(Sampler):
         config: OfflineHyperparameters,
         *,
         elements: Sequence[int],
-        shares: GoalShares,
     ) -> None:
         """Takes what `Sampler` does; `elements` are those of the state in a goal."""
         super().__init__(transitions, inputs, actions, config)
         if not 0.0 < config.discount < 1.0:
             raise ValueError(f"goals need a discount between 0 and 1, got {config.discount}")
-        self._shares = shares
         self._goals, self._places = self._inputs[:, [*elements]], transitions.inputs[:, [*elements]]
 
     def draw(self) -> tuple[Batch, Batch]:
@@ -226,7 +212,7 @@ class GoalSampler(Sampler):
 
     def _towards(self, steps: NDArray[np.int64], goals: NDArray[np.int64]) -> Batch:
         """Returns the batch of some steps with goals, which are given as rows `(b,)`."""
-        discount, returns, rows = self._config.discount, self._config.returns, self._transitions.rows[steps]
+        discount, returns, rows = self._config.discount, self._config.n_step, self._transitions.rows[steps]
         next_rows = np.minimum(rows[:, np.newaxis] + 1 + np.arange(returns), self._transitions.last[steps, np.newaxis])
         reached = np.linalg.norm(self._places[next_rows] - self._places[goals, np.newaxis], axis=-1) <= REACHED
         # The first of these steps that reaches the goal; the last one if none does.
@@ -249,7 +235,7 @@ class GoalSampler(Sampler):
 
     def _value_goals(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Returns rows `(b,)` of goals for value functions."""
-        kind, shares = torch.rand(len(steps)).numpy(), self._shares
+        kind = torch.rand(len(steps)).numpy()
         anywhere = torch.randint(len(self._inputs), (len(steps),)).numpy()
-        goals = np.where(kind < shares.present + shares.later, self._later(steps), anywhere)
-        return np.where(kind < shares.present, self._transitions.rows[steps] + 1, goals)
+        goals = np.where(kind < _NEXT + _LATER, self._later(steps), anywhere)
+        return np.where(kind < _NEXT, self._transitions.rows[steps] + 1, goals)
