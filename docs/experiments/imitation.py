@@ -16,7 +16,7 @@ import json
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -158,16 +158,47 @@ def evaluate_shift(folder: Path) -> None:
             evaluate(folder, f"{cell.name}_shift", policy, written, "--protocol=shift")
 
 
-def cells_of(names: Sequence[str]) -> list[Cell]:
+def cells_of(cells: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """Returns the cells that arguments name; all without arguments.
 
     Raises:
       ValueError: an argument names none.
     """
-    cells = {":".join(map(str, cell)): cell for cell in CELLS}
-    if unknown := [name for name in names if name not in cells]:
-        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cells)}")
-    return [cells[name] for name in names or cells]
+    by_name = {":".join(map(str, cell)): cell for cell in cells}
+    if unknown := [name for name in names if name not in by_name]:
+        raise ValueError(f"{unknown[0]!r} is none of {', '.join(by_name)}")
+    return [by_name[name] for name in names or by_name]
+
+
+def run(
+    arguments: Sequence[str],
+    usage: str | None,
+    cells: Sequence[Any],
+    measure: Callable[[Path, Any], None],
+    others: Mapping[str, Callable[[Path], None]],
+) -> int:
+    """Runs the command of an experiment; returns the exit status.
+
+    Args:
+      arguments: of the command line: a folder, and names of cells or one of `others`.
+      usage: printed where they are missing.
+      cells: named tuples with the path of a `result`.
+      measure: measures a cell that has no result yet.
+      others: what the command does instead, by name.
+    """
+    try:
+        folder, names = Path(arguments[0]), arguments[1:]
+        work = others.get(" ".join(names))
+        chosen = [] if work else cells_of(cells, names)
+    except (IndexError, ValueError) as error:
+        print(error if arguments else usage, file=sys.stderr)
+        return 2
+    if work:
+        work(folder)
+    for cell in chosen:
+        if not cell.result.exists():
+            measure(folder, cell)
+    return 0
 
 
 # What the command does instead of training and evaluating cells.
@@ -176,19 +207,7 @@ OTHERS = {"digests": write_digests, "shift": evaluate_shift}
 
 def main(arguments: Sequence[str]) -> int:
     """Runs the command; returns the exit status."""
-    try:
-        folder, names = Path(arguments[0]), arguments[1:]
-        work = OTHERS.get(" ".join(names))
-        cells = [] if work else cells_of(names)
-    except (IndexError, ValueError) as error:
-        print(error if arguments else __doc__, file=sys.stderr)
-        return 2
-    if work:
-        work(folder)
-    for cell in cells:
-        if not cell.result.exists():
-            measure(folder, cell)
-    return 0
+    return run(arguments, __doc__, CELLS, measure, OTHERS)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from imitation import call, evaluate
+from imitation import call, evaluate, run
 
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.versions import installed_versions, machine
@@ -140,14 +140,14 @@ def train(folder: Path, cell: Cell, name: str, *flags: str) -> tuple[Path, float
 
     demonstrations = record(folder, cell.preset)
     output, (task, arguments) = folder / name, TASKS[cell.preset][0]
-    run = (
+    own = (
         f"--output={output}",
         *(f"--task_name={task}", f"--task_kwargs={json.dumps(arguments)}", f"--variations={VARIATIONS}"),
         *(f"--algorithm={cell.algorithm}", f"--demonstrations={demonstrations}", f"--seed={cell.seed}"),
         *("--num_threads=1", "--restarts=0", "--eval_episodes=10"),
         *(["--resume"] if (output / "training.json").exists() else []),
     )
-    call("train", *run, *flags)
+    call("train", *own, *flags)
     last = checkpoints.load_last(output / f"seed_{cell.seed}")
     assert last
     return output / f"seed_{cell.seed}" / LAST_POLICY_FILE, last.processor_seconds / 60
@@ -198,37 +198,13 @@ def digest_of(receipt: Path) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def cells_of(names: Sequence[str]) -> list[Cell]:
-    """Returns the cells that arguments name; all without arguments.
-
-    Raises:
-      ValueError: an argument names none.
-    """
-    cells = {":".join(map(str, cell)): cell for cell in CELLS}
-    if unknown := [name for name in names if name not in cells]:
-        raise ValueError(f"{unknown[0]!r} is none of {', '.join(cells)}")
-    return [cells[name] for name in names or cells]
-
-
 # What the command does instead of training and evaluating cells.
 OTHERS = {"sets": write_sets, "online": write_online}
 
 
 def main(arguments: Sequence[str]) -> int:
     """Runs the command; returns the exit status."""
-    try:
-        folder, names = Path(arguments[0]), arguments[1:]
-        work = OTHERS.get(" ".join(names))
-        cells = [] if work else cells_of(names)
-    except (IndexError, ValueError) as error:
-        print(error if arguments else __doc__, file=sys.stderr)
-        return 2
-    if work:
-        work(folder)
-    for cell in cells:
-        if not cell.result.exists():
-            measure(folder, cell)
-    return 0
+    return run(arguments, __doc__, CELLS, measure, OTHERS)
 
 
 if __name__ == "__main__":
