@@ -2,6 +2,7 @@
 
 import kitchen_suite.rendering.choice  # noqa: F401
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
+from kitchen_suite.entities.designs import GeneratedKitchen, KitchenDesign, build_generated_kitchen
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.franka_specs import KITCHEN_FRANKA, PANDA
 from kitchen_suite.entities.parameters import Parameter, ParameterType
@@ -36,10 +37,12 @@ __all__ = [
     "CabinetConfig",
     "Counter",
     "Franka",
+    "GeneratedKitchen",
     "HingeCabinet",
     "Hood",
     "Kettle",
     "KitchenArena",
+    "KitchenDesign",
     "KitchenProp",
     "Microwave",
     "MicrowaveTableArena",
@@ -53,6 +56,7 @@ __all__ = [
     "SiteArena",
     "SlideCabinet",
     "Walls",
+    "build_generated_kitchen",
     "build_kitchen_scene",
     "build_microwave_table_scene",
     "build_open_cabinet_scene",

@@ -21,6 +21,9 @@ from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_
 from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
+# Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
+FLOOR = 0.82
+
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
 
@@ -233,6 +236,30 @@ class KitchenArena(SiteArena):
         return (*super().parameters, offset)
 
 
+class GeneratedKitchenArena(KitchenArena):
+    """The kitchen's arena without furniture, with a floor that suits counters of usual height, and walls by design."""
+
+    surfaces = ()
+
+    def _build(self, *, visuals: bool = True, name: str | None = None) -> None:
+        super()._build(visuals=visuals, name=name)
+        world = self._mjcf_root.worldbody
+        world.find("body", "desk").remove()
+        self._mjcf_root.find("site", "kettle").remove()
+        self._mjcf_root.find("geom", "floor").pos = (0, 0, FLOOR)
+
+    def add_site(self, name: str, position: NDArray[np.float64], yaw: float) -> None:
+        """Adds the site at which a fixture is attached: its position [m], and its rotation about the vertical [rad]."""
+        quat = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
+        self._mjcf_root.worldbody.add("site", name=name, pos=position, quat=quat, group=5)
+
+    def add_wall(self, name: str, low: Sequence[float], high: Sequence[float]) -> None:
+        """Adds a wall between two corners [m], which only pictures show."""
+        pos, size = (np.add(low, high) / 2, np.subtract(high, low) / 2)
+        shape = {"type": "box", "pos": pos, "size": size, "rgba": (0.87, 0.86, 0.83, 1)}
+        self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, group=1, mass=0, **shape)
+
+
 def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
     """Builds the kitchen of FrankaKitchen-v1, whose props have 21 positions and 20 velocities.
 
@@ -245,7 +272,7 @@ def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
     if checks.boolean(sleep, "sleep"):
         arena.enable_sleep()
     scene = Scene.furnish(arena, robot, [prop(visuals=visuals) for prop in _PROPS])
-    _exclude_base_contacts(arena, robot)
+    exclude_base_contacts(arena, robot)
     return scene
 
 
@@ -254,7 +281,7 @@ def in_observed_order(by_prop: Mapping[str, Sequence[float]]) -> list[float]:
     return [number for name in OBSERVED_PROPS for number in by_prop[name]]
 
 
-def _exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
+def exclude_base_contacts(arena: KitchenArena, robot: Franka) -> None:
     """Excludes contacts between the robot's base and its first link, which saves collision checks.
 
     They are 1 mm apart at every joint angle. MuJoCo itself excludes contacts between parent and child bodies, but not

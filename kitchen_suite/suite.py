@@ -16,6 +16,7 @@ from kitchen_suite import checks, lazy
 from kitchen_suite.domains.base import GENERIC_ENV, GENERIC_VECTOR_ENV, Domain
 from kitchen_suite.domains.cabinets import MICROWAVE_TABLE, OPEN_CABINET
 from kitchen_suite.domains.kitchen import KITCHEN
+from kitchen_suite.domains.kitchens import KITCHENS
 
 if TYPE_CHECKING:
     from kitchen_suite.environment import Environment
@@ -28,6 +29,7 @@ __all__ = [
     "Domain",
     "default_task",
     "kitchen",
+    "kitchens",
     "load",
     "microwave_table",
     "open_cabinet",
@@ -35,13 +37,16 @@ __all__ = [
     "task_arguments",
 ]
 
-_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE)}
+_domains: dict[str, Domain] = {domain.name: domain for domain in (KITCHEN, OPEN_CABINET, MICROWAVE_TABLE, KITCHENS)}
 
 DOMAINS: Mapping[str, Domain] = MappingProxyType(_domains)
 """The domains by name: the suite's own and those of `register`."""
 
 kitchen = KITCHEN.load
 """Builds a kitchen; arguments as of `Domain.load`, `build_kitchen_scene` and `KitchenTask`."""
+
+kitchens = KITCHENS.load
+"""Builds a generated kitchen; arguments as of `Domain.load`, `build_generated_kitchen` and `KitchensTask`."""
 
 open_cabinet = OPEN_CABINET.load
 """Builds a cabinet; arguments as of `Domain.load`, `build_open_cabinet_scene` and `OpenCabinetTask`."""

@@ -5,6 +5,7 @@ from kitchen_suite.names import DEFAULT_TASKS
 from kitchen_suite.tasks.goals import Goal
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchen.task import KitchenTask
+from kitchen_suite.tasks.kitchens.task import KitchensTask
 from kitchen_suite.tasks.mdp import MDP, FeatureSensors
 from kitchen_suite.tasks.microwave_table.task import MicrowaveTableTask
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
@@ -19,6 +20,7 @@ __all__ = [
     "FeatureSensors",
     "Goal",
     "KitchenTask",
+    "KitchensTask",
     "MicrowaveTableTask",
     "OpenCabinetTask",
     "ParameterVariation",

@@ -54,6 +54,7 @@ class Domain:
       benchmark_tasks: names of the tasks that papers report; the first is the default task. Without any, the default is
         the first of `tasks`.
       replaceable: arguments of `tasks` that a caller may replace.
+      physics: of its environments by default, one of `names.PHYSICS`.
       env: entry point of the class of the Gymnasium environment. `register` replaces the default by that of the suite's
         domain whose task the domain's task extends.
       vector_env: entry point of the class of the vectorised environment; its default follows the same rule.
@@ -75,6 +76,7 @@ class Domain:
     task_id: str = ""
     benchmark_tasks: Collection[str] = ()
     replaceable: Collection[str] = ()
+    physics: str = EXACT
     env: str = GENERIC_ENV
     vector_env: str = GENERIC_VECTOR_ENV
     training: str | None = None
@@ -160,7 +162,7 @@ class Domain:
         random: int | np.random.RandomState | None = None,
         visuals: bool = True,
         render_quality: str = "high",
-        physics: str = EXACT,
+        physics: str | None = None,
         environment_kwargs: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> "Environment":
@@ -172,7 +174,8 @@ class Domain:
           visuals: False omits geoms and textures that only rendering needs; trajectories are the same to the bit.
           render_quality: `high`, or `fast`: images without shadows, reflections, sky and multisampling, and with fewer
             faces; see `rendering.quality.set_render_quality`.
-          physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md.
+          physics: `exact`, or `fast`: another integration of the same model; see docs/guide/fast_physics.md. The
+            domain's when omitted.
           environment_kwargs: further arguments of `Environment`.
           **arguments: of the functions `scene` and `task`, documented there.
 
@@ -185,6 +188,7 @@ class Domain:
         self.check_arguments(arguments, Domain.load, what="argument")
         if not checks.boolean(visuals, "visuals") and arguments.get("cameras"):
             raise ValueError("visuals=False leaves out what pictures show: leave out cameras, or visuals=False")
+        physics = self.physics if physics is None else physics
         if physics != EXACT and "sleep" in arguments:
             raise ValueError(f"physics={physics!r} decides whether objects sleep: leave out sleep, or physics")
         build_scene, build_task = self.resolve("scene"), self.resolve("task")

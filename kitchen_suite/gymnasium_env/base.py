@@ -93,7 +93,7 @@ class SuiteEnv(gymnasium.Env):
         max_episode_steps: int | None = None,
         visuals: bool | None = None,
         render_quality: str = "high",
-        physics: str = EXACT,
+        physics: str | None = None,
         obs_type: str | None = None,
         action_limit: float | None = None,
         **arguments: Any,
@@ -115,7 +115,7 @@ class SuiteEnv(gymnasium.Env):
             separately.
           visuals: whether to build geoms and textures that only pictures need; when omitted, where there are pictures.
           render_quality: `high` or `fast`; see `Domain.load`.
-          physics: `exact` or `fast`; see `Domain.load`. With `fast`, infos have `physics`.
+          physics: `exact` or `fast`; the domain's when omitted; see `Domain.load`. With `fast`, infos have `physics`.
           obs_type: observation type, such as `state` or `pixels_agent_pos`; the first of `obs_types` when omitted.
           action_limit: bound of the action space, for agents that need a finite one, to which actions are clipped; of
             control modes without bounds of their own. The space is unbounded when omitted.
@@ -123,6 +123,7 @@ class SuiteEnv(gymnasium.Env):
             `cameras`, `extra_observables` and `variations`.
         """
         record = suite.find_domain(domain or self.default_domain)
+        physics = record.physics if physics is None else physics
         self.check_keywords(record, arguments)
         obs_type = self.find_obs_type(obs_type)
         with_pictures = observations.has_pictures(obs_type)
@@ -182,6 +183,8 @@ class SuiteEnv(gymnasium.Env):
         """
         if name in domain.control_options[1:]:
             return None
+        if name == PHYSICS:
+            return domain.physics
         signatures = [inspect.signature(each).parameters for each in (*cls._constructors(), *domain.argument_functions)]
         default = next((signature[name].default for signature in signatures if name in signature), None)
         return None if default is inspect.Parameter.empty else default

@@ -1,10 +1,12 @@
-"""The domains with a cabinet or a table as Gymnasium environments: named classes with their spaces and views."""
+"""The domains with a cabinet, a table or a generated kitchen: named classes with their spaces and views."""
 
 from typing import Any
 
 import numpy as np
 
+from kitchen_suite.entities.designs import Design
 from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.tasks.kitchen.action import CONTROL_TIMESTEP as KITCHENS_TIMESTEP
 from kitchen_suite.tasks.microwave_table.mdp import CONTROL_TIMESTEP as MICROWAVE_TIMESTEP
 from kitchen_suite.tasks.open_cabinet import observation
 from kitchen_suite.tasks.open_cabinet.mdp import CONTROL_TIMESTEP
@@ -47,3 +49,23 @@ class FrankaMicrowaveTableEnv(SuiteEnv):
     def __init__(self, *, action_limit: float | None = 1.0, **arguments: Any) -> None:
         """Builds the environment; arguments as of `MicrowaveTableTask` and `SuiteEnv`."""
         super().__init__(action_limit=action_limit, **arguments)
+
+
+class KitchensEnv(SuiteEnv):
+    """A Franka in a generated kitchen, over `KitchensTask`: it opens, closes, turns on or off, and moves parts.
+
+    Observation: 363 numbers, float32, the same for all kitchens; table in docs/guide/kitchens.md.
+    Action: nine joint velocities in [-1, 1], float32, as in the kitchen.
+    Info: arrays `(K,)` in the order of the design's parts, with zeros in empty slots: `openings`, `goal_openings`,
+      `requested_tasks_mask`, `requested_order`, and `completion_steps`, -1 for what has not been completed. Arrays of
+      shape `()`: `is_success` and `episode_step`. With a dense reward its terms, such as `reward/approach`.
+    """
+
+    metadata = {**SuiteEnv.metadata, "render_fps": 1 / KITCHENS_TIMESTEP}
+    default_domain = "kitchens"
+    default_cameras = ("workspace",)
+    free_camera = {"distance": 2.6, "azimuth": 80.0, "elevation": -25.0, "lookat": np.array([0.0, 0.4, 1.9])}
+
+    def __init__(self, design: Design = 0, split: str = "train", **arguments: Any) -> None:
+        """Builds the environment; arguments as of `build_generated_kitchen`, `KitchensTask` and `SuiteEnv`."""
+        super().__init__(design=design, split=split, **arguments)

@@ -55,7 +55,7 @@ _TURNS = (0.0, -0.12, -0.24, 0.12, 0.24)
 _ENOUGH_OF_ARC = 0.8
 
 # Joint positions in free space from which the arm starts again after a failure [rad].
-_HOME = INITIAL_QPOS[ARM]
+HOME = INITIAL_QPOS[ARM]
 
 BASE = "franka/base_pose"
 
@@ -187,7 +187,7 @@ class KitchenExpert(Expert):
             self._remaining.popleft()
             return self._then_first_task(self._plan_retreat(joints), observation)
         if self._has_failed:
-            home = JointTrajectory.stationary(_HOME, OPEN)
+            home = JointTrajectory.stationary(HOME, OPEN)
             self._remaining.rotate(-1)
             return self._then_first_task(self._plan_retreat(joints).then(home, self._limits), observation)
         return None

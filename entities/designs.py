@@ -1,0 +1,541 @@
+"""Designs of generated kitchens: rows of fixtures around the robot, as JSON; the grammar that draws them; their scenes.
+
+Every pair of a split and a number is a kitchen. Designs of different splits have different sequences of fixtures.
+"""
+
+import dataclasses
+import functools
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kitchen_suite import checks
+from kitchen_suite.entities.fixtures import HANDLES, KETTLE, KINDS, STYLES, Extent, FixtureDesign, Part
+from kitchen_suite.entities.franka import Franka
+from kitchen_suite.entities.parameters import Parameter, door_parameters
+from kitchen_suite.entities.props import Kettle, Prop
+from kitchen_suite.entities.scenes import FLOOR, GeneratedKitchenArena, Scene, exclude_base_contacts
+
+SPLITS = ("train", "test")
+
+# Sides of the robot, each with the yaw of fixtures that stand there [rad]. The robot faces `back`.
+SIDES: Mapping[str, float] = MappingProxyType({"back": 0.0, "left": np.pi / 2, "right": -np.pi / 2})
+
+# Levels of rows, which hold fixtures of the same level.
+LEVELS = ("base", "counter", "wall", "tall")
+
+# Greatest number of parts in a kitchen.
+MAX_PARTS = 16
+
+# Bounds of numbers of a design [m].
+_COUNTER_HEIGHT, _DISTANCE, _START, _HEIGHT, _GAP = (1.5, 1.8), (0.0, 1.0), (-1.5, 1.5), (1.4, 2.7), (0.0, 1.0)
+
+# Depth up to which fixtures may overlap, such as by rounding [m].
+_OVERLAP = 0.004
+
+# Position of a kettle on the first burner, in the frame of the oven [m].
+_KETTLE_PLACE = np.array([-0.169, -0.4, 1.626])
+
+# The hood is part of the oven's back, as in the original kitchen.
+_TOGETHER = frozenset({"oven", "hood"})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Row:
+    """Fixtures side by side, from left to right as seen from the robot.
+
+    Attributes:
+      side: key of `SIDES`.
+      level: one of `LEVELS`.
+      distance: of the fronts from the axis of the robot's base [m].
+      start: position of the left end along the row; 0 is before the robot [m].
+      height: of the lower edges above the ground, for level `wall` only [m].
+      fixtures: of the row.
+    """
+
+    side: str
+    level: str
+    distance: float
+    start: float
+    height: float | None = None
+    fixtures: tuple[FixtureDesign, ...]
+
+
+class Placed(NamedTuple):
+    """A fixture in its place.
+
+    Attributes:
+      path: of the fixture in the design's JSON.
+      name: of its entity in the scene.
+      design: of the fixture.
+      row: that it belongs to.
+      position: `(3,)`, of the origin of its frame [m].
+      yaw: of its frame [rad].
+    """
+
+    path: str
+    name: str
+    design: FixtureDesign
+    row: Row
+    position: NDArray[np.float64]
+    yaw: float
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and greatest corner of its extent in the world, `(3,)` each [m]."""
+        extent: Extent = KINDS[self.design.kind].extent(self.design)
+        corners = np.array([self.in_world(np.array(corner)) for corner in (extent.low, extent.high)])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def in_world(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns a point `(3,)` of its frame in the world [m]."""
+        x, y, z = point
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        return self.position + np.array([cos * x - sin * y, sin * x + cos * y, z])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class KitchenDesign:
+    """A kitchen.
+
+    Attributes:
+      counter_height: of the counters above the ground; the robot's base is at 1.8 [m].
+      style: key of `STYLES`.
+      rows: of fixtures.
+      kettle: whether a kettle stands on the oven.
+      name: such as `train/7`; the empty string for a design of one's own.
+    """
+
+    counter_height: float
+    style: str
+    rows: tuple[Row, ...]
+    kettle: bool = False
+    name: str = ""
+
+    @classmethod
+    def make(cls, design: "Design", split: str) -> Self:
+        """Returns a checked design.
+
+        Args:
+          design: number of a design of the split, from 0; a JSON object, or the path of a file with one.
+          split: `train` or `test`.
+
+        Raises:
+          TypeError: a value of the wrong type.
+          ValueError: a design that cannot be built; messages name the value by its path in the JSON.
+        """
+        checks.choice(split, SPLITS, "split")
+        if isinstance(design, cls):
+            return design
+        if isinstance(design, Mapping):
+            return _parsed(cls, design)
+        if isinstance(design, str | os.PathLike):
+            if isinstance(design, str) and design.isdecimal():
+                return cls.drawn(int(design), split)
+            return _parsed(cls, _read(Path(design)))
+        return cls.drawn(checks.integer(design, "design", minimum=0), split)
+
+    @classmethod
+    def drawn(cls, number: int, split: str) -> Self:
+        """Returns the design of a number of a split, from the grammar."""
+        return _drawn(number, split)  # type: ignore[return-value]
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the design as a JSON object, without what is None."""
+        rows = [
+            {
+                **_without_none(dataclasses.asdict(row)),
+                "fixtures": [_without_none(dataclasses.asdict(fixture)) for fixture in row.fixtures],
+            }
+            for row in self.rows
+        ]
+        return {"counter_height": self.counter_height, "style": self.style, "kettle": self.kettle, "rows": rows}
+
+    @property
+    def sequence(self) -> str:
+        """The fixtures by row, without sizes, such as `back base: drawers stove; left tall: tall_door`."""
+        rows = (f"{row.side} {row.level}: {' '.join(each.kind for each in row.fixtures)}" for row in self.rows)
+        return "; ".join(rows) + ("; kettle" if self.kettle else "")
+
+    @functools.cached_property
+    def placed(self) -> tuple[Placed, ...]:
+        """The fixtures in their places, row by row."""
+        placed, counts = [], dict.fromkeys(KINDS, 0)
+        for i, row in enumerate(self.rows):
+            along, height = row.start, self.counter_height if row.height is None else row.height
+            for j, fixture in enumerate(row.fixtures):
+                width = KINDS[fixture.kind].extent(fixture).width
+                along += fixture.gap + width / 2
+                yaw = SIDES[row.side]
+                cos, sin = np.cos(yaw), np.sin(yaw)
+                position = (cos * along - sin * row.distance, sin * along + cos * row.distance, height)
+                counts[fixture.kind] += 1
+                name, path = f"{fixture.kind}_{counts[fixture.kind]}", f"rows[{i}].fixtures[{j}]"
+                placed.append(Placed(path, name, fixture, row, np.round(position, 6), yaw))
+                along += width / 2
+        return tuple(placed)
+
+    def check(self) -> None:
+        """Raises a ValueError, with a path in the JSON, unless the kitchen can be built."""
+        if not self.placed:
+            raise ValueError("rows must have at least one fixture")
+        ovens = sum(each.design.kind == "oven" for each in self.placed)
+        if self.kettle and not ovens:
+            raise ValueError("kettle must be false in a kitchen without an oven, on which it stands")
+        for kind in ("oven", "hood"):
+            if len([each for each in self.placed if each.design.kind == kind]) > 1:
+                raise ValueError(f"rows must not have more than one fixture of kind {kind!r}")
+        for i, one in enumerate(self.placed):
+            _check_space(one)
+            for other in self.placed[:i]:
+                _check_apart(other, one)
+
+
+Design = int | str | os.PathLike[str] | Mapping[str, Any] | KitchenDesign
+"""A design, the number of one, or its JSON or the path of a file with it; see `KitchenDesign.make`."""
+
+
+def _without_none(fields: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in fields.items() if value is not None and (name, value) != ("gap", 0.0)}
+
+
+def _check_space(placed: Placed) -> None:
+    """Raises a ValueError if a fixture stands where the robot does."""
+    low, high = placed.bounds
+    # The pedestal, and room for the arm's base.
+    if (low[:2] < 0.16).all() and (high[:2] > -0.16).all() and placed.design.kind != "oven":
+        raise ValueError(f"{placed.path} stands where the robot does: increase the distance of its row")
+
+
+def _check_apart(one: Placed, other: Placed) -> None:
+    """Raises a ValueError if two fixtures overlap."""
+    if {one.design.kind, other.design.kind} == _TOGETHER:
+        return
+    (low, high), (other_low, other_high) = one.bounds, other.bounds
+    depths = np.minimum(high, other_high) - np.maximum(low, other_low)
+    if (depths > _OVERLAP).all():
+        raise ValueError(
+            f"{other.path} ({other.design.kind}) overlaps {one.path} ({one.design.kind}) by {depths.min():.3f} m"
+        )
+
+
+def _read(path: Path) -> Any:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(
+            f"design must be a number, a JSON object or a file with one; cannot read {path}: {error}"
+        ) from None
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"design {path} is not JSON: {error}") from None
+
+
+def _parsed(cls: type[KitchenDesign], value: object) -> KitchenDesign:
+    """Returns the checked design of a JSON object."""
+    fields = _object(value, "design", ("counter_height", "style", "rows"), ("kettle",))
+    rows = _items(fields["rows"], "rows")
+    design = cls(
+        counter_height=_within(fields["counter_height"], "counter_height", _COUNTER_HEIGHT),
+        style=checks.choice(fields["style"], STYLES, "style"),
+        rows=tuple(_parsed_row(row, f"rows[{i}]") for i, row in enumerate(rows)),
+        kettle=checks.boolean(fields.get("kettle", False), "kettle"),
+    )
+    design.check()
+    return design
+
+
+def _parsed_row(value: object, path: str) -> Row:
+    fields = _object(value, path, ("side", "level", "distance", "start", "fixtures"), ("height",))
+    level = checks.choice(fields["level"], LEVELS, f"{path}.level")
+    if (level == "wall") != ("height" in fields):
+        raise ValueError(f"{path} must have a height if, and only if, its level is 'wall'")
+    fixtures = _items(fields["fixtures"], f"{path}.fixtures")
+    return Row(
+        side=checks.choice(fields["side"], SIDES, f"{path}.side"),
+        level=level,
+        distance=_within(fields["distance"], f"{path}.distance", _DISTANCE),
+        start=_within(fields["start"], f"{path}.start", _START),
+        height=_within(fields["height"], f"{path}.height", _HEIGHT) if level == "wall" else None,
+        fixtures=tuple(_parsed_fixture(each, f"{path}.fixtures[{i}]", level) for i, each in enumerate(fixtures)),
+    )
+
+
+def _parsed_fixture(value: object, path: str, level: str) -> FixtureDesign:
+    kinds = [name for name, kind in KINDS.items() if kind.level == level]
+    given = _object(value, path, ("kind",), ("width", "height", "count", "handle", "hinge", "gap"))
+    kind = checks.choice(given["kind"], kinds, f"{path}.kind of level {level!r}")
+    options = KINDS[kind].options
+    needed = [name for name in options if name != "hinge" or given.get("count") != 2]
+    fields = _object(value, path, ("kind", *needed), ("gap",))
+    numbers = {
+        name: _within(fields[name], f"{path}.{name}", options[name]) for name in ("width", "height") if name in options
+    }
+    if "count" in options:
+        count = checks.integer(fields["count"], f"{path}.count", minimum=1, maximum=max(options["count"]))
+        numbers["count"] = count  # type: ignore[assignment]
+    words = {
+        name: checks.choice(fields[name], options[name], f"{path}.{name}")
+        for name in ("handle", "hinge")
+        if name in needed
+    }
+    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **numbers, **words)  # type: ignore[arg-type]
+
+
+def _object(value: object, path: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
+    """Returns a JSON object with the needed keys and none but these and optional ones."""
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{path} must be a JSON object, got {checks.shown(value)}")
+    for key in value:
+        checks.choice(key, (*needed, *optional), f"key of {path}")
+    if missing := [key for key in needed if key not in value]:
+        raise ValueError(f"{path} must have {', '.join(missing)}")
+    return value
+
+
+def _items(value: object, path: str) -> Sequence[object]:
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"{path} must be a list, got {checks.shown(value)}")
+    return value
+
+
+def _within(value: object, path: str, bounds: tuple[float, float]) -> float:
+    number = checks.number(value, path) if bounds[0] >= 0 else float(checks.vector([value], 1, path)[0])  # type: ignore[list-item]
+    if not bounds[0] <= number <= bounds[1]:
+        raise ValueError(f"{path} must be between {bounds[0]:g} and {bounds[1]:g}, got {checks.shown(value)}")
+    return number
+
+
+class _Grammar:
+    """Draws designs: a wall with an oven below a hood, or one of cabinets, then what stands beside the robot."""
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self._generator = generator
+        self._handle = self._choice(HANDLES, (0.7, 0.3))
+
+    def design(self, name: str) -> KitchenDesign:
+        """Returns a design, which need not be possible."""
+        style, has_oven = self._choice(tuple(STYLES)), self._generator.random() < 0.4
+        height = self._number(1.58, 1.62) if has_oven else self._number(1.74, 1.8)
+        rows = [*(self._oven_wall(height) if has_oven else self._cabinet_wall(height))]
+        near = 0.3 if has_oven else rows[0].distance - 0.03
+        for side in ("left", "right"):
+            rows += self._beside(side, near)
+        kettle = has_oven and self._generator.random() < 0.85
+        return KitchenDesign(counter_height=height, style=style, rows=tuple(rows), kettle=kettle, name=name)
+
+    def _oven_wall(self, counter: float) -> Iterator[Row]:
+        """Yields the oven, the hood and the cabinets beside and above it, near where the original kitchen has them."""
+        x, y = self._number(-0.04, 0.04), self._number(-0.03, 0.02)
+        yield Row(
+            side="back", level="base", distance=round(0.046 + y, 3), start=round(-0.502 + x, 3),
+            fixtures=(FixtureDesign(kind="oven"),),
+        )  # fmt: skip
+        if self._generator.random() < 0.8:
+            yield Row(
+                side="back", level="wall", distance=round(0.571 + y, 3), start=round(-0.502 + x, 3),
+                height=round(counter + 0.564, 3), fixtures=(FixtureDesign(kind="hood"),),
+            )  # fmt: skip
+        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.56 + y, 1.5, -0.75 + x)
+
+    def _cabinet_wall(self, counter: float) -> Iterator[Row]:
+        """Yields cabinets below a counter, what stands on it, and cabinets above it."""
+        distance, width = self._number(0.45, 0.52), self._number(1.2, 1.5)
+        start = -width / 2 + self._number(-0.1, 0.1)
+        base = self._fixtures(("drawers", "base_doors", "stove"), (0.4, 0.25, 0.35), width, once=("stove",))
+        yield Row(side="back", level="base", distance=distance, start=round(start, 3), fixtures=base)
+        if self._generator.random() < 0.35:
+            left = self._choice((-0.75, 0.05))
+            yield Row(
+                side="back", level="counter", distance=round(distance + 0.05, 3), start=left,
+                fixtures=(FixtureDesign(kind="microwave"),),
+            )  # fmt: skip
+        yield from self._wall_row(counter + self._number(0.45, 0.55), distance + self._number(0.03, 0.08), width, start)
+
+    def _wall_row(self, height: float, distance: float, width: float, start: float) -> Iterator[Row]:
+        kinds = ("wall_doors", "wall_sliding", "hinge_cabinet", "slide_cabinet")
+        fixtures = self._fixtures(kinds, (0.4, 0.2, 0.2, 0.2), width, once=kinds[1:])
+        yield Row(
+            side="back", level="wall", distance=round(distance, 3), start=round(start, 3), height=round(height, 3),
+            fixtures=fixtures,
+        )  # fmt: skip
+
+    def _beside(self, side: str, end: float) -> Iterator[Row]:
+        """Yields what stands on a side of the robot, up to a distance before it [m]; nothing, most often."""
+        distance = self._number(0.55, 0.65)
+        kind = self._choice(("", "tall", "base"), (0.5, 0.25, 0.25))
+        if not kind:
+            return
+        width = self._number(0.4, 0.5)
+        fixture = (
+            self._tall(width)
+            if kind == "tall"
+            else self._parametric(self._choice(("drawers", "base_doors"), (0.6, 0.4)), width)
+        )
+        # The right end of a row on the left, and the left end of one on the right, is before the robot.
+        start = end - width if side == "left" else -end
+        yield Row(side=side, level=kind, distance=distance, start=round(start, 3), fixtures=(fixture,))
+
+    def _fixtures(
+        self, kinds: Sequence[str], weights: Sequence[float], width: float, once: Sequence[str]
+    ) -> tuple[FixtureDesign, ...]:
+        """Returns fixtures side by side that fill a width [m], none of the kinds `once` twice."""
+        fixtures: list[FixtureDesign] = []
+        while width >= 0.4:
+            used = [fixture.kind for fixture in fixtures]
+            allowed = np.array(
+                [0.0 if kind in once and kind in used else weight for kind, weight in zip(kinds, weights, strict=True)]
+            )
+            fixture = self._parametric(self._choice(kinds, allowed / allowed.sum()), min(width, self._number(0.4, 0.7)))
+            taken = KINDS[fixture.kind].extent(fixture).width
+            if taken > width + 0.05:
+                if allowed.astype(bool).sum() == 1:
+                    break
+                continue
+            fixtures.append(fixture)
+            width -= taken
+        return tuple(fixtures)
+
+    def _parametric(self, kind: str, width: float) -> FixtureDesign:
+        """Returns a fixture of a kind, of a width unless the kind has a fixed one [m]."""
+        options = KINDS[kind].options
+        if not options:
+            return FixtureDesign(kind=kind)
+        low, high = options["width"]
+        width = round(float(np.clip(width, low, high)), 3)
+        match kind:
+            case "drawers":
+                count = self._choice((1, 2))
+                height = round(WORKTOP_AND_DRAWERS[count] + self._number(0.0, 0.04), 3)
+                return FixtureDesign(kind=kind, width=width, height=height, count=count, handle=self._handle)
+            case "stove":
+                return FixtureDesign(kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)))
+            case "wall_sliding":
+                height, hinge = self._number(0.35, 0.4), self._choice(("left", "right"))
+                return FixtureDesign(kind=kind, width=width, height=height, handle=self._handle, hinge=hinge)
+            case _:
+                count = 2 if width > 0.55 else 1
+                hinge = self._choice(("left", "right")) if count == 1 else None
+                height = self._number(0.35, 0.4) if kind == "wall_doors" else self._number(0.4, 0.5)
+                return FixtureDesign(
+                    kind=kind, width=width, height=height, count=count, handle=self._handle, hinge=hinge
+                )
+
+    def _tall(self, width: float) -> FixtureDesign:
+        return FixtureDesign(kind="tall_door", width=width, handle=self._handle, hinge=self._choice(("left", "right")))
+
+    def _number(self, low: float, high: float) -> float:
+        return round(float(self._generator.uniform(low, high)), 3)
+
+    def _choice(self, values: Sequence[Any], weights: Any = None) -> Any:
+        return values[int(self._generator.choice(len(values), p=weights))]
+
+
+# Height of the fronts of drawers with their worktop, by their number [m].
+WORKTOP_AND_DRAWERS = {1: 0.2, 2: 0.31}
+
+
+def _split_of(design: KitchenDesign) -> str:
+    """Returns the split that has all designs with a sequence of fixtures: a quarter of the sequences is for tests."""
+    return SPLITS[zlib.crc32(design.sequence.encode()) % 4 == 0]
+
+
+@functools.lru_cache(maxsize=4096)
+def _drawn(number: int, split: str) -> KitchenDesign:
+    """Returns a design of a split: the first possible one that the grammar draws from the two seeds."""
+    grammar_draws = np.random.default_rng([SPLITS.index(split), number])
+    while True:
+        design = _Grammar(grammar_draws).design(f"{split}/{number}")
+        if _split_of(design) != split:
+            continue
+        kinds = {placed.design.kind for placed in design.placed}
+        if not kinds & {"oven", "stove"} or not kinds - {"oven", "stove", "hood"}:
+            continue
+        try:
+            design.check()
+        except ValueError:
+            continue
+        return design
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GeneratedKitchen(Scene):
+    """A robot in a generated kitchen.
+
+    Attributes:
+      design: of the kitchen.
+      parts: the parts that move, each with the name of its prop, in the order of the design.
+    """
+
+    design: KitchenDesign
+    parts: tuple[tuple[str, Part], ...]
+
+    @property
+    def fixture_parameters(self) -> tuple[Parameter, ...]:
+        """Factors of damping and of dry friction of all drawers, doors and knobs together."""
+        joints = [self.props[name].mjcf_model.find("joint", part.joint) for name, part in self.parts if part.joint]
+        return door_parameters("fixtures", joints)
+
+
+def build_generated_kitchen(
+    design: Design = 0,
+    split: str = "train",
+    *,
+    visuals: bool = True,
+) -> GeneratedKitchen:
+    """Builds the kitchen of a design.
+
+    Args:
+      design: as of `KitchenDesign.make`.
+      split: `train` or `test`, of which the number is.
+      visuals: `False` leaves out the visual geoms, which is faster; trajectories are the same to the bit.
+    """
+    made = KitchenDesign.make(design, split)
+    arena = GeneratedKitchenArena(visuals=visuals)
+    # The robot first: its joints, bodies and actuators have the same indices in every kitchen.
+    robot, style = Franka(visuals=visuals), STYLES[made.style]
+    arena.attach_at_site(robot)
+    props: dict[str, Prop] = {}
+    parts: list[tuple[str, Part]] = []
+    for placed in made.placed:
+        kind = KINDS[placed.design.kind]
+        prop = props[placed.name] = kind.build(placed.design, style, visuals, placed.name)
+        arena.add_site(placed.name, placed.in_world(np.array(kind.origin)), placed.yaw)
+        arena.attach_at_site(prop)
+        parts += [(placed.name, part) for part in kind.parts_of(prop)]
+    if made.kettle:
+        oven = next(each for each in made.placed if each.design.kind == "oven")
+        kettle = props["kettle"] = Kettle(visuals=visuals)
+        arena.add_site("kettle", oven.in_world(np.array(KINDS["oven"].origin) + _KETTLE_PLACE), oven.yaw)
+        arena.attach_at_site(kettle, free=True)
+        parts.append(("kettle", KETTLE))
+    if len(parts) > MAX_PARTS:
+        raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
+    if visuals:
+        _add_walls(arena, made)
+    scene = GeneratedKitchen(arena=arena, robot=robot, props=MappingProxyType(props), design=made, parts=tuple(parts))
+    exclude_base_contacts(arena, robot)
+    return scene
+
+
+def _add_walls(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
+    """Adds a wall behind the fixtures of each side."""
+    for side in {row.side for row in design.rows}:
+        placed = [each.bounds for each in design.placed if each.row.side == side]
+        low, high = np.min([each[0] for each in placed], axis=0), np.max([each[1] for each in placed], axis=0)
+        match side:
+            case "back":
+                corners = (min(low[0], -1.2), high[1]), (max(high[0], 1.2), high[1] + 0.05)
+            case "left":
+                corners = (low[0] - 0.05, low[1] - 0.1), (low[0], high[1] + 0.4)
+            case _:
+                corners = (high[0], low[1] - 0.1), (high[0] + 0.05, high[1] + 0.4)
+        arena.add_wall(f"{side}_wall", (*corners[0], FLOOR), (*corners[1], 3.1))

@@ -1,0 +1,406 @@
+"""The expert of generated kitchens, which moves parts by their kind: axis, travel and handle come from the design."""
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import mink
+import numpy as np
+from dm_control import mjcf
+
+from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.designs import KitchenDesign, build_generated_kitchen
+from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
+from kitchen_suite.names import REVERSES
+from kitchen_suite.policies.experts.base import Expert, MotionStyle
+from kitchen_suite.policies.experts.encoders import make_encoder
+from kitchen_suite.policies.experts.kinematics import ArmKinematics
+from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
+from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, SKILLS, grasp, push
+from kitchen_suite.policies.experts.skills import (
+    CLOSED,
+    OPEN,
+    ArcMove,
+    Array,
+    HandOrientation,
+    Move,
+    Prismatic,
+    Revolute,
+    Skill,
+)
+from kitchen_suite.policies.experts.trajectories import (
+    OUT_OF_REACH,
+    JointSpeedLimits,
+    JointTrajectory,
+    plan,
+    plan_retreat,
+)
+from kitchen_suite.tasks.control_modes.modes import make_mode
+from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
+from kitchen_suite.tasks.kitchen.goals import GOALS
+from kitchen_suite.tasks.kitchens.mdp import CLOSED as CLOSED_OPENING
+from kitchen_suite.tasks.kitchens.mdp import OPEN as OPEN_OPENING
+from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, SLOT_PARTS, SLOT_SIZE, Slots
+from kitchen_suite.tasks.kitchens.task import KitchensTask
+
+# Openings at which the expert leaves a part, some noise beyond those that count.
+_OPENED, _SHUT = OPEN_OPENING + 0.02, CLOSED_OPENING - 0.02
+
+# How far the hand takes a part, as an opening: what it pulls lags behind.
+_PULLED = 1.1
+
+# Control steps from the end of a trajectory to the failure of its task.
+_SETTLE_STEPS = 6
+
+# Distance beside a bar at which the closed hand pushes the front, and at which it pushes a sliding door's bar [m].
+_BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
+
+# Distances of the site from a bar: far, near, at the grasp [m].
+_DISTANCES = (0.15, 0.08, 0.015)
+
+# Pitches and yaws of the hand, and turns of the kitchen's skills, that are tried, the usual ones first [rad].
+_PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
+_YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
+_TURNS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.5, 0.5)
+
+# Rotations of the hand with a door, as shares of the door's.
+_RATIOS = (-0.2, 0.4)
+
+# Share of a door's arc that the hand must be able to follow.
+_ENOUGH_OF_ARC = 0.85
+
+# Number of motions that are found for a task, to be tried one after the other.
+_ALTERNATIVES = 3
+
+# Tasks of the kitchen that undo others.
+_UNDOES = {task: reverse for reverse, task in REVERSES.items()}
+
+# Joint positions from which inverse kinematics starts [rad], the first joint turned towards the handle. The last two were
+# found by search: with them the hand reaches nearly all places that it reaches from any start.
+_SEEDS = (
+    *(SKILLS[task].ik_seed for task in ("top burner", "kettle")),
+    (-1.32, 1.23, 2.43, -1.89, -1.29, -0.27, 0.77),
+    (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
+)
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class Target(NamedTuple):
+    """A part and what is asked of it.
+
+    Attributes:
+      index: of the part in the design.
+      opens: whether it is to be open, on, or moved.
+    """
+
+    index: int
+    opens: bool
+
+
+class PartExpert(Expert):
+    """Does the tasks that a generated kitchen's observation asks for, one after the other; repeats those that fail."""
+
+    control_modes = CONTROL_MODES
+    observation_size = SIZE
+
+    def __init__(
+        self,
+        design: KitchenDesign,
+        *,
+        style: MotionStyle | None = None,
+        control_mode: str = "joint_velocity",
+        **control_options: Any,
+    ) -> None:
+        """Builds an expert for a kitchen.
+
+        Args:
+          design: of the kitchen.
+          style: speed, noise and jitter of the motions.
+          control_mode: the environment's.
+          **control_options: arguments of the control mode: the environment's.
+        """
+        self._kitchen = _kitchen(design)
+        super().__init__(style, make_encoder(make_mode(control_mode, CONTROL_MODES, control_options), arm_model()))
+
+    @classmethod
+    def _task_settings(cls, task: KitchensTask) -> dict[str, Any]:
+        return {"design": task.scene.design}
+
+    def reset(self, generator: np.random.Generator) -> None:
+        super().reset(generator)
+        self._present: Target | None = None
+        self._failures: dict[Target, int] = {}
+        self._targets: list[Target] = []
+
+    def robot_positions(self, observation: Array) -> Array:
+        return observation[PARTS["joint_positions"]]
+
+    def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
+        rows = observation[PARTS["slots"]].reshape(-1, SLOT_SIZE)
+        requested = rows[rows[:, SLOT_PARTS["requested"].start] > 0.5]
+        openings = requested[:, SLOT_PARTS["opening"].start]
+        goals = requested[:, SLOT_PARTS["goal"].start] > 0.5
+        done = np.where(goals, openings >= _OPENED, openings <= _SHUT)
+        if self._trajectory is None:
+            self._targets = [self._kitchen.find(row) for row in requested]
+            start = JointTrajectory.stationary(joints, OPEN)
+            return self._then_next(start, done, openings)
+        present = self._present
+        if present is None:
+            if done.all() or not self._has_ended(_SETTLE_STEPS):
+                return None
+            return self._then_next(JointTrajectory.stationary(joints, OPEN), done, openings)
+        if done[self._targets.index(present)]:
+            return self._then_next(self._plan_retreat(joints), done, openings)
+        if not self._has_ended(_SETTLE_STEPS):
+            return None
+        self._failures[present] = self._failures.get(present, 0) + 1
+        home = self._plan_retreat(joints).then(JointTrajectory.stationary(HOME, OPEN), self._limits)
+        return self._then_next(home, done, openings)
+
+    def _then_next(self, trajectory: JointTrajectory, done: Array, openings: Array) -> JointTrajectory:
+        """Appends the trajectory of the next task that is not done: that with the fewest failures, in order."""
+        pending = [target for target, is_done in zip(self._targets, done, strict=True) if not is_done]
+        if not pending:
+            self._present = None
+            return trajectory
+        self._present = target = min(pending, key=lambda each: self._failures.get(each, 0))
+        opening = float(openings[self._targets.index(target)])
+        motions = self._kitchen.motions(target, round(opening, 1), self._encoder.turns_hand, self._limits)
+        motion = motions[self._failures.get(target, 0) % len(motions)]
+        self._skill = motion.skill
+        count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
+        return trajectory.then(motion.planned(self._kinematics, self._limits, self._draw_offsets(count)), self._limits)
+
+    def _plan_retreat(self, joints: Array) -> JointTrajectory:
+        return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
+
+
+class Motion(NamedTuple):
+    """A skill for a part where it stands.
+
+    Attributes:
+      skill: in the frame.
+      frame: of the skill, in the world.
+      position: of the skill's object joint [rad, m].
+    """
+
+    skill: Skill
+    frame: mink.SE3
+    position: Array
+
+    def planned(
+        self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
+    ) -> JointTrajectory:
+        """Returns the trajectory; `offsets` as of `plan`."""
+        return plan(
+            kinematics, limits, self.skill, frame=self.frame, object_position=self.position, offsets=iter(offsets)
+        )
+
+
+    def is_near(self, kinematics: ArmKinematics) -> bool:
+        """Whether the arm reaches the first and the last place of the hand, which takes less time than a plan."""
+        joint, joints = self.skill.object_joint, np.array(self.skill.ik_seed)
+        frame = self.frame @ joint.displacement(self.position) if joint else self.frame
+        moves = [move for move in self.skill.moves if isinstance(move, Move)]
+        for move in (moves[0], moves[-1]):
+            pose = frame @ move.pose
+            joints = kinematics.inverse(pose, start=joints)
+            if np.linalg.norm(kinematics.forward(joints).translation() - pose.translation()) > OUT_OF_REACH:
+                return False
+        return True
+
+
+class _Kitchen:
+    """The parts of a kitchen, and motions for them."""
+
+    def __init__(self, design: KitchenDesign) -> None:
+        built = build_generated_kitchen(design, visuals=False)
+        self.parts = tuple(part for _, part in built.parts)
+        self.slots = Slots.of(built, mjcf.Physics.from_mjcf_model(built.arena.mjcf_model))
+        self._motions: dict[tuple[Target, float, bool, JointSpeedLimits], list[Motion]] = {}
+
+    def find(self, row: Array) -> Target:
+        """Returns the part of a slot of an observation, and what is asked of it."""
+        opening = row[SLOT_PARTS["opening"]][0]
+        joints = self.slots.opened * opening
+        handle = row[SLOT_PARTS["position"]] + _base()
+        positions, _, _ = self.slots.moved(joints, handle)
+        apart = np.linalg.norm(positions - handle, axis=-1)
+        apart[(self.slots.kind != row[SLOT_PARTS["kind"]]).any(axis=-1)] = np.inf
+        return Target(int(apart.argmin()), bool(row[SLOT_PARTS["goal"]][0] > 0.5))
+
+    def motions(self, target: Target, opening: float, turns_hand: bool, limits: JointSpeedLimits) -> list[Motion]:
+        """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is."""
+        key = target, opening, turns_hand, limits
+        if key not in self._motions:
+            kinematics, best, found = arm_model().kinematics, None, []
+            for motion in self._candidates(target, opening, turns_hand):
+                if best is not None and not motion.is_near(kinematics):
+                    continue
+                planned = motion.planned(kinematics, limits)
+                fits = planned.position_error <= OUT_OF_REACH and planned.arc_share >= _ENOUGH_OF_ARC
+                if fits:
+                    found.append(motion)
+                if len(found) == _ALTERNATIVES:
+                    break
+                badness = planned.position_error + 1.0 - planned.arc_share
+                if best is None or badness < best[0]:
+                    best = badness, motion
+            assert best is not None or found, "there is at least one candidate"
+            self._motions[key] = found or [best[1]]  # type: ignore[index]
+        return self._motions[key]
+
+    def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
+        part = self.parts[target.index]
+        if part.twin is not None:
+            yield from self._twins(part, target, opening, turns_hand)
+            return
+        position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
+        for seed, skill in itertools.product(_SEEDS, self._skills(part, target, float(position))):
+            if not turns_hand:
+                skill = skill.with_orientation(AT_RESET)
+            aimed = dataclasses.replace(skill, ik_seed=_aimed(seed, self.slots.position[target.index]))
+            moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
+            yield Motion(aimed, mink.SE3.identity(), moved)
+
+    def _twins(self, part: Part, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
+        """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
+        assert part.twin is not None
+        task, k = part.twin if target.opens else _UNDOES[part.twin], target.index
+        skill, handle = SKILLS[task], _default_handles()[part.twin]
+        into = self.slots.into[k]
+        yaw = np.arctan2(-into[0], into[1]) - (_MICROWAVE_YAW if part.twin == "microwave" else 0.0)
+        turn = mink.SO3.from_z_radians(float(yaw))
+        frame = mink.SE3.from_rotation_and_translation(turn, self.slots.position[k] - turn.apply(handle))
+        position = np.array([self.slots.opened[k] * opening])
+        if part.joint is None:
+            assert isinstance(skill.object_joint, Prismatic)
+            position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
+        if not turns_hand:
+            skill = skill.with_orientation(AT_RESET)
+        for angle in _TURNS if turns_hand else (0.0,):
+            yield Motion(skill.turned(angle) if angle else skill, frame, position)
+
+    def _skills(self, part: Part, target: Target, position: float) -> Iterator[Skill]:
+        """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
+        k = target.index
+        handle, into, axis, opened = self.slots.position[k], self.slots.into[k], self.slots.axis[k], part.opened
+        right = np.cross(into, _UP)
+        for pitch, yaw in itertools.product(_PITCHES, _YAWS):
+            approach = mink.SO3.from_z_radians(yaw).apply(into * np.cos(pitch) + _UP * np.sin(pitch))
+            across = mink.SO3.from_z_radians(yaw).apply(right)
+            for sign in (1.0, -1.0):
+                upright = HandOrientation(approach=_vector(approach), spread=_vector(sign * _UP))
+                level = HandOrientation(approach=_vector(approach), spread=_vector(sign * across))
+                match part.kind, target.opens:
+                    case "drawer", True:
+                        yield _pull_drawer(handle, into, upright, opened * _PULLED - position)
+                    case "drawer", False:
+                        yield _push_drawer(handle, into, level, position)
+                    case "door", True:
+                        for ratio in _RATIOS:
+                            yield _swing(handle, self.slots.anchor[k], axis, into, level, opened * _PULLED, ratio)
+                    case "door", False:
+                        side = np.sign(opened) * right
+                        for share in (1.0, 0.5):
+                            turned = mink.SO3.exp(-share * position * axis)
+                            hand = HandOrientation.from_rotation(turned @ upright.rotation)
+                            yield _shut(handle, self.slots.anchor[k], axis, into, hand, side)
+                    case _:
+                        way = axis * np.sign(opened)
+                        distance = abs(opened) * _PULLED - abs(position) if target.opens else -abs(position) - 0.01
+                        yield _slide(handle, into, upright, way, distance)
+
+
+def _pull_drawer(handle: Array, into: Array, hand: HandOrientation, distance: float) -> Skill:
+    """Skill that grasps a drawer's bar and pulls the drawer out by a distance [m]."""
+    moves = grasp(_vector(handle), hand, _DISTANCES, settle_steps=4)
+    end = _vector(np.array(moves[-1].position) - into * distance)
+    pull = Move(position=end, orientation=hand, fingers=CLOSED, speed=0.4)
+    return _skill((*moves, pull), _ANY_WAY, retreat=-0.1 * into, release_steps=3)
+
+
+def _push_drawer(handle: Array, into: Array, hand: HandOrientation, distance: float) -> Skill:
+    """Skill that pushes the front of a drawer below its bar, by a distance [m]."""
+    contact = handle + into * CLEARANCE - _UP * _BESIDE
+    tips = (contact - 0.12 * into, contact - 0.03 * into, contact + (distance + 0.02) * into)
+    return _skill(push([*map(_vector, tips)], hand, speed=0.4), _ANY_WAY, retreat=-0.1 * into)
+
+
+def _swing(
+    handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrientation, angle: float, ratio: float
+) -> Skill:
+    """Skill that grasps the bar of a door and swings the door to an angle [rad]."""
+    moves = grasp(_vector(handle), hand, _DISTANCES, settle_steps=4)
+    arc = ArcMove(angle=angle, hand_rotation_ratio=ratio, speed=1.0)
+    return _skill((*moves, arc), _hinge(anchor, axis), retreat=-0.1 * into, release_steps=3)
+
+
+def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrientation, side: Array) -> Skill:
+    """Skill that pushes the front of a door shut, beside its bar on a side, the way to the hinges."""
+    contact = handle + into * CLEARANCE + side * _BESIDE
+    tips = [_vector(contact - 0.12 * into), _vector(contact - 0.03 * into)]
+    arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
+    return _skill((*push(tips, hand, speed=0.4), arc), _hinge(anchor, axis), retreat=-0.1 * into)
+
+
+def _slide(handle: Array, into: Array, hand: HandOrientation, way: Array, distance: float) -> Skill:
+    """Skill that pushes the bar of a sliding door from its side, by a distance along the way that opens it [m]."""
+    contact = handle + 0.02 * into - np.sign(distance) * _ALONG * way
+    free = contact - 0.12 * into - np.sign(distance) * 0.03 * way
+    tips = (free, contact - np.sign(distance) * 0.02 * way, contact + distance * way)
+    return _skill(push([*map(_vector, tips)], hand, speed=0.5), _ANY_WAY, retreat=-0.1 * into)
+
+
+# Of an object that has moved by x, y and z.
+_ANY_WAY = Prismatic(elements=(0, 1, 2), initial_position=(0.0, 0.0, 0.0))
+
+
+def _hinge(anchor: Array, axis: Array) -> Revolute:
+    return Revolute(elements=(0,), anchor=_vector(anchor), axis=_vector(axis))
+
+
+def _skill(
+    moves: tuple[Move | ArcMove, ...], joint: Revolute | Prismatic, *, retreat: Array, release_steps: int = 0
+) -> Skill:
+    """Returns a skill whose inverse kinematics starts anywhere."""
+    return Skill(
+        moves=moves, ik_seed=_SEEDS[0], object_joint=joint, retreat=_vector(retreat), release_steps=release_steps
+    )
+
+
+def _aimed(seed: tuple[float, ...], handle: Array) -> tuple[float, ...]:
+    """Returns joint positions with the first joint turned so that the hand is in the direction of a handle [rad]."""
+    x, y, _ = arm_model().kinematics.forward(np.array(seed)).translation() - _base()
+    turn = np.arctan2(handle[1], handle[0]) - np.arctan2(y, x)
+    first = float((seed[0] + turn + np.pi) % (2 * np.pi) - np.pi)
+    return (float(np.clip(first, -2.8, 2.8)), *seed[1:])
+
+
+# Rotation of the microwave in the original kitchen [rad].
+_MICROWAVE_YAW = 0.3
+
+
+@functools.cache
+def _default_handles() -> dict[str, Array]:
+    """Positions of the handles in the original kitchen by task [m]."""
+    physics = mjcf.Physics.from_mjcf_model(scene().arena.mjcf_model)
+    return {task: np.array(physics.bind(goal.handle_in(scene())).xpos) for task, goal in GOALS.items()}
+
+
+@functools.lru_cache(maxsize=64)
+def _kitchen(design: KitchenDesign) -> _Kitchen:
+    return _Kitchen(design)
+
+
+def _base() -> Array:
+    return arm_model().kinematics.base.translation()
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = np.asarray(array).tolist()
+    return x, y, z

@@ -1,0 +1,1 @@
+"""The kitchens domain: tasks by kind in generated kitchens."""

@@ -1,0 +1,495 @@
+"""The Markov decision process of generated kitchens: slots of parts, requests, success, reward, observation.
+
+Every kitchen has the same number of slots, one for each part that moves, and empty ones. What differs from kitchen to
+kitchen is part of the state, so that one MDP steps episodes in many kitchens together.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+from numpy.typing import NDArray
+
+from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
+from kitchen_suite.entities.fixtures import KINDS, PART_KINDS
+from kitchen_suite.tasks import rotations
+from kitchen_suite.tasks.goals import Progress
+from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
+from kitchen_suite.tasks.kitchen.reward import REWARDS, Shares, covered
+from kitchen_suite.tasks.mdp import MDP, Columns, Simulation, as_columns
+
+# Openings from which a part counts as open or on, and up to which it counts as closed or off, as a share.
+OPEN, CLOSED = 0.75, 0.15
+
+# Elements of a slot in the observation.
+SLOT_PARTS: Mapping[str, slice] = MappingProxyType(
+    {
+        "kind": slice(0, 6),
+        "position": slice(6, 9),
+        "offset": slice(9, 12),
+        "into": slice(12, 15),
+        "along": slice(15, 18),
+        "opening": slice(18, 19),
+        "goal": slice(19, 20),
+        "requested": slice(20, 21),
+    }
+)
+SLOT_SIZE = 21
+
+# Parts of the flat observation.
+PARTS: Mapping[str, slice] = MappingProxyType(
+    {
+        "joint_positions": slice(0, 9),
+        "joint_velocities": slice(9, 18),
+        "hand_pose": slice(18, 27),
+        "slots": slice(27, 27 + MAX_PARTS * SLOT_SIZE),
+    }
+)
+SIZE = PARTS["slots"].stop
+
+# Greatest noise of joint positions [rad, m] and velocities, of handles [m] and of openings, times the noise ratios.
+_ROBOT_AMPLITUDE, _HANDLE_AMPLITUDE, _OPENING_AMPLITUDE = 0.1, 0.2, 0.5
+
+# Parts of the noise: of the robot's joints, of handles, of openings.
+_ROBOT = slice(0, 18)
+_HANDLES = slice(18, 18 + 3 * MAX_PARTS)
+_OPENINGS = slice(_HANDLES.stop, _HANDLES.stop + MAX_PARTS)
+NOISE_SIZE = _OPENINGS.stop
+NOISE_PARTS = MappingProxyType({"robot_noise": _ROBOT, "object_noise": slice(18, NOISE_SIZE)})
+
+_SPARSE = REWARDS["sparse"].keys()
+
+
+class Slots(NamedTuple):
+    """The parts of a kitchen, which do not change; empty slots hold zeros.
+
+    Attributes:
+      kind: `(..., K, 6)`, 1 at the index of its kind in `PART_KINDS`.
+      opened: `(..., K)`, joint position at an opening of 1 [rad, m]; 1 in empty slots.
+      is_hinge: `(..., K)`, whether the joint is a hinge.
+      is_free: `(..., K)`, whether the part has no joint: the kettle.
+      position: `(..., K, 3)`, of the handle while the joint is at 0 [m].
+      into: `(..., K, 3)`, direction into the fixture at the handle, at 0.
+      along: `(..., K, 3)`, direction along the handle's bar, at 0.
+      axis: `(..., K, 3)`, of the joint.
+      anchor: `(..., K, 3)`, a point on the axis of a hinge [m].
+      target: `(..., K, 3)`, where a free part is to be [m].
+    """
+
+    kind: NDArray[np.float64]
+    opened: NDArray[np.float64]
+    is_hinge: NDArray[np.bool_]
+    is_free: NDArray[np.bool_]
+    position: NDArray[np.float64]
+    into: NDArray[np.float64]
+    along: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    anchor: NDArray[np.float64]
+    target: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, scene: GeneratedKitchen, physics: mjcf.Physics) -> Self:
+        """Returns the slots of a kitchen, from its compiled model at rest with all joints at 0."""
+        arrays = cls(
+            kind=np.zeros((MAX_PARTS, len(PART_KINDS))),
+            opened=np.ones(MAX_PARTS),
+            is_hinge=np.zeros(MAX_PARTS, bool),
+            is_free=np.zeros(MAX_PARTS, bool),
+            **{name: np.zeros((MAX_PARTS, 3)) for name in ("position", "into", "along", "axis", "anchor", "target")},
+        )
+        model, data = physics.model.ptr, mujoco.MjData(physics.model.ptr)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        placed = {each.name: each for each in scene.design.placed}
+        oven = next((each for each in scene.design.placed if each.design.kind == "oven"), None)
+        for k, (name, part) in enumerate(scene.parts):
+            prop = scene.props[name].mjcf_model
+            where: Placed = placed.get(name) or oven  # type: ignore[assignment]
+            arrays.kind[k, PART_KINDS.index(part.kind)] = 1.0
+            arrays.opened[k] = part.opened
+            arrays.position[k] = data.site_xpos[physics.bind(prop.find("site", part.handle)).element_id]
+            arrays.into[k] = where.in_world(np.array([0.0, 1.0, 0.0])) - where.position
+            upright = part.kind in ("door", "sliding door", "knob")
+            arrays.along[k] = (0.0, 0.0, 1.0) if upright else where.in_world(np.array([1.0, 0.0, 0.0])) - where.position
+            if part.joint is None:
+                arrays.is_free[k] = True
+                arrays.target[k] = arrays.position[k] + part.opened * arrays.into[k]
+                continue
+            joint = physics.bind(prop.find("joint", part.joint)).element_id
+            arrays.is_hinge[k] = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+            arrays.axis[k], arrays.anchor[k] = data.xaxis[joint], data.xanchor[joint]
+        return arrays
+
+    def moved(
+        self, joints: NDArray[np.float64], kettle: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Returns positions of the handles [m], and directions into the fixtures and along the bars, `(..., K, 3)`.
+
+        Args:
+          joints: `(..., K)`, positions of the parts' joints [rad, m].
+          kettle: `(..., 3)`, position of the kettle's handle [m].
+        """
+        angles = np.where(self.is_hinge, joints, 0.0)
+        cos, sin = np.cos(angles)[..., np.newaxis], np.sin(angles)[..., np.newaxis]
+
+        def turned(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+            parallel = self.axis * _dot(self.axis, vectors)
+            return vectors * cos + rotations.cross(self.axis, vectors) * sin + parallel * (1.0 - cos)
+
+        hinged = self.anchor + turned(self.position - self.anchor)
+        slid = self.position + self.axis * joints[..., np.newaxis]
+        positions = np.where(self.is_hinge[..., np.newaxis], hinged, slid)
+        positions = np.where(self.is_free[..., np.newaxis], kettle[..., np.newaxis, :], positions)
+        return positions, turned(self.into), turned(self.along)
+
+    def openings(self, joints: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns how far `(..., K)` parts are open, on, or moved, as a share.
+
+        Args:
+          joints: `(..., K)`, positions of their joints [rad, m].
+          positions: `(..., K, 3)`, of their handles [m].
+        """
+        missing = np.sqrt(rotations.squared_length(self.target - positions))
+        return np.where(self.is_free, 1.0 - missing / self.opened, joints / self.opened)
+
+
+def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the products `(..., 1)` of vectors `(..., 3)`, with the same bits for one and for many."""
+    x, y, z = (one[..., i] * other[..., i] for i in range(3))
+    return (x + y + z)[..., np.newaxis]
+
+
+class SlotReading(NamedTuple):
+    """What is read of a kitchen after a control step.
+
+    Attributes:
+      positions: `(..., 9)`, of the robot's joints [rad, m].
+      velocities: `(..., 9)` [rad/s, m/s].
+      hand: `(..., 3)`, position of the end effector [m].
+      frame: `(..., 9)`, its rotation matrix, row by row.
+      joints: `(..., K)`, positions of the parts' joints [rad, m].
+      kettle: `(..., 3)`, position of the kettle's handle [m].
+    """
+
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    hand: NDArray[np.float64]
+    frame: NDArray[np.float64]
+    joints: NDArray[np.float64]
+    kettle: NDArray[np.float64]
+
+
+class SlotSensors:
+    """Reads the joints of robot and parts, and the pose of the hand.
+
+    Attributes:
+      slots: the parts of the kitchen.
+      ctrl, stage: see `Sensors`.
+    """
+
+    stage = mujoco.mjtStage.mjSTAGE_POS
+
+    def __init__(self, scene: GeneratedKitchen) -> None:
+        """Stores the kitchen."""
+        self._scene = scene
+
+    @property
+    def ctrl(self) -> Columns:
+        """Columns of the robot's actuators."""
+        return self._ctrl
+
+    def bind(self, physics: mjcf.Physics) -> None:
+        """Looks up all addresses in the compiled scene."""
+        scene = self._scene
+        self.slots = Slots.of(scene, physics)
+        robot = physics.bind(scene.robot.joints)
+        self._qpos, self._qvel = as_columns(robot.qposadr), as_columns(robot.dofadr)
+        self._ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
+        self._hand = np.array([physics.bind(scene.robot.end_effector).element_id])
+        # Empty slots read the first joint, and are masked.
+        self.columns, self._has_joint = np.zeros(MAX_PARTS, np.int64), np.zeros(MAX_PARTS)
+        self._kettle, self._lift = np.zeros(7, np.int64), np.zeros(3)
+        for k, (name, part) in enumerate(scene.parts):
+            prop = scene.props[name]
+            if part.joint is None:
+                (free,) = prop.joints
+                self._kettle = int(physics.bind(free).qposadr) + np.arange(7)
+                self._lift = np.array(physics.bind(prop.mjcf_model.find("site", part.handle)).pos)
+            else:
+                self.columns[k] = physics.bind(prop.mjcf_model.find("joint", part.joint)).qposadr
+                self._has_joint[k] = 1.0
+
+    def refresh(self, physics: mjcf.Physics) -> None:
+        """Updates the positions of bodies from those of the joints."""
+        mujoco.mj_kinematics(physics.model.ptr, physics.data.ptr)
+
+    def read(self, simulation: Simulation) -> SlotReading:
+        """Returns the present values, in fresh arrays."""
+        kettle = np.ascontiguousarray(simulation.read("qpos", self._kettle))
+        return SlotReading(
+            positions=np.array(simulation.read("qpos", self._qpos)),
+            velocities=np.array(simulation.read("qvel", self._qvel)),
+            hand=simulation.read("site_xpos", self._hand)[..., 0, :],
+            frame=simulation.read("site_xmat", self._hand)[..., 0, :],
+            joints=simulation.read("qpos", self.columns) * self._has_joint,
+            kettle=kettle[..., :3] + rotations.rotated(kettle[..., 3:], self._lift),
+        )
+
+
+class Shaping(NamedTuple):
+    """State of a dense reward.
+
+    Attributes:
+      initial_distances: `(..., K)`, of the hand from the handles at the reset [m].
+      best_approach: `(..., K)`, greatest share of the way to the handle covered before the step.
+      initial_openings: `(..., K)`, at the reset.
+      best_progress: `(..., K)`, greatest share of the way to the goal covered before the step.
+    """
+
+    initial_distances: NDArray[np.float64]
+    best_approach: NDArray[np.float64]
+    initial_openings: NDArray[np.float64]
+    best_progress: NDArray[np.float64]
+
+
+class KitchensState(NamedTuple):
+    """State of an episode after a control step.
+
+    Attributes:
+      noise: `(..., 82)`, noise of the present observation, by the parts of `NOISE_PARTS`.
+      positions: `(..., 9)`, of the robot's joints, without noise [rad, m].
+      velocities: `(..., 9)`, of these [rad/s, m/s].
+      target: `(..., 9)`, last targets of its actuators [rad, m].
+      hand: `(..., 12)`, position of the hand [m] and its rotation matrix, row by row.
+      handles: `(..., K, 9)`, positions of the handles [m], directions into the fixtures, and along the bars.
+      openings: `(..., K)`, how far parts are open, on, or moved, as a share.
+      goal: `(..., K)`, opening that is asked for, 0 or 1.
+      order: `(..., K)`, place of each requested part, from 0, and -1 for the others.
+      progress: completion of the parts.
+      slots: the parts of the kitchen.
+      terms: `(...)` each, the terms of the last step's reward by name.
+      shaping: state of a dense reward; None for the sparse one.
+      shares: while the terms of a dense reward are computed; None otherwise.
+    """
+
+    noise: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    target: NDArray[np.float64]
+    hand: NDArray[np.float64]
+    handles: NDArray[np.float64]
+    openings: NDArray[np.float64]
+    goal: NDArray[np.float64]
+    order: NDArray[np.int64]
+    progress: Progress
+    slots: Slots
+    terms: dict[str, NDArray[np.float64]]
+    shaping: Shaping | None = None
+    shares: Shares | None = None
+
+    @property
+    def completions(self) -> NDArray[np.bool_]:
+        """`(..., K)`, parts whose task the last step completed."""
+        return self.progress.completions
+
+    @property
+    def requested(self) -> NDArray[np.bool_]:
+        """`(..., K)`, parts of which the episode asks something."""
+        return self.order >= 0
+
+    @property
+    def hand_distances(self) -> NDArray[np.float64]:
+        """`(..., K)`, of the hand from the handles [m]."""
+        offsets = self.handles[..., :3] - self.hand[..., np.newaxis, :3]
+        return np.sqrt(rotations.squared_length(offsets))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class KitchensMDP(MDP[SlotReading, KitchensState]):
+    """Settings of a task in generated kitchens, and the mathematics of an episode under them.
+
+    Attributes:
+      sensors: of robot and parts.
+      noise_scale: `(82,)`, greatest noise of joints, handles and openings.
+      is_dense: whether a dense reward is paid.
+      terminates_when_complete: whether an episode terminates once all that it asks for has been completed.
+    """
+
+    sensors: SlotSensors
+    noise_scale: NDArray[np.float64]
+    is_dense: bool = False
+    terminates_when_complete: bool = True
+
+    @property
+    def noise_draws(self) -> int:
+        return NOISE_SIZE
+
+    @property
+    def noise_parts(self) -> Mapping[str, slice]:
+        return NOISE_PARTS
+
+    def initial_state(self, reading: SlotReading, draws: NDArray[np.float64]) -> KitchensState:
+        """Returns the state before the first step of an episode that asks for nothing; see `with_request`."""
+        slots = self.sensors.slots
+        nothing = np.full(MAX_PARTS, -1)
+        state = KitchensState(
+            noise=self.noise_scale * draws,
+            target=reading.positions,
+            goal=np.zeros(MAX_PARTS),
+            order=nothing,
+            progress=Progress.initial((MAX_PARTS,)),
+            slots=slots,
+            terms=self.no_reward(()),
+            **_measured(slots, reading),
+        )
+        if not self.is_dense:
+            return state
+        distances = state.hand_distances
+        nowhere = np.zeros(MAX_PARTS)
+        return state._replace(shaping=Shaping(distances, nowhere, state.openings, nowhere))
+
+    def with_request(
+        self, state: KitchensState, order: NDArray[np.int64], goal: NDArray[np.float64]
+    ) -> KitchensState:
+        """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
+        return state._replace(
+            order=order, goal=goal, progress=Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
+        )
+
+    def step(
+        self,
+        state: KitchensState,
+        *,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        reading: SlotReading,
+        draws: NDArray[np.float64],
+    ) -> KitchensState:
+        after = state._replace(
+            noise=self.noise_scale * draws, target=target, terms={}, shares=None, **_measured(state.slots, reading)
+        )
+        within = self.within(after.openings, after.goal) & state.requested
+        after = after._replace(progress=state.progress.update(within, remove_task_when_completed=True))
+        if state.shaping is not None:
+            after = self._shaped(state, state.shaping, after)
+        return after._replace(terms=self.reward_terms(state, action, after), shares=None)
+
+    @staticmethod
+    def within(openings: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Returns which parts `(..., K)` are where a goal asks them to be."""
+        return np.where(goal > 0.5, openings >= OPEN, openings <= CLOSED)
+
+    def _shaped(self, before: KitchensState, shaping: Shaping, after: KitchensState) -> KitchensState:
+        """Returns the state after a step with what its dense reward needs."""
+        approach = np.maximum(shaping.best_approach, covered(after.hand_distances, shaping.initial_distances))
+        initial = np.abs(after.goal - shaping.initial_openings)
+        progress = covered(np.abs(after.goal - after.openings), initial)
+        requested = after.requested
+        shares = Shares(
+            approach=approach,
+            previous_approach=shaping.best_approach,
+            progress=progress,
+            previous_progress=shaping.best_progress,
+            is_relabelled=np.zeros(requested.shape, bool),
+            completed=after.progress.completed,
+            previously_completed=before.progress.completed,
+        )
+        shares = Shares(*(np.where(requested, part, np.zeros((), part.dtype)) for part in shares))
+        best = shaping._replace(best_approach=approach, best_progress=np.maximum(shaping.best_progress, progress))
+        return after._replace(shaping=best, shares=shares)
+
+    def observation(self, simulation: Simulation, state: KitchensState) -> NDArray[np.float32]:
+        """Returns the flat observation `(..., m)`: parts as in `PARTS`; the slots of requested parts come first."""
+        noise, hand = state.noise, state.hand
+        position = state.handles[..., :3] + noise[..., _HANDLES].reshape(*noise.shape[:-1], MAX_PARTS, 3)
+        slots = np.concatenate(
+            [
+                state.slots.kind,
+                position - _BASE,
+                position - hand[..., np.newaxis, :3],
+                state.handles[..., 3:],
+                (state.openings + noise[..., _OPENINGS])[..., np.newaxis],
+                state.goal[..., np.newaxis],
+                state.requested[..., np.newaxis],
+            ],
+            axis=-1,
+        )
+        slots = slots * state.slots.kind.max(axis=-1, keepdims=True)
+        # Requested parts in their order, then the others in that of the design.
+        places = np.where(state.requested, state.order, MAX_PARTS)
+        first = np.argsort(places, axis=-1, kind="stable")
+        slots = np.take_along_axis(slots, first[..., np.newaxis], axis=-2)
+        joints = np.concatenate([state.positions, state.velocities], axis=-1) + noise[..., _ROBOT]
+        parts = (joints, hand[..., :3] - _BASE, hand[..., _TWO_COLUMNS], slots.reshape(*slots.shape[:-2], -1))
+        return np.concatenate(parts, axis=-1, dtype=np.float32, casting="same_kind")
+
+    def terminates(self, state: KitchensState) -> NDArray[np.bool_]:
+        return self.all_completed(state) & self.terminates_when_complete
+
+    @staticmethod
+    def all_completed(state: KitchensState) -> NDArray[np.bool_]:
+        """Returns whether `(...)` everything that the episode asks for has been completed."""
+        return np.logical_and.reduce(state.progress.completed | ~state.requested, axis=-1)
+
+    def complete(self, state: KitchensState) -> NDArray[np.bool_]:
+        return state.progress.within & state.progress.completed
+
+    def info(self, state: KitchensState) -> dict[str, NDArray]:
+        """Returns the infos on the parts: fresh arrays, `(...)` or, in the order of the design, `(..., K)`."""
+        infos = {
+            "openings": state.openings.copy(),
+            f"{REQUESTED}_mask": state.requested.copy(),
+            REQUESTED_ORDER: state.order.copy(),
+            "goal_openings": state.goal.copy(),
+            "completion_steps": state.progress.completion_steps.copy(),
+            "is_success": self.all_completed(state),
+        }
+        if state.terms.keys() != _SPARSE:
+            infos |= {f"reward/{name}": np.array(term) for name, term in state.terms.items()}
+        return infos
+
+
+# Position of the robot's base [m]; see `xml/kitchen_arena.xml`.
+_BASE = np.array([0.0, 0.0, 1.8])
+
+# The first two columns of a rotation matrix after a position.
+_TWO_COLUMNS = np.array([3, 6, 9, 4, 7, 10])
+
+
+def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float64]:
+    """Returns the greatest noise `(82,)` of joints, handles and openings, each in its unit."""
+    scale = np.full(NOISE_SIZE, robot_ratio * _ROBOT_AMPLITUDE)
+    scale[_HANDLES], scale[_OPENINGS] = object_ratio * _HANDLE_AMPLITUDE, object_ratio * _OPENING_AMPLITUDE
+    return scale
+
+
+def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:
+    """Returns the fields of a state that follow from a reading."""
+    positions, into, along = slots.moved(reading.joints, reading.kettle)
+    return {
+        "positions": reading.positions,
+        "velocities": reading.velocities,
+        "hand": np.concatenate([reading.hand, reading.frame], axis=-1),
+        "handles": np.concatenate([positions, into, along], axis=-1),
+        "openings": slots.openings(reading.joints, positions),
+    }
+
+
+def as_dict(state: KitchensState) -> dict[str, Any]:
+    """Returns a state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
+    fields = {name: part for name, part in state._asdict().items() if name != "slots" and part is not None}
+    nested = {name: part if isinstance(part, dict) else part._asdict() for name, part in fields.items() if not isinstance(part, np.ndarray)}
+    copied = {name: {key: np.array(array) for key, array in part.items()} for name, part in nested.items()}
+    return {**{name: np.array(part) for name, part in fields.items() if name not in nested}, **copied}
+
+
+def from_dict(arrays: Mapping[str, Any], slots: Slots) -> KitchensState:
+    """Returns the state that `as_dict` returned as nested dicts, among which there may be others."""
+    parts = {name: arrays[name] for name in KitchensState._fields if name in arrays}
+    if "shaping" in parts:
+        parts["shaping"] = Shaping(**parts["shaping"])
+    return KitchensState(**{**parts, "progress": Progress(**parts["progress"]), "slots": slots})
