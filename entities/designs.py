@@ -344,7 +344,7 @@ class _Grammar:
                 side="back", level="wall", distance=round(0.571 + y, 3), start=round(-0.502 + x, 3),
                 height=round(counter + 0.564, 3), fixtures=(FixtureDesign(kind="hood"),),
             )  # fmt: skip
-        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.56 + y, 1.5, -0.75 + x)
+        yield from self._wall_row(counter + self._number(0.81, 0.84), 0.67 + y, 1.3, -0.65 + x)
 
     def _cabinet_wall(self, counter: float) -> Iterator[Row]:
         """Yields cabinets below a counter, what stands on it, and cabinets above it."""

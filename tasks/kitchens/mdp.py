@@ -352,9 +352,7 @@ class KitchensMDP(MDP[SlotReading, KitchensState]):
         nowhere = np.zeros(MAX_PARTS)
         return state._replace(shaping=Shaping(distances, nowhere, state.openings, nowhere))
 
-    def with_request(
-        self, state: KitchensState, order: NDArray[np.int64], goal: NDArray[np.float64]
-    ) -> KitchensState:
+    def with_request(self, state: KitchensState, order: NDArray[np.int64], goal: NDArray[np.float64]) -> KitchensState:
         """Returns the state before the first step of an episode that asks for goals `(K,)` of parts in an order."""
         return state._replace(
             order=order, goal=goal, progress=Progress.initial((MAX_PARTS,))._replace(remaining=order >= 0)
@@ -482,7 +480,11 @@ def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:
 def as_dict(state: KitchensState) -> dict[str, Any]:
     """Returns a state as nested dicts of fresh arrays, without the kitchen's slots and what is None."""
     fields = {name: part for name, part in state._asdict().items() if name != "slots" and part is not None}
-    nested = {name: part if isinstance(part, dict) else part._asdict() for name, part in fields.items() if not isinstance(part, np.ndarray)}
+    nested = {
+        name: part if isinstance(part, dict) else part._asdict()
+        for name, part in fields.items()
+        if not isinstance(part, np.ndarray)
+    }
     copied = {name: {key: np.array(array) for key, array in part.items()} for name, part in nested.items()}
     return {**{name: np.array(part) for name, part in fields.items() if name not in nested}, **copied}
 

@@ -91,7 +91,9 @@ class PartRequests(ResetRequests):
         self.tasks = tuple(self._slots)
         if not self.tasks:
             parts = ", ".join(sorted({part.kind for _, part in scene.parts}))
-            raise ValueError(f"kitchen {scene.design.name or 'of this design'} has nothing to {' or '.join(verbs)}: it has {parts}")
+            raise ValueError(
+                f"kitchen {scene.design.name or 'of this design'} has nothing to {' or '.join(verbs)}: it has {parts}"
+            )
         parts_asked = {k for k, _ in self._slots.values()}
         self._draw = TaskDraw.make(count, len(parts_asked))
         self._weights = np.isin(np.arange(MAX_PARTS), list(parts_asked)).astype(np.float64)

@@ -172,7 +172,7 @@ def _carry_kettle(
     )
 
 
-def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: float) -> Skill:
+def turn_knob(x: float, height: float, orientation: HandOrientation, angle: float) -> Skill:
     """Skill that turns the knob at x and a height [m] by pushing the upper end of its bar to the right, to an angle."""
     # Distance to the left of the bar's centre and above it at which the finger tips push its upper end [m].
     lever = 0.03
@@ -189,7 +189,7 @@ def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: flo
     )
 
 
-def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Skill:
+def turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Skill:
     """Skill that turns a knob back by pushing the lower end of its bar around from the left to the right.
 
     The finger tips begin above that end, wherever it stands, so the poses do not follow the knob.
@@ -303,14 +303,14 @@ def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -
         ),
         # The hand comes from the right, so that the right finger hooks behind the bar.
         "microwave": _MICROWAVE.opened(-1.0, orientations["microwave"], _AT_MICROWAVE),
-        "bottom burner": _turn_knob(_LEFT, _LOW, orientations["knob"], knob_angle),
-        "bottom right burner": _turn_knob(_RIGHT, _LOW, orientations["knob"], knob_angle),
-        "turn off bottom burner": _turn_knob_back(_LEFT, _LOW, orientations["knob"]),
-        "turn off bottom right burner": _turn_knob_back(_RIGHT, _LOW, orientations["knob"]),
-        "top burner": _turn_knob(_LEFT, _HIGH, orientations["knob"], knob_angle),
-        "top right burner": _turn_knob(_RIGHT, _HIGH, orientations["knob"], knob_angle),
-        "turn off top burner": _turn_knob_back(_LEFT, _HIGH, orientations["knob"]),
-        "turn off top right burner": _turn_knob_back(_RIGHT, _HIGH, orientations["knob"]),
+        "bottom burner": turn_knob(_LEFT, _LOW, orientations["knob"], knob_angle),
+        "bottom right burner": turn_knob(_RIGHT, _LOW, orientations["knob"], knob_angle),
+        "turn off bottom burner": turn_knob_back(_LEFT, _LOW, orientations["knob"]),
+        "turn off bottom right burner": turn_knob_back(_RIGHT, _LOW, orientations["knob"]),
+        "top burner": turn_knob(_LEFT, _HIGH, orientations["knob"], knob_angle),
+        "top right burner": turn_knob(_RIGHT, _HIGH, orientations["knob"], knob_angle),
+        "turn off top burner": turn_knob_back(_LEFT, _HIGH, orientations["knob"]),
+        "turn off top right burner": turn_knob_back(_RIGHT, _HIGH, orientations["knob"]),
         "slide cabinet": Skill(
             moves=push(
                 ((-0.185, 0.565, 2.475), (-0.160, 0.635, 2.475), (0.280, 0.635, 2.475)),
@@ -358,7 +358,10 @@ _ORIENTATIONS = {
     "return kettle": HandOrientation(approach=direction(20, 0), spread=UP),
 }
 
-SKILLS: Mapping[str, Skill] = MappingProxyType(_skills(_ORIENTATIONS, knob_angle=-1.3))
+# Target angle of knobs, which are damped and lag behind the hand [rad].
+KNOB_ANGLE = -1.3
+
+SKILLS: Mapping[str, Skill] = MappingProxyType(_skills(_ORIENTATIONS, knob_angle=KNOB_ANGLE))
 """Skills of all tasks."""
 
 STRICT_SKILLS: Mapping[str, Skill] = MappingProxyType(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import mink
+import mujoco
 import numpy as np
 from dm_control import mjcf
 
@@ -16,9 +17,19 @@ from kitchen_suite.entities.fixtures import BAR_RADIUS, CLEARANCE, Part
 from kitchen_suite.names import REVERSES
 from kitchen_suite.policies.experts.base import Expert, MotionStyle
 from kitchen_suite.policies.experts.encoders import make_encoder
-from kitchen_suite.policies.experts.kinematics import ArmKinematics
+from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
-from kitchen_suite.policies.experts.kitchen_skills import AT_RESET, SKILLS, grasp, push
+from kitchen_suite.policies.experts.kitchen_skills import (
+    AT_RESET,
+    DOWN,
+    KNOB_ANGLE,
+    SKILLS,
+    direction,
+    grasp,
+    push,
+    turn_knob,
+    turn_knob_back,
+)
 from kitchen_suite.policies.experts.skills import (
     CLOSED,
     OPEN,
@@ -42,7 +53,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES
 from kitchen_suite.tasks.kitchen.goals import GOALS
 from kitchen_suite.tasks.kitchens.mdp import CLOSED as CLOSED_OPENING
 from kitchen_suite.tasks.kitchens.mdp import OPEN as OPEN_OPENING
-from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, SLOT_PARTS, SLOT_SIZE, Slots
+from kitchen_suite.tasks.kitchens.mdp import PARTS, SIZE, SLOT_PARTS, SLOT_SIZE, Slots, SlotSensors
 from kitchen_suite.tasks.kitchens.task import KitchensTask
 
 # Openings at which the expert leaves a part, some noise beyond those that count.
@@ -60,9 +71,11 @@ _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 # Distances of the site from a bar: far, near, at the grasp [m].
 _DISTANCES = (0.15, 0.08, 0.015)
 
-# Pitches and yaws of the hand, and turns of the kitchen's skills, that are tried, the usual ones first [rad].
+# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
+# the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
+_KNOB_PITCHES = (-22.0, -45.0, 0.0, -65.0)
 _TURNS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.5, 0.5)
 
 # Rotations of the hand with a door, as shares of the door's.
@@ -71,8 +84,9 @@ _RATIOS = (-0.2, 0.4)
 # Share of a door's arc that the hand must be able to follow.
 _ENOUGH_OF_ARC = 0.85
 
-# Number of motions that are found for a task, to be tried one after the other.
-_ALTERNATIVES = 3
+# Number of motions that are found for a task, to be tried one after the other, and of those on which the arm touches
+# something, after which no others are looked for.
+_ALTERNATIVES, _TRIED = 3, 12
 
 # Tasks of the kitchen that undo others.
 _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
@@ -84,6 +98,12 @@ _SEEDS = (
     (-1.32, 1.23, 2.43, -1.89, -1.29, -0.27, 0.77),
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
+
+# Place of the hand near the robot, before it turns [m].
+_TUCKED = (-0.33, 0.1, 2.05)
+
+# Spacing of the joint positions at which a path is checked for collisions [rad].
+_CHECKED = 0.12
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -158,8 +178,7 @@ class PartExpert(Expert):
         if not self._has_ended(_SETTLE_STEPS):
             return None
         self._failures[present] = self._failures.get(present, 0) + 1
-        home = self._plan_retreat(joints).then(JointTrajectory.stationary(HOME, OPEN), self._limits)
-        return self._then_next(home, done, openings)
+        return self._then_next(self._plan_retreat(joints), done, openings)
 
     def _then_next(self, trajectory: JointTrajectory, done: Array, openings: Array) -> JointTrajectory:
         """Appends the trajectory of the next task that is not done: that with the fewest failures, in order."""
@@ -173,10 +192,28 @@ class PartExpert(Expert):
         motion = motions[self._failures.get(target, 0) % len(motions)]
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
-        return trajectory.then(motion.planned(self._kinematics, self._limits, self._draw_offsets(count)), self._limits)
+        planned = motion.planned(self._kinematics, self._limits, self._draw_offsets(count))
+        path = self._kitchen.path(trajectory.knots[-1], planned.knots[0], self._present)
+        for joints in path:
+            trajectory = trajectory.then(JointTrajectory.stationary(joints, OPEN), self._limits)
+        return trajectory.then(planned, self._limits)
 
     def _plan_retreat(self, joints: Array) -> JointTrajectory:
         return plan_retreat(self._kinematics, self._limits, self._skill, joints=joints, fingers=self._current_fingers)
+
+
+@functools.cache
+def _tuck() -> tuple[float, ...]:
+    """Joint positions with the hand near the robot [rad]."""
+    kinematics = arm_model().kinematics
+    rotation = kinematics.forward(HOME[ARM]).rotation()
+    pose = mink.SE3.from_rotation_and_translation(rotation, np.array(_TUCKED))
+    return tuple(kinematics.inverse(pose, start=HOME[ARM]).tolist())
+
+
+def _tucked(joints: Array) -> Array:
+    """Joint positions `(7,)` with the hand near the robot, in the direction in which it is at others `(7,)` [rad]."""
+    return np.array(_aimed(_tuck(), arm_model().kinematics.forward(joints).translation()))
 
 
 class Motion(NamedTuple):
@@ -200,7 +237,6 @@ class Motion(NamedTuple):
             kinematics, limits, self.skill, frame=self.frame, object_position=self.position, offsets=iter(offsets)
         )
 
-
     def is_near(self, kinematics: ArmKinematics) -> bool:
         """Whether the arm reaches the first and the last place of the hand, which takes less time than a plan."""
         joint, joints = self.skill.object_joint, np.array(self.skill.ik_seed)
@@ -220,7 +256,19 @@ class _Kitchen:
     def __init__(self, design: KitchenDesign) -> None:
         built = build_generated_kitchen(design, visuals=False)
         self.parts = tuple(part for _, part in built.parts)
-        self.slots = Slots.of(built, mjcf.Physics.from_mjcf_model(built.arena.mjcf_model))
+        self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
+        self.slots = Slots.of(built, physics)
+        self._data = mujoco.MjData(physics.model.ptr)
+        sensors = SlotSensors(built)
+        sensors.bind(physics)
+        self._columns = sensors.columns
+        # Geoms of the arm, of hand and fingers, and of the whole robot.
+        names = [physics.model.id2name(body, "body") for body in physics.model.geom_bodyid]
+        of_robot = [name.startswith("franka/") for name in names]
+        of_hand = [name.endswith(("finger", "hand")) for name in names]
+        self._robot = np.array(of_robot)
+        self._hand = self._robot & of_hand
+        self._arm = self._robot & ~self._hand
         self._motions: dict[tuple[Target, float, bool, JointSpeedLimits], list[Motion]] = {}
 
     def find(self, row: Array) -> Target:
@@ -234,25 +282,63 @@ class _Kitchen:
         return Target(int(apart.argmin()), bool(row[SLOT_PARTS["goal"]][0] > 0.5))
 
     def motions(self, target: Target, opening: float, turns_hand: bool, limits: JointSpeedLimits) -> list[Motion]:
-        """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is."""
+        """Returns motions for a part at an opening that the arm can follow, at most three; the best one if none is.
+
+        Those come first on which the arm touches nothing but the part.
+        """
         key = target, opening, turns_hand, limits
         if key not in self._motions:
-            kinematics, best, found = arm_model().kinematics, None, []
+            kinematics, best, free, others = arm_model().kinematics, None, [], []
             for motion in self._candidates(target, opening, turns_hand):
                 if best is not None and not motion.is_near(kinematics):
                     continue
                 planned = motion.planned(kinematics, limits)
-                fits = planned.position_error <= OUT_OF_REACH and planned.arc_share >= _ENOUGH_OF_ARC
-                if fits:
-                    found.append(motion)
-                if len(found) == _ALTERNATIVES:
-                    break
                 badness = planned.position_error + 1.0 - planned.arc_share
                 if best is None or badness < best[0]:
                     best = badness, motion
-            assert best is not None or found, "there is at least one candidate"
-            self._motions[key] = found or [best[1]]  # type: ignore[index]
+                if planned.position_error > OUT_OF_REACH or planned.arc_share < _ENOUGH_OF_ARC:
+                    continue
+                way = [*self.path(HOME[ARM], planned.knots[0], target), *planned.knots]
+                (free if self._is_free(way, target, opening) else others).append(motion)
+                if len(free) == _ALTERNATIVES or len(others) == _TRIED:
+                    break
+            assert best is not None, "there is at least one candidate"
+            self._motions[key] = [*free, *others][:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
+
+    def path(self, start: Array, end: Array, target: Target) -> list[Array]:
+        """Returns joint positions on the way from one `(7,)` to another: by places near the robot, unless they touch."""
+        tucked = [_tucked(start), _tucked(end)]
+        if self._is_free([start, *tucked, end], target, 0.0, with_hand=True):
+            return tucked
+        return [] if self._is_free([start, end], target, 0.0, with_hand=True) else tucked
+
+    def _is_free(self, knots: list[Array], target: Target, opening: float, *, with_hand: bool = False) -> bool:
+        """Whether the arm touches no fixture at joint positions `(7,)` and between them.
+
+        Args:
+          knots: the joint positions.
+          target: part that may be touched; it is at an opening.
+          opening: of the part.
+          with_hand: whether fingers and hand may touch nothing either.
+        """
+        model, data = self._physics.model.ptr, self._data
+        data.qpos[:] = model.qpos0
+        if self.parts[target.index].joint is not None:
+            data.qpos[self._columns[target.index]] = self.slots.opened[target.index] * opening
+        moving = self._arm | self._hand if with_hand else self._arm
+        for start, end in itertools.pairwise(knots):
+            count = max(1, int(np.ceil(np.abs(end - start).max() / _CHECKED)))
+            for share in np.arange(1, count + 1) / count:
+                data.qpos[:7] = start + share * (end - start)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_collision(model, data)
+                pairs = data.contact.geom[: data.ncon][data.contact.dist[: data.ncon] < 0.0]
+                touches = moving[pairs].any(axis=1) & ~self._robot[pairs].all(axis=1)
+                if touches.any():
+                    return False
+        return True
 
     def _candidates(self, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         part = self.parts[target.index]
@@ -260,7 +346,7 @@ class _Kitchen:
             yield from self._twins(part, target, opening, turns_hand)
             return
         position, axis = self.slots.opened[target.index] * opening, self.slots.axis[target.index]
-        for seed, skill in itertools.product(_SEEDS, self._skills(part, target, float(position))):
+        for seed, skill in itertools.product((_tuck(), *_SEEDS), self._skills(part, target, float(position))):
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
             aimed = dataclasses.replace(skill, ik_seed=_aimed(seed, self.slots.position[target.index]))
@@ -282,6 +368,15 @@ class _Kitchen:
             position = np.array(skill.object_joint.initial_position) + (0.0, part.opened * opening, 0.0)
         if not turns_hand:
             skill = skill.with_orientation(AT_RESET)
+        if part.kind == "knob":
+            x, _, height = handle
+            for seed, pitch, yaw in itertools.product((*_SEEDS[:1], _tuck(), *_SEEDS[1:]), _KNOB_PITCHES, _YAWS):
+                hand = HandOrientation(approach=direction(np.degrees(yaw) + 4.0, pitch), spread=DOWN)
+                if not turns_hand:
+                    hand = AT_RESET
+                turned = turn_knob(x, height, hand, KNOB_ANGLE) if target.opens else turn_knob_back(x, height, hand)
+                yield Motion(dataclasses.replace(turned, ik_seed=_aimed(seed, self.slots.position[k])), frame, position)
+            return
         for angle in _TURNS if turns_hand else (0.0,):
             yield Motion(skill.turned(angle) if angle else skill, frame, position)
 
