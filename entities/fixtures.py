@@ -351,7 +351,7 @@ class Stove(Fixture):
         self._add_box(self._body, "case", low, high, "metal")
         window = (-0.35 * width, -0.004, -0.9 * height), (0.35 * width, 0, -0.4 * height)
         self._add_box(self._body, "window", *window, "dark")
-        step = min(0.14, (width - 0.1) / count)
+        step = min(0.15, (width - 0.1) / count)
         for number in range(count):
             self._add_knob(number, (number - (count - 1) / 2) * step, -WORKTOP - 0.07, count)
         for x in (-0.22 * width, 0.22 * width):

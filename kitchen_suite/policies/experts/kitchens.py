@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import mink
 import mujoco
@@ -21,6 +21,7 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen import HOME, arm_model, scene
 from kitchen_suite.policies.experts.kitchen_skills import (
     AT_RESET,
+    BACK,
     DOWN,
     KNOB_ANGLE,
     SKILLS,
@@ -75,7 +76,7 @@ _DISTANCES = (0.15, 0.08, 0.015)
 # the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
-_KNOB_PITCHES = (-22.0, -45.0, 0.0, -65.0)
+_KNOB_PITCHES, _KNOB_YAWS = (-22.0, -10.0, -35.0, 5.0, -50.0), (4.0, 15.0, 30.0, -8.0)
 _TURNS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.5, 0.5)
 
 # Rotations of the hand with a door, as shares of the door's.
@@ -95,12 +96,21 @@ _UNDOES = {task: reverse for reverse, task in REVERSES.items()}
 # found by search: with them the hand reaches nearly all places that it reaches from any start.
 _SEEDS = (
     *(SKILLS[task].ik_seed for task in ("top burner", "kettle")),
+    # The first of these with the elbow on the other side.
+    (0.89, -0.78, -1.25, -2.28, -0.2, 1.46, -0.43),
     (-1.32, 1.23, 2.43, -1.89, -1.29, -0.27, 0.77),
     (1.87, 1.02, -2.15, -2.41, 1.16, 0.47, -2.34),
 )
 
+# Distance to the right of a knob's centre and above it at which the finger tips push its bar [m], and how far beyond its
+# end they turn it [rad].
+_LEVER, _BACK_BEYOND = 0.03, 0.4
+
 # Place of the hand near the robot, before it turns [m].
 _TUCKED = (-0.33, 0.1, 2.05)
+
+# Control steps in which the hand comes to rest before a part.
+_REST_STEPS = 3
 
 # Spacing of the joint positions at which a path is checked for collisions [rad].
 _CHECKED = 0.12
@@ -229,6 +239,14 @@ class Motion(NamedTuple):
     frame: mink.SE3
     position: Array
 
+    @classmethod
+    def of(cls, skill: Skill, frame: mink.SE3, position: Array, seed: tuple[float, ...]) -> Self:
+        """Returns the motion of a skill that rests before the part, as the hand may come from any side."""
+        first, *others = skill.moves
+        assert isinstance(first, Move), "skills begin in free space"
+        rested = dataclasses.replace(first, settle_steps=_REST_STEPS)
+        return cls(dataclasses.replace(skill, moves=(rested, *others), ik_seed=seed), frame, position)
+
     def planned(
         self, kinematics: ArmKinematics, limits: JointSpeedLimits, offsets: Array | tuple[()] = ()
     ) -> JointTrajectory:
@@ -349,9 +367,8 @@ class _Kitchen:
         for seed, skill in itertools.product((_tuck(), *_SEEDS), self._skills(part, target, float(position))):
             if not turns_hand:
                 skill = skill.with_orientation(AT_RESET)
-            aimed = dataclasses.replace(skill, ik_seed=_aimed(seed, self.slots.position[target.index]))
             moved = np.array([position]) if isinstance(skill.object_joint, Revolute) else axis * position
-            yield Motion(aimed, mink.SE3.identity(), moved)
+            yield Motion.of(skill, mink.SE3.identity(), moved, _aimed(seed, self.slots.position[target.index]))
 
     def _twins(self, part: Part, target: Target, opening: float, turns_hand: bool) -> Iterator[Motion]:
         """Yields the skill of the kitchen's task for a part like it, moved to where the part is."""
@@ -370,15 +387,19 @@ class _Kitchen:
             skill = skill.with_orientation(AT_RESET)
         if part.kind == "knob":
             x, _, height = handle
-            for seed, pitch, yaw in itertools.product((*_SEEDS[:1], _tuck(), *_SEEDS[1:]), _KNOB_PITCHES, _YAWS):
-                hand = HandOrientation(approach=direction(np.degrees(yaw) + 4.0, pitch), spread=DOWN)
-                if not turns_hand:
-                    hand = AT_RESET
-                turned = turn_knob(x, height, hand, KNOB_ANGLE) if target.opens else turn_knob_back(x, height, hand)
-                yield Motion(dataclasses.replace(turned, ik_seed=_aimed(seed, self.slots.position[k])), frame, position)
+            for seed, yaw, pitch in itertools.product((*_SEEDS[:1], _tuck(), *_SEEDS[1:]), _KNOB_YAWS, _KNOB_PITCHES):
+                hand = HandOrientation(approach=direction(yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
+                aimed = _aimed(seed, self.slots.position[k])
+                if target.opens:
+                    yield Motion.of(turn_knob(x, height, hand, KNOB_ANGLE), frame, position, aimed)
+                    continue
+                # Around the lower end from the left, or against the upper end from the right.
+                yield Motion.of(turn_knob_back(x, height, hand), frame, position, aimed)
+                hand = HandOrientation(approach=direction(-yaw, pitch), spread=DOWN) if turns_hand else AT_RESET
+                yield Motion.of(_turn_back(handle, hand), frame, position, aimed)
             return
         for angle in _TURNS if turns_hand else (0.0,):
-            yield Motion(skill.turned(angle) if angle else skill, frame, position)
+            yield Motion.of(skill.turned(angle) if angle else skill, frame, position, skill.ik_seed)
 
     def _skills(self, part: Part, target: Target, position: float) -> Iterator[Skill]:
         """Yields skills for a part whose joint is at a position [rad, m], in the world with the part closed."""
@@ -441,6 +462,14 @@ def _shut(handle: Array, anchor: Array, axis: Array, into: Array, hand: HandOrie
     tips = [_vector(contact - 0.12 * into), _vector(contact - 0.03 * into)]
     arc = ArcMove(angle=0.0, hand_rotation_ratio=0.3, speed=1.0)
     return _skill((*push(tips, hand, speed=0.4), arc), _hinge(anchor, axis), retreat=-0.1 * into)
+
+
+def _turn_back(handle: Array, hand: HandOrientation) -> Skill:
+    """Skill that turns a knob off by pushing the upper end of its bar to the left, from where it stands when off."""
+    tip = handle + (_LEVER, 0.01, _LEVER)
+    tips = [_vector(tip - (0.0, 0.07, 0.0)), _vector(tip)]
+    moves = (*push(tips, hand, speed=1.0), ArcMove(angle=_BACK_BEYOND, speed=1.0))
+    return _skill(moves, _hinge(handle, np.array(BACK)), retreat=np.array([0.0, -0.04, 0.0]))
 
 
 def _slide(handle: Array, into: Array, hand: HandOrientation, way: Array, distance: float) -> Skill:
