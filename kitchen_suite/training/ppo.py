@@ -252,14 +252,8 @@ class Agent:
     @property
     def modules(self) -> dict[str, Any]:
         """All that has a state dict, by name."""
-        return {
-            "policy": self.policy,
-            "average": self.average,
-            "value": self.value,
-            "observation_scaler": self.observation_scaler,
-            "value_scaler": self.value_scaler,
-            "optimizer": self.optimizer,
-        }
+        names = ("policy", "average", "value", "observation_scaler", "value_scaler", "optimizer")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def networks(self) -> dict[str, torch.nn.Module]:
@@ -341,15 +335,12 @@ class Agent:
         entropy_loss = -config.entropy_scale * self.policy.log_deviation.mean()
         self.optimizer.zero_grad()
         (policy_loss + value_loss + entropy_loss).backward()
-        self._clip_gradient()
+        if config.gradient_norm:
+            parameters = [*self.policy.parameters(), *self.value.parameters()]
+            torch.nn.utils.clip_grad_norm_(parameters, config.gradient_norm)
         self.optimizer.step()
         divergence = (ratio - 1 - change).mean()
         return torch.stack([policy_loss, value_loss, entropy_loss, divergence]).detach()
-
-    def _clip_gradient(self) -> None:
-        if self._config.gradient_norm:
-            parameters = [*self.policy.parameters(), *self.value.parameters()]
-            torch.nn.utils.clip_grad_norm_(parameters, self._config.gradient_norm)
 
     def _adapt(self, divergence: float) -> None:
         """Adapts the learning rates to the divergence of a pass over the batch."""
@@ -371,9 +362,8 @@ class Actor:
 
     def __init__(self, agent: Agent, correlation: float, seed: int) -> None:
         """Copies the policy; correlation and seed are of the noise."""
-        self._agent = agent
+        self._agent, self._noise = agent, CorrelatedNoise(correlation, seed)
         self._policy, self._scaler = copy.deepcopy(agent.policy), copy.deepcopy(agent.observation_scaler)
-        self._noise = CorrelatedNoise(correlation, seed)
 
     def refresh(self) -> None:
         """Copies the policy as it is now."""
@@ -390,7 +380,7 @@ class Actor:
 def export_policy(agent: Agent, metadata: Mapping[str, Any]) -> TrainedPolicy:
     """Returns the agent's present policy, with averaged weights and without exploration, as numpy arrays."""
     scaler, policy = agent.observation_scaler, cast(GaussianPolicy, agent.average.module)
-    layers = [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
+    layers = _linear_layers(policy)
     return TrainedPolicy(
         mean=_array(scaler.running_mean),
         deviation=_array(scaler.deviation),
@@ -410,8 +400,7 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
         raise ValueError(f"the policy has layers {policy.layers}, but task and hyperparameters make {own.layers}")
     if not np.array_equal(policy.action_scale, own.action_scale):
         raise ValueError(f"the policy has the action_scale {policy.action_scale}, not {own.action_scale}")
-    layers = (layer for layer in agent.policy.network if isinstance(layer, torch.nn.Linear))
-    for layer, weight, bias in zip(layers, policy.weights, policy.biases, strict=True):
+    for layer, weight, bias in zip(_linear_layers(agent.policy), policy.weights, policy.biases, strict=True):
         layer.weight.copy_(torch.as_tensor(weight))
         layer.bias.copy_(torch.as_tensor(bias))
     agent.restart_average()
@@ -419,6 +408,10 @@ def adopt_policy(agent: Agent, policy: TrainedPolicy) -> None:
     scaler.running_mean.copy_(torch.as_tensor(policy.mean))
     scaler.running_variance.copy_((torch.as_tensor(policy.deviation) - scaler.epsilon).clamp(min=0.0).square())
     scaler.freeze()
+
+
+def _linear_layers(policy: GaussianPolicy) -> list[torch.nn.Linear]:
+    return [layer for layer in policy.network if isinstance(layer, torch.nn.Linear)]
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

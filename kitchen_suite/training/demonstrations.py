@@ -86,13 +86,9 @@ def with_counts(folders: Sequence[Path], counts: Sequence[int]) -> list[tuple[Pa
 def load_recording(
     folder: Path, spec: EnvironmentSpec, tasks: Sequence[str], count: int | None = None
 ) -> Demonstrations:
-    """Reads the successful episodes that `kitchen-record` has written to a folder.
+    """Reads the successful episodes that `kitchen-record` has written to a folder; arguments as `load_demonstrations`.
 
-    Args:
-      folder: of the recording.
-      spec: of the environments that the policy is evaluated in.
-      tasks: names of the tasks whose request the policy observes; none where it does not.
-      count: number of these episodes, the first ones; all when omitted.
+    Of `count` episodes they are the first ones.
 
     Raises:
       OSError: there is no recording, or one of its episodes cannot be read.
@@ -140,12 +136,10 @@ def _pictures(
 ) -> dict[str, NDArray[np.uint8]]:
     """Returns the pictures `(m, h, w, 3)` of each camera in the chosen steps of episodes."""
     found = {}
-    for picture in task.pictures.pictures:
-        if picture.kind == "pixels":
-            arrays = (each["pixels"] for each in observations)
-            key = picture_key(picture.camera)
-            taken = [each[key] if isinstance(each, Mapping) else each for each in arrays]
-            found[picture.camera] = np.concatenate([each[:-1] for each in taken])[chosen]
+    for camera in (picture.camera for picture in task.pictures.pictures if picture.kind == "pixels"):
+        arrays = (each["pixels"] for each in observations)
+        taken = (each[picture_key(camera)] if isinstance(each, Mapping) else each for each in arrays)
+        found[camera] = np.concatenate([each[:-1] for each in taken])[chosen]
     return found
 
 
@@ -181,18 +175,12 @@ def _recorded_elements(inputs: NDArray, size: int) -> tuple[int, ...] | None:
 
 
 def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone.
+    """Reads all episodes that `kitchen-record` has written to a folder, for PPO to clone; `spec` is to be trained in.
 
-    Args:
-      folder: of the recording.
-      spec: of the environments to be trained in.
-
-    Returns:
-      Flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
+    Returns flat observations `(m, n)` in the order of a trained policy's, and the actions `(m, k)` taken on them.
     """
-    recording = open_recording(
-        folder, spec, (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
-    )
+    options = (*spec.env_class.goal_options, *suite.find_domain(spec.domain_name).control_options)
+    recording = open_recording(folder, spec, options)
     found, expected = _title(recording.spec), _title(spec)
     if found != expected:
         raise ValueError(f"{folder} holds episodes of {found}, not of {expected}")
@@ -210,12 +198,9 @@ def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float
 
 
 def open_recording(folder: Path, wanted: EnvironmentSpec, options: Collection[str]) -> RecordingFolder:
-    """Opens a recording whose observations and actions mean the same as in the environments to be trained in.
+    """Opens a recording whose observations and actions mean the same as in the `wanted` environments to be trained in.
 
-    Args:
-      folder: of the recording.
-      wanted: specification of those environments.
-      options: names of the domain's options that have to be equal.
+    The domain's `options`, which are named, have to be equal.
     """
     if not (folder / SPEC_FILE).exists():
         raise FileNotFoundError(f"there is no recording in {folder}: kitchen-record --output={folder} makes one")
