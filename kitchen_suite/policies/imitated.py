@@ -65,8 +65,17 @@ class ImitatedPolicy(StoredPolicy):
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state, tasks and goal have {size}")
         if self.state_elements is not None:
             _check_elements(self.state_elements, self.metadata["state_size"])
-        _check_extras(self.metadata)
-        _check_cameras(self.metadata, self.encoders)
+        sizes = files.parse(self.metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
+        layout = files.parse(self.layout, dict[str, list[float]], "layout")
+        if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
+            raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
+        cameras = files.parse(self.metadata.get("cameras", []), list[str], "cameras")
+        if len(cameras) != len(self.encoders):
+            raise ValueError(f"there are {len(self.encoders)} encoders for the cameras {cameras}")
+        if cameras:
+            size = files.parse(self.metadata.get("image_size"), tuple[int, int], "image_size")
+            for encoder in self.encoders:
+                encoder.check_takes(*size)
         self._check_sizes()
 
     @abc.abstractmethod
@@ -194,24 +203,20 @@ class ImitatedPolicy(StoredPolicy):
             if taken is None or [taken.height, taken.width] != self.metadata["image_size"]:
                 height, width = self.metadata["image_size"]
                 raise ValueError(f"the policy needs pictures of {camera}, {width}x{height}: {self._trained_for}")
-        if self.goal_size and (
-            task.policy_inputs.goal_place is None or self.goal_size != len(task.policy_inputs.goal_elements)
-        ):
+        inputs = task.policy_inputs
+        if self.goal_size and (inputs.goal_place is None or self.goal_size != len(inputs.goal_elements)):
             raise ValueError(f"the policy needs a goal state in the observation: {self._trained_for}")
-        if self.tasks and (others := sorted(set(task.policy_inputs.tasks) - set(self.tasks))):
+        if self.tasks and (others := sorted({*inputs.tasks} - {*self.tasks})):
             raise ValueError(f"the policy cannot be asked for {', '.join(others)}: {self._trained_for}")
 
     @property
     def arrays(self) -> dict[str, NDArray]:
-        networks = {
-            f"{name}.{key}": array for name, each in self.networks.items() for key, array in each.arrays.items()
-        }
-        encoders = {
-            f"encoders.{number}.{key}": array
-            for number, each in enumerate(self.encoders)
-            for key, array in each.arrays.items()
-        }
-        return {**vars(self.scales), **networks, **self.tables, **encoders}
+        encoders = {f"encoders.{number}": encoder for number, encoder in enumerate(self.encoders)}
+        networks, encodings = (
+            {f"{name}.{key}": array for name, each in parts.items() for key, array in each.arrays.items()}
+            for parts in (self.networks, encoders)
+        )
+        return {**vars(self.scales), **networks, **self.tables, **encodings}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray], metadata: Mapping[str, Any]) -> Self:
@@ -294,10 +299,9 @@ class RankedPolicy(FlowPolicy):
     def _predict(self, inputs: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
         count = self.metadata["candidates"]
         noise = generator.standard_normal((count, self.chunk * self.action_size), np.float32)
-        groups = np.split(noise, range(_ROWS, count, _ROWS))
-        chunks = np.concatenate([self._carried(inputs, group) for group in groups])
-        values = np.concatenate([self._values(inputs, group) for group in np.split(chunks, range(_ROWS, count, _ROWS))])
-        best: NDArray[np.float32] = chunks[values.argmax()]
+        groups = [self._carried(inputs, group) for group in np.split(noise, range(_ROWS, count, _ROWS))]
+        values = np.concatenate([self._values(inputs, group) for group in groups])
+        best: NDArray[np.float32] = np.concatenate(groups)[values.argmax()]
         return best
 
     def _values(self, inputs: NDArray[np.float32], chunks: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -351,25 +355,6 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """Returns features `(..., 8)` of times in [0, 1], a number or `(..., 1)`: sines and cosines of four frequencies."""
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
-
-
-def _check_extras(metadata: Mapping[str, Any]) -> None:
-    """Raises a ValueError unless extra observables have sizes, and those of the layout as many values."""
-    sizes = files.parse(metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
-    layout = files.parse(metadata.get("layout", {}), dict[str, list[float]], "layout")
-    if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
-        raise ValueError(f"layout has values of {wrong} that do not fit the extra_observables {sizes}")
-
-
-def _check_cameras(metadata: Mapping[str, Any], encoders: Sequence[PictureEncoder]) -> None:
-    """Raises a ValueError unless each camera has an encoder of its pictures."""
-    cameras = files.parse(metadata.get("cameras", []), list[str], "cameras")
-    if len(cameras) != len(encoders):
-        raise ValueError(f"there are {len(encoders)} encoders for the cameras {cameras}")
-    if cameras:
-        height, width = files.parse(metadata.get("image_size"), tuple[int, int], "image_size")
-        for encoder in encoders:
-            encoder.check_takes(height, width)
 
 
 def _check_elements(elements: Any, size: int) -> None:

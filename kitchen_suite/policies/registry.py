@@ -84,12 +84,10 @@ class RandomSource(PolicySource):
 
     def __call__(self, environment: dm_env.Environment, generator: np.random.Generator) -> Policy:
         spec = environment.action_spec()
-        minimum, maximum = getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)
-        bounded = np.broadcast_to(np.isfinite(minimum) & np.isfinite(maximum), spec.shape)
-        low, high = np.where(bounded, minimum, 0.0), np.where(bounded, maximum, 0.0)
-        return lambda timestep: np.where(
-            bounded, generator.uniform(low, high, spec.shape), generator.standard_normal(spec.shape)
-        )
+        shape, bounds = spec.shape, [getattr(spec, "minimum", -np.inf), getattr(spec, "maximum", np.inf)]
+        bounded = np.broadcast_to(np.isfinite(bounds[0]) & np.isfinite(bounds[1]), shape)
+        low, high = (np.where(bounded, bound, 0.0) for bound in bounds)
+        return lambda timestep: np.where(bounded, generator.uniform(low, high, shape), generator.standard_normal(shape))
 
 
 class ZeroSource(PolicySource):
@@ -119,11 +117,9 @@ class ExpertSource(PolicySource):
         constructors = itertools.takewhile(lambda base: base is not experts.Expert, expert_class.__mro__)
         functions: list[Callable[..., Any]] = [experts.MotionStyle, *constructors, *expert_class.control_modes.values()]
         checks.keywords(options, *functions, what="option", exclude=("style",))
-        names = [field.name for field in dataclasses.fields(experts.MotionStyle)]
-        style = {name: options.pop(name) for name in names if name in options}
-        return experts.make_policy(
-            environment, generator, kind=self._kind, style=experts.MotionStyle(**style), **options
-        )
+        names = options.keys() & {field.name for field in dataclasses.fields(experts.MotionStyle)}
+        style = experts.MotionStyle(**{name: options.pop(name) for name in names})
+        return experts.make_policy(environment, generator, kind=self._kind, style=style, **options)
 
     def check_installed(self, name: str) -> None:
         checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
@@ -164,7 +160,7 @@ class TrainedSource(PolicySource):
         return self._load(path).episode(environment.task, generator)
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
-        return TrainedSource(digest)
+        return type(self)(digest)
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         file = options.get("file")
@@ -214,7 +210,7 @@ class Takeover:
         return (self._second if self._step >= self._takeover else self._first)(timestep)
 
 
-class TakeoverSource(PolicySource):
+class TakeoverSource(TrainedSource):
     """A trained policy, and the scripted expert that takes over from it: demonstrations from where a policy leads.
 
     The control step of the takeover is drawn from 0 to the option `latest`; `file` is of the trained policy as in
@@ -222,11 +218,7 @@ class TakeoverSource(PolicySource):
     Learning and Structured Prediction to No-Regret Online Learning (DAgger), AISTATS 2011.
     """
 
-    takes_options = True
-
-    def __init__(self, digest: str | None = None) -> None:
-        """Prepares to read files whose SHA-256 must be `digest`, if that is given."""
-        self._trained, self._expert = TrainedSource(digest), ExpertSource()
+    _expert = ExpertSource()
 
     def __call__(
         self,
@@ -238,22 +230,16 @@ class TakeoverSource(PolicySource):
         **options: Any,
     ) -> Policy:
         step = int(generator.integers(checks.integer(latest, "latest", minimum=0), endpoint=True))
-        first = self._trained(environment, generator, file=file)
+        first = super().__call__(environment, generator, file=file)
         return Takeover(first, self._expert(environment, generator, **options), step)
 
     def check_installed(self, name: str) -> None:
         self._expert.check_installed(name)
 
-    def for_episodes(self, digest: str | None) -> PolicyBuilder:
-        return TakeoverSource(digest)
-
-    def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
-        return self._trained.file(options, task)
-
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         task = make_task()
-        sources: tuple[PolicySource, ...] = (self._trained, self._expert)
-        return [*dict.fromkeys(name for each in sources for name in each.missing_observables(lambda: task, options))]
+        own = super().missing_observables(lambda: task, options)
+        return [*dict.fromkeys([*own, *self._expert.missing_observables(lambda: task, options)])]
 
 
 class TeleopSource(PolicySource):
@@ -329,7 +315,9 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         file = checks.shown(name)
         raise ValueError(f"policy {file} is a file, not a name: write trained(file={file})")
     if ":" in name and "(" not in name:
-        imported = _import_policy(name)
+        imported = checks.imported(name, "policy")
+        if not callable(imported):
+            raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(imported)}")
         return lambda environment, generator: _CheckedPolicy(imported, name, environment)
     key, options = _key_and_options(name)
     try:
@@ -419,14 +407,6 @@ def _key_and_options(text: str) -> tuple[str, dict[str, Any]]:
     )
 
 
-def _import_policy(name: str) -> Policy:
-    """Returns the callable that `module:callable` names."""
-    policy = checks.imported(name, "policy")
-    if not callable(policy):
-        raise ValueError(f"policy {checks.shown(name)} cannot be called: it is {checks.shown(policy)}")
-    return policy
-
-
 class _CheckedPolicy:
     """A policy that returns valid actions in fresh arrays, or raises a PolicyError that names it."""
 
@@ -437,7 +417,8 @@ class _CheckedPolicy:
         try:
             action = self._policy(timestep)
         except (Exception, SystemExit) as error:
-            problem = f"{type(error).__name__}: {error} ({_location(error)})"
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            problem = f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})"
             raise PolicyError(f"policy {checks.shown(self._name)} raised {problem}") from error
         try:
             return self._environment.task.checked_action(action)
@@ -447,9 +428,3 @@ class _CheckedPolicy:
     @property
     def labels(self) -> Mapping[str, NDArray]:
         return labels_of(self._policy)
-
-
-def _location(error: BaseException) -> str:
-    """File and line that raised an exception."""
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{frame.filename}, line {frame.lineno}"

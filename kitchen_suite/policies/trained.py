@@ -81,11 +81,10 @@ class TrainedPolicy(StoredPolicy):
         """Returns the actions `(..., k)` for observations `(..., m)`, without exploration noise."""
         values = ((observations - self.mean) / self.deviation).astype(np.float32)
         values = np.clip(values, -self.clip, self.clip)
-        *hidden, last = zip(self.weights, self.biases, strict=True)
+        *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:
             values = _elu(values @ weight.T + bias)
-        weight, bias = last
-        return (values @ weight.T + bias) * self.action_scale
+        return (values @ last_weight.T + last_bias) * self.action_scale
 
     @property
     def arrays(self) -> dict[str, NDArray]:
@@ -140,15 +139,14 @@ def shipped(task: "SuiteTask") -> Path:
     """
     paths = [path for name in task.policy_inputs.names if (path := SHIPPED / f"{name}.npz").exists()]
     # Those that see, where they can, else the others.
-    by_sight = {sees: [path for path in paths if _sees(path, task) is sees] for sees in (True, False)}
-    paths = by_sight[True] or by_sight[False]
+    seeing, others = ([path for path in paths if _sees(path, task) is sees] for sees in (True, False))
+    paths = seeing or others
     if task.variations.by_name:
         paths = [path for path in paths if "variations" in _metadata(path)["task_kwargs"]] or paths
     if paths:
         return paths[0]
     title = f"{task.domain_name or 'task'} {task.policy_inputs.names[0]}"
-    others = {path.stem: _metadata(path) for path in sorted(SHIPPED.glob("*.npz"))}
-    present = [f"{metadata['domain_name']} {name}" for name, metadata in others.items()]
+    present = [f"{_metadata(path)['domain_name']} {path.stem}" for path in sorted(SHIPPED.glob("*.npz"))]
     raise ValueError(f"no trained policy comes with the package for {title}; there are: {', '.join(present)}")
 
 
