@@ -3,7 +3,6 @@
 import contextlib
 import queue
 import time
-from collections.abc import Callable
 from typing import Any, SupportsFloat
 
 import dm_env
@@ -31,8 +30,7 @@ class InterventionWrapper(gymnasium.Wrapper):
 
     def __init__(self, env: gymnasium.Env, port: int = 8080) -> None:
         """Serves the page at a port of this machine; raises an ImportError without the extras `web` and `experts`."""
-        check_extra("InterventionWrapper")
-        checks.installed(EXPERT_PACKAGES, "InterventionWrapper", "experts")
+        _check_extras("InterventionWrapper")
         from kitchen_suite.policies.experts.teleoperation import TeleoperatedPolicy
 
         super().__init__(env)
@@ -56,7 +54,11 @@ class InterventionWrapper(gymnasium.Wrapper):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         assert self._timestep is not None
         self._given = np.asarray(action, np.float32)
-        self._follow_commands()
+        _carry_out(self._page, self._policy, wait=0.0)
+        # Where the person acts, until the next step is due.
+        while self._policy.is_persons and (left := self._due - time.monotonic()) > 0.0:
+            _carry_out(self._page, self._policy, wait=left)
+        self._due = time.monotonic() + self._inner.environment.control_timestep()
         if self._page.controlling is None and self._policy.is_persons:
             self._policy.hand_back()
         assert isinstance(self.action_space, gymnasium.spaces.Box)
@@ -70,13 +72,6 @@ class InterventionWrapper(gymnasium.Wrapper):
     def close(self) -> None:
         self._closing.close()
         super().close()
-
-    def _follow_commands(self) -> None:
-        """Carries out what has been commanded; where the person acts, until the next step is due."""
-        _carry_out(self._page, self._policy, wait=0.0)
-        while self._policy.is_persons and (left := self._due - time.monotonic()) > 0.0:
-            _carry_out(self._page, self._policy, wait=left)
-        self._due = time.monotonic() + self._inner.environment.control_timestep()
 
     def _show(self) -> None:
         physics = self._inner.environment.physics
@@ -100,8 +95,7 @@ class PageDevice:
           rot_sensitivity: factor of turns.
           port: of the page.
         """
-        check_extra("PageDevice")
-        checks.installed(EXPERT_PACKAGES, "PageDevice", "experts")
+        _check_extras("PageDevice")
         if self._is_robosuites:
             super().__init__(env)  # type: ignore[call-arg]
         self.env, self._closing = env, contextlib.ExitStack()
@@ -169,12 +163,7 @@ class PageDevice:
 
 
 class _Commanded:
-    """Sums up nudges; stands for an arm.
-
-    Attributes:
-      is_closed: whether the fingers are commanded to close.
-      rotation: of all turns.
-    """
+    """Stands for an arm: sums up nudges, with the `rotation` of all turns; `is_closed` if the fingers are to close."""
 
     def __init__(self) -> None:
         import mink
@@ -200,17 +189,19 @@ class _Commanded:
         return taken
 
 
+def _check_extras(what: str) -> None:
+    """Raises an ImportError unless the extras `web` and `experts` are installed."""
+    check_extra(what)
+    checks.installed(EXPERT_PACKAGES, what, "experts")
+
+
 def _carry_out(page: Page, person: Any, *, wait: float) -> None:
     """Carries out the commands that have been given; waits for one for some time [s] if there is none."""
     with contextlib.suppress(queue.Empty):
         command = page.commands.get(timeout=wait) if wait > 0.0 else page.commands.get_nowait()
         while True:
-            _obey(command, person)
+            # A command that cannot be carried out, such as a pose that no arm reaches, is none.
+            with contextlib.suppress(ValueError):
+                if callable(command):
+                    command(person)
             command = page.commands.get_nowait()
-
-
-def _obey(command: str | Callable[[Any], None], person: Any) -> None:
-    if callable(command):
-        # A command that cannot be carried out, such as a pose that no arm reaches, is none.
-        with contextlib.suppress(ValueError):
-            command(person)

@@ -42,9 +42,6 @@ _HELP = (
     "or closes the fingers; backspace goes back a second. Time stands still until you move the hand."
 )
 
-# Rows of buttons, for those who have no keys.
-_ROWS = tuple(zip(*[iter(MOVES)] * 2, strict=True))
-
 # Commanded positions are nearer to the origin than this [m].
 _FARTHEST = 100.0
 
@@ -113,8 +110,9 @@ class Page:
 
     def add_control(self) -> None:
         """Adds the button by which a browser takes control."""
-        button = self.gui.add_button("Take control", hint="Where several browsers show this page, one controls.")
-        button.on_click(self._take_control)
+        self.gui.add_button("Take control", hint="Where several browsers show this page, one controls.").on_click(
+            self._take_control
+        )
 
     def accepts(self, event: Any) -> bool:
         """Returns whether an event comes from a browser that controls; tells the others."""
@@ -182,16 +180,13 @@ class Page:
         if client.client_id in self._clients:
             self._clients.remove(client.client_id)
         if was_controlling and self.exclusive:
-            self._release()
+            self.commands.put("release")
 
     async def _take_control(self, event: Any) -> None:
         if event.client_id != self.controlling:
             self._clients.sort(key=lambda client_id: client_id != event.client_id)
-            self._release()
-
-    def _release(self) -> None:
-        """Lets go of what the browser held that has controlled until now."""
-        self.commands.put("release")
+            # Of what the browser held that has controlled until now.
+            self.commands.put("release")
 
 
 class HandPanel:
@@ -203,12 +198,15 @@ class HandPanel:
         page.add_control()
         gui.add_markdown(_HELP)
         self._size = page.guard(gui.add_dropdown("Nudge", tuple(NUDGES), initial_value=list(NUDGES)[1]))
-        for row in _ROWS:
+        # Rows of two buttons, for those who have no keys.
+        for row in zip(*[iter(MOVES)] * 2, strict=True):
             gui.add_button_group("", row).on_click(self._click)
         for label, (key, _, _) in MOVES.items():
             # Of the present size.
             page.add_key(label, key, functools.partial(self._nudge, label))
-        page.add_button("Open or close", _turn_gripper, "space", hint="The fingers.")
+        page.add_button(
+            "Open or close", lambda person: person.arm.grasp(not person.arm.is_closed), "space", hint="The fingers."
+        )
         if hands_back:
             page.add_button("Hand back", lambda person: person.hand_back(), "B", hint="The policy acts again.")
 
@@ -354,7 +352,3 @@ class CameraPicture:
             except (ImportError, OSError, RuntimeError):
                 self._can_render = False
         self._image.visible = self._can_render and self._choice.value != NO_PICTURE
-
-
-def _turn_gripper(person: Person) -> None:
-    person.arm.grasp(not person.arm.is_closed)

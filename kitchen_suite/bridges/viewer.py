@@ -120,8 +120,7 @@ class TaskPanel:
     def __init__(self, page: Page, settings: ViewSettings) -> None:
         """Adds them to a page, with the settings as their initial values."""
         gui, first, tasks = page.gui, settings, suite.TASKS_BY_DOMAIN
-        self._settings = first
-        self._nobody = (NOBODY,) if first.teleop else ()
+        self._settings, self._nobody = first, (NOBODY,) if first.teleop else ()
         given = first.policy or NOBODY
         with gui.add_folder("Task"):
             self._domain = page.guard(gui.add_dropdown("Domain", tuple(tasks), initial_value=first.domain_name))
@@ -206,13 +205,9 @@ class Viewer:
     def __init__(
         self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = _CAMERA
     ) -> None:
-        """Shows an episode that has been started.
+        """Shows an episode that has been started, in place of the contents of a page, through a camera at first.
 
-        Args:
-          page: its contents are replaced.
-          episode: to be shown.
-          settings: of `kitchen-view`, whose panel chooses further episodes; None for this episode alone.
-          camera: through which browsers look at first.
+        With the settings of `kitchen-view` a panel chooses further episodes.
         """
         page.clear()
         self._page, self.episode = page, episode
@@ -224,11 +219,6 @@ class Viewer:
             self._add_hand_widgets(episode, settings)
         self._tasks = TaskPanel(page, settings) if settings else None
         self._show_stage()
-
-    def run(self) -> None:
-        """Plays episodes until an exception is raised, such as an interrupt."""
-        while True:
-            self.update()
 
     def update(self) -> None:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
@@ -256,7 +246,9 @@ class Viewer:
             # Another policy can be loaded from the panel.
             HandPanel(page, hands_back=settings is not None or "policy" in policies.options_of(episode.spec.policy))
             if episode.can_rewind:
-                page.add_button("Back 1 s", self._rewind_second, "backspace")
+                page.add_button(
+                    "Back 1 s", lambda episode: episode.rewind(math.ceil(1.0 / episode.timestep)), "backspace"
+                )
                 steps = page.guard(gui.add_number("Control steps", 25, min=1, max=REWIND_STEPS, step=1))
                 page.add_button("Go back", lambda episode: episode.rewind(int(steps.value)), hint="By these steps.")
                 page.add_button("Discard", lambda episode: episode.discard(), hint="Starts the episode anew.")
@@ -266,9 +258,6 @@ class Viewer:
                 page.add_button("Save", self._save, "enter", hint="And starts the episode of the next seed.")
             self._follow = page.guard(gui.add_checkbox("Camera follows", initial_value=False))
             self._picture = CameraPicture(page, episode.physics)
-
-    def _rewind_second(self, episode: TeleoperatedEpisode) -> None:
-        episode.rewind(math.ceil(1.0 / episode.timestep))
 
     def _save(self, episode: TeleoperatedEpisode) -> None:
         episode.save()
@@ -390,9 +379,11 @@ def live_episode(settings: ViewSettings) -> LiveEpisode:
 
 
 def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
+    # Who may take over from another policy.
+    policy = f"{TELEOP}(policy={settings.policy!r})" if settings.policy else TELEOP
+    steps = settings.max_episode_steps or _PERSONS_STEPS
     source = settings.start_from and RecordingFolder.open(settings.start_from)
-    spec = source.spec if source else EpisodeSpec.of(_persons_settings(settings), seeding="gymnasium")
-    policy, steps = _persons_policy(settings), settings.max_episode_steps or _PERSONS_STEPS
+    spec = source.spec if source else EpisodeSpec.of(dataclasses.replace(settings, policy=policy), seeding="gymnasium")
     # Episodes have the numbers of their seeds. That recorded ones play again here is checked.
     spec = dataclasses.replace(
         spec, policy=policy, policy_sha256=None, seed=0, versions=installed_versions(), max_episode_steps=steps
@@ -413,15 +404,6 @@ def _persons_episode(settings: ViewSettings) -> TeleoperatedEpisode:
     return episode
 
 
-def _persons_policy(settings: ViewSettings) -> str:
-    """Returns the name of the person as a policy, who takes over from the policy of the settings if there is one."""
-    return f"{TELEOP}(policy={settings.policy!r})" if settings.policy else TELEOP
-
-
-def _persons_settings(settings: ViewSettings) -> ViewSettings:
-    return dataclasses.replace(settings, policy=_persons_policy(settings))
-
-
 class ViewJob:
     """Shows episodes in a browser until it is interrupted."""
 
@@ -431,18 +413,18 @@ class ViewJob:
     def __init__(self, settings: ViewSettings) -> None:
         """Builds the first environment, so that bad settings are refused."""
         task_name = settings.task_name or suite.default_task(settings.domain_name)
-        self._settings = settings = dataclasses.replace(settings, task_name=task_name)
+        settings = dataclasses.replace(settings, task_name=task_name)
         if settings.policy is not None and policies.player_of(settings.policy):
-            if others := sorted(policies.options_of(settings.policy).keys() - {"policy"}):
+            options = policies.options_of(settings.policy)
+            if others := sorted(options.keys() - {"policy"}):
                 raise ValueError(f"options {others} of policy 'teleop' are for other commands")
-            first = policies.options_of(settings.policy).get("policy")
-            self._settings = settings = dataclasses.replace(settings, teleop=True, policy=first)
+            settings = dataclasses.replace(settings, teleop=True, policy=options.get("policy"))
         if settings.start_from is None and (settings.start_episode or settings.start_step is not None):
             raise ValueError("--start_episode and --start_step need --start_from, the folder of the episode")
         for name in ("output", "start_from"):
             if getattr(settings, name) is not None and not settings.teleop:
                 raise ValueError(f"--{name} is a folder of episodes that a person plays: it needs --teleop")
-        self._episode = live_episode(settings)
+        self._settings, self._episode = settings, live_episode(settings)
 
     def progress(self) -> str:
         return "while showing episodes"
@@ -454,8 +436,8 @@ class ViewJob:
             page = Page(server, exclusive=settings.teleop)
             viewer = Viewer(page, self._episode, settings=settings, camera=settings.camera)
             print_line(f"{_address(settings.port)}  (Ctrl-C ends)")
-            viewer.run()
-        return True
+            while True:
+                viewer.update()
 
 
 class PlayedPolicy:

@@ -131,7 +131,7 @@ class ActionEncoder(abc.ABC):
         """Updates the memory of the mode after an action within its bounds at observed joint positions [rad, m]."""
 
 
-def gripper_action(fingers: float) -> float:
+def _gripper_action(fingers: float) -> float:
     """Returns the gripper's element of an action for an opening of each finger [m]: +1 closed, -1 open."""
     return 1.0 - 2.0 * fingers / OPEN
 
@@ -185,7 +185,7 @@ class HandEncoder(ActionEncoder):
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         hand = self._pose(positions[ARM])
         offset, turn = (error / self.arm.hand_response for error in hand.error(self._pose(target)))
-        return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), gripper_action(fingers))
+        return np.append(self._encode_pose(hand.moved(offset, turn).near(hand)), _gripper_action(fingers))
 
     def _pose(self, joints: Array) -> _Pose:
         """Pose of the hand at joint positions `(7,)` [rad]."""
@@ -251,10 +251,9 @@ class DeltaPoseEncoder(_DeltaEncoder):
 
     def applied(self, positions: Array, action: Array) -> None:
         axes = self._axes()
-        moved = self._commanded.moved(
-            rotations.rotated(axes, self._step * action[:3]), rotations.rotated(axes, self._turn * action[3:6])
-        )
-        self._commanded = moved.near(self._pose(positions[ARM]))
+        offset = rotations.rotated(axes, self._step * action[:3])
+        turn = rotations.rotated(axes, self._turn * action[3:6])
+        self._commanded = self._commanded.moved(offset, turn).near(self._pose(positions[ARM]))
 
     def _encode_pose(self, pose: _Pose) -> Array:
         turn = rotations.difference(pose.orientation, self._commanded.orientation)
@@ -296,7 +295,7 @@ class VelocityEncoder(JointEncoder):
             self._commanded = kitchen_action.position_target(self._base_positions(positions), action, **unit)
 
     def _base_positions(self, observed: Array) -> Array:
-        """Robot positions `(9,)` to which the environment adds the action, given the observed ones [rad, m]."""
+        """Returns the robot positions `(9,)` to which the environment adds the action [rad, m]."""
         return observed if self._commanded is None else self._commanded
 
 
@@ -340,7 +339,7 @@ class DeltaEncoder(JointEncoder):
 
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         change = self.arm.led(positions[ARM], target) - self._commanded
-        return np.append(change / self._step, gripper_action(fingers))
+        return np.append(change / self._step, _gripper_action(fingers))
 
     def applied(self, positions: Array, action: Array) -> None:
         joints, commanded = positions[ARM], self._commanded + self._step * action[ARM]

@@ -180,7 +180,9 @@ class KitchenExpert(Expert):
             return self._turn_to(requested, observation, joints)
         distance = distances[self._remaining[0]] if self._remaining else None
         if self._is_strict:
-            self._pace = _pace(distance)
+            # Near their goals objects are moved more slowly.
+            slowed = 1.0 if distance is None else max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE)
+            self._pace = min(slowed, 1.0)
         if distance is None:
             return self._resume_from_rest(distances, observation, joints)
         if distance < self._done:
@@ -215,9 +217,8 @@ class KitchenExpert(Expert):
         self, distances: Mapping[str, float], observation: Array, joints: Array
     ) -> JointTrajectory | None:
         """Starts on tasks that have come undone, if there are any, once the last retreat has ended."""
-        if not self._has_ended(_SETTLE_STEPS):
-            return None
-        self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
+        if self._has_failed:
+            self._remaining.extend(task for task in self._tasks if distances[task] > _UNDONE)
         if not self._remaining:
             return None
         return self._then_first_task(JointTrajectory.stationary(joints, OPEN), observation)
@@ -259,7 +260,7 @@ class KitchenExpert(Expert):
     def _plan_in_frame(self, skill: Skill, position: Array | None, frame: mink.SE3) -> JointTrajectory:
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
         best = None
-        for turn in _TURNS if self._encoder.turns_hand else _TURNS[:1]:
+        for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
             planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
             if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
@@ -273,26 +274,20 @@ class KitchenExpert(Expert):
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
-        skill = self._skills[task]
+        skill, turns_hand = self._skills[task], self.encoder.turns_hand
+        left_door, right_door = achieved("hinge cabinet", observation)
         if task == "kettle":
             skill = kitchen_skills.kettle_skill(skill, achieved(task, observation)[:3])
         if task == "slide cabinet":
-            _, door = achieved("hinge cabinet", observation)
-            skill = kitchen_skills.slide_skill(skill, door)
-        if task == "hinge cabinet" and self._is_strict and self._encoder.turns_hand:
-            left_door, _ = achieved(task, observation)
+            skill = kitchen_skills.slide_skill(skill, right_door)
+        if task == "hinge cabinet" and self._is_strict and turns_hand:
             skill = kitchen_skills.hinge_skill(skill, left_door)
         if task == "left hinge cabinet":
-            skill = kitchen_skills.left_door_skill(skill, *achieved(task, observation))
-        if frame is None or self._encoder.turns_hand:
+            skill = kitchen_skills.left_door_skill(skill, left_door)
+        if frame is None or turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
-
-
-def _pace(distance: float | None) -> float:
-    """Returns the share of the speed at which an object is moved at a distance from its goal, in units of tolerance."""
-    return 1.0 if distance is None else min(max((distance - 1.0) / _SLOW_DISTANCE, _LEAST_PACE), 1.0)
 
 
 def _is_reachable(trajectory: JointTrajectory) -> bool:

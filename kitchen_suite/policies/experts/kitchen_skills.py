@@ -52,12 +52,7 @@ def push(
 
 
 def grasp(
-    bar: Vector,
-    orientation: HandOrientation,
-    distances: Vector,
-    *,
-    settle_steps: int,
-    speed: float = UNLIMITED,
+    bar: Vector, orientation: HandOrientation, distances: Vector, *, settle_steps: int, speed: float = UNLIMITED
 ) -> tuple[Move, ...]:
     """Moves that bring the open hand to a bar, in free space at first, and close the fingers around it.
 
@@ -179,10 +174,7 @@ def _turn_knob(x: float, height: float, orientation: HandOrientation, angle: flo
     tip = (x - lever, _Y, height + lever)
     free = (x - lever, _Y - 0.06, height + lever)
     return Skill(
-        moves=(
-            *push((free, tip), orientation, speed=1.0),
-            ArcMove(angle=angle, speed=1.5),
-        ),
+        moves=(*push((free, tip), orientation, speed=1.0), ArcMove(angle=angle, speed=1.5)),
         ik_seed=_AT_KNOBS,
         object_joint=Revolute(elements=(0,), anchor=(x, _Y, height), axis=BACK),
         retreat=(0.0, -0.04, 0.0),
@@ -199,11 +191,7 @@ def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Sk
     angles = np.radians(np.linspace(-55.0, -270.0, 12)).tolist()
     tips: list[Vector] = [(x + lever * math.sin(angle), _Y, height + lever * math.cos(angle)) for angle in angles]
     free = (tips[0][0], _Y - 0.06, tips[0][2])
-    return Skill(
-        moves=push((free, *tips), orientation, speed=0.07),
-        ik_seed=_AT_KNOBS,
-        retreat=(0.0, -0.04, 0.0),
-    )
+    return Skill(moves=push((free, *tips), orientation, speed=0.07), ik_seed=_AT_KNOBS, retreat=(0.0, -0.04, 0.0))
 
 
 def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2.40)) -> Skill:
@@ -213,11 +201,7 @@ def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2
     """
     height = 2.44
     behind = ((-0.60, 0.55, height), (-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height))
-    return Skill(
-        moves=push((free, *behind), orientation, speed=0.3),
-        ik_seed=_AT_LEFT_DOOR,
-        retreat=(0.1, -0.1, 0.0),
-    )
+    return Skill(moves=push((free, *behind), orientation, speed=0.3), ik_seed=_AT_LEFT_DOOR, retreat=(0.1, -0.1, 0.0))
 
 
 def _open_left_door(orientation: HandOrientation, behind: HandOrientation) -> Skill:
@@ -249,11 +233,7 @@ def _close_left_door(orientation: HandOrientation) -> Skill:
         *((-0.72, 0.47, height), (-0.72, 0.36, below), (-0.83, 0.37, below), (-0.835, 0.40, height)),
         *((-0.78, 0.48, height), (-0.72, 0.56, height), (-0.69, 0.63, height), (-0.68, 0.66, height)),
     )
-    return Skill(
-        moves=push(tips, orientation, speed=0.2),
-        ik_seed=_AT_LEFT_DOOR,
-        retreat=(0.05, -0.10, 0.0),
-    )
+    return Skill(moves=push(tips, orientation, speed=0.2), ik_seed=_AT_LEFT_DOOR, retreat=(0.05, -0.10, 0.0))
 
 
 def _push_switch(tips: Vector, orientation: HandOrientation) -> Skill:
@@ -443,10 +423,7 @@ _SHUT_LEFT_DOOR = Skill(
 
 
 def hinge_skill(skill: Skill, left_door: float) -> Skill:
-    """Returns the skill for strict success of the hinge cabinet, whose left door stands at an angle [rad].
-
-    It is `skill`, which opens the right door, if the left one is closed, and otherwise one that closes that.
-    """
+    """Returns the skill that opens the right door if the left one is closed [rad], otherwise one that closes that."""
     return _SHUT_LEFT_DOOR if left_door < _NOT_SHUT else skill
 
 

@@ -157,12 +157,7 @@ def plan(
 
 
 def plan_retreat(
-    kinematics: ArmKinematics,
-    limits: JointSpeedLimits,
-    skill: Skill,
-    *,
-    joints: Array,
-    fingers: float,
+    kinematics: ArmKinematics, limits: JointSpeedLimits, skill: Skill, *, joints: Array, fingers: float
 ) -> JointTrajectory:
     """Plans the hand's retreat after a skill, from joint positions `(7,)` [rad] and an opening of each finger [m]."""
     pose, retreat = kinematics.forward(joints), mink.SE3.from_translation(np.array(skill.retreat))
