@@ -39,10 +39,7 @@ def _joint_type(joint: mjcf.Element) -> str:
 def addresses(physics: mjcf.Physics, joints: Sequence[mjcf.Element]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns the indices of some joints in qpos and in qvel, joint by joint."""
     bound = physics.bind(joints)
-    return (
-        _ranges(bound.qposadr, _QPOS_WIDTHS[bound.type]),
-        _ranges(bound.dofadr, _QVEL_WIDTHS[bound.type]),
-    )
+    return _ranges(bound.qposadr, _QPOS_WIDTHS[bound.type]), _ranges(bound.dofadr, _QVEL_WIDTHS[bound.type])
 
 
 def _ranges(starts: NDArray[np.int64], widths: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -180,13 +180,10 @@ SLIDING_FRICTION = ParameterType(
 def displacement(
     name: str, joints: Sequence[mjcf.Element], *, followers: Sequence[mjcf.Element] = (), ratio: float = 0.0
 ) -> Parameter:
-    """Returns the displacement of slides or hinges from where an episode starts: a number, or one for each joint.
+    """Returns the displacement of all slides or all hinges from where an episode starts: a number, or one for each.
 
-    Args:
-      name: of the parameter.
-      joints: that are displaced; all slides, or all hinges.
-      followers: joints that an equality constraint couples to these, one by one.
-      ratio: displacement of a follower for one unit of its joint's.
+    An equality constraint couples followers to these joints one by one; `ratio` is the displacement of a follower for
+    one unit of its joint's.
     """
     count = len(joints)
     shape = () if count == 1 else (count,)

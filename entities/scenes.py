@@ -10,7 +10,7 @@ from dm_control import composer, mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities import appearance, assets, viewpoints
+from kitchen_suite.entities import appearance, assets
 from kitchen_suite.entities import props as kitchen_props
 from kitchen_suite.entities.appearance import Surface
 from kitchen_suite.entities.cabinet import Cabinet, CabinetConfig
@@ -78,7 +78,7 @@ class SiteArena(assets.NamedEntity, composer.Arena):
         geoms = [geom for geom in root.find_all("geom") if not assets.is_visual(geom)]
         friction = scale(f"{root.model}/friction_scale", SLIDING_FRICTION_SCALE, geoms)
         surfaces = (parameter for surface in self.surfaces for parameter in surface.parameters)
-        return (friction, *surfaces, *viewpoints.light_parameters(root), *viewpoints.camera_parameters(root))
+        return (friction, *surfaces, *appearance.light_parameters(root), *appearance.camera_parameters(root))
 
     def enable_sleep(self) -> None:
         """Lets MuJoCo put objects at rest to sleep; never the robot, which has actuators.

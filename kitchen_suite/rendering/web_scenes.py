@@ -5,6 +5,7 @@ import copy
 import functools
 import io
 import math
+import unittest.mock
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -135,12 +136,11 @@ def _light_shapes() -> Iterator[None]:
     def merge_matte(*arguments: Any) -> Any:
         return _with_matte_colours(merge(*arguments))
 
-    scene.merge_geoms = merge_matte
-    trimesh.creation.capsule = functools.partial(capsule, count=_CAPSULE)
-    try:
+    with (
+        unittest.mock.patch.object(scene, "merge_geoms", merge_matte),
+        unittest.mock.patch.object(trimesh.creation, "capsule", functools.partial(capsule, count=_CAPSULE)),
+    ):
         yield
-    finally:
-        scene.merge_geoms, trimesh.creation.capsule = merge, capsule
 
 
 def _with_matte_colours(mesh: Any) -> Any:
