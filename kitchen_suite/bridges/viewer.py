@@ -51,14 +51,20 @@ _ERRORS = (ImportError, OSError, RuntimeError, TypeError, ValueError)
 
 
 class EpisodePanel:
-    """The report of the episode in progress, and the widgets that play it."""
+    """The report of the episode in progress, and the widgets that play it.
+
+    Attributes:
+      report: in Markdown.
+      run: whether the episode is not paused.
+      cameras: to look through.
+    """
 
     def __init__(self, page: Page, camera: str, *, has_seeds: bool, seed: int = 0) -> None:
         """Adds them to a page; `has_seeds` says whether seeds can be chosen, of which the first one is `seed`."""
         gui, self._page = page.gui, page
-        self._report = gui.add_markdown("")
+        self.report = gui.add_markdown("")
         with gui.add_folder("Episode"):
-            self._run = page.guard(gui.add_checkbox("Run", initial_value=True))
+            self.run = page.guard(gui.add_checkbox("Run", initial_value=True))
             page.add_button("Step", "step", hint="One control step; pauses.")
             self._speed = page.guard(gui.add_dropdown("Speed", SPEEDS, initial_value="1x"))
             self._seed = self._continue = None
@@ -66,13 +72,8 @@ class EpisodePanel:
                 self._seed = page.guard(gui.add_number("Seed", seed, min=0, max=2**31 - 1, step=1))
                 self._continue = page.guard(gui.add_checkbox("Next seed at the end", initial_value=True))
                 page.add_button("Reset", "reset", hint="Starts the episode of the seed.")
-            self._camera = page.guard(gui.add_dropdown("Camera", (camera,), initial_value=camera))
-            self._camera.on_update(page.putting("camera"))
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether the episode is paused."""
-        return not self._run.value
+            self.cameras = page.guard(gui.add_dropdown("Camera", (camera,), initial_value=camera))
+            self.cameras.on_update(page.putting("camera"))
 
     @property
     def continues(self) -> bool:
@@ -98,20 +99,8 @@ class EpisodePanel:
     @property
     def camera(self) -> str:
         """Name of the camera to look through."""
-        value = self._camera.value
-        return value if value in self._camera.options else self._camera.options[0]
-
-    def pause(self) -> None:
-        """Pauses the episode."""
-        self._run.value = False
-
-    def show(self, report: str) -> None:
-        """Shows the progress of the episode, in Markdown."""
-        self._report.content = report
-
-    def offer_cameras(self, names: list[str]) -> None:
-        """Offers the cameras of a model."""
-        self._camera.options = names
+        value, offered = self.cameras.value, self.cameras.options
+        return value if value in offered else offered[0]
 
 
 class TaskPanel:
@@ -224,7 +213,7 @@ class Viewer:
         """Makes the control step that is due, and carries out a command that is given until the next one is."""
         panel, now = self._panel, time.monotonic()
         is_alone = self._page.exclusive and self._page.controlling is None
-        stands_still = panel.is_paused or bool(self._problem) or self.episode.is_waiting or is_alone
+        stands_still = not panel.run.value or bool(self._problem) or self.episode.is_waiting or is_alone
         if not stands_still and now >= self._due:
             self._step()
             # Where steps take longer than they should, time passes more slowly.
@@ -269,7 +258,7 @@ class Viewer:
             self._command_episode(command)
             return
         if command == "step":
-            self._panel.pause()
+            self._panel.run.value = False
             self._step()
         elif command == "camera":
             self._page.move_cameras(self.episode.physics, find_camera(self.episode.physics, self._panel.camera))
@@ -311,7 +300,7 @@ class Viewer:
 
     def _load(self) -> None:
         assert self._tasks
-        self._panel.show("Loading.")
+        self._panel.report.content = "Loading."
         episode = live_episode(dataclasses.replace(self._tasks.settings(), seed=self._panel.seed))
         self.episode.close()
         self.episode = episode
@@ -350,7 +339,7 @@ class Viewer:
         follows = self._follow is not None and bool(self._follow.value)
         with self._page.server.atomic():
             self._stage.update(self.episode.physics, self._person, follows=follows)
-            self._panel.show(f"**Error:** {self._problem}" if self._problem else self.episode.report())
+            self._panel.report.content = f"**Error:** {self._problem}" if self._problem else self.episode.report()
         self._page.server.flush()
         if self._picture:
             self._picture.update(self.episode.physics)
@@ -362,9 +351,9 @@ class Viewer:
     def _show_stage(self) -> None:
         """Replaces the scene by that of the episode's model."""
         physics = self.episode.physics
-        self._panel.offer_cameras(camera_names(physics))
+        self._panel.cameras.options = camera_names(physics)
         self._stage = Stage(self._page, physics, self._panel.camera, self._person)
-        self._panel.show(self.episode.report())
+        self._panel.report.content = self.episode.report()
 
 
 def live_episode(settings: ViewSettings) -> LiveEpisode:
