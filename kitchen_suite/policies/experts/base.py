@@ -68,8 +68,7 @@ class Expert(abc.ABC):
             raise TypeError(f"style must be a MotionStyle, got {checks.shown(style)}")
         self._style, self.encoder = style or MotionStyle(), encoder
         self._kinematics, self._limits = encoder.arm.kinematics, encoder.limits
-        self._low, self._high = (np.asarray(bound, np.float64) for bound in (encoder.low, encoder.high))
-        if self._style.random_actions and not np.isfinite(np.append(self._low, self._high)).all():
+        if self._style.random_actions and not np.isfinite(np.append(encoder.low, encoder.high)).all():
             raise ValueError("random_actions needs a control mode whose actions have bounds")
         self.reset(np.random.default_rng(0))
 
@@ -93,9 +92,9 @@ class Expert(abc.ABC):
         return cls(**cls._task_settings(task)).missing_observables(task.variations.layout)
 
     @classmethod
-    @abc.abstractmethod
     def _task_settings(cls, task: Any) -> dict[str, Any]:
         """Returns the arguments of the class that a task sets, other than those of its control mode."""
+        return {}
 
     def check_observes(self, varied: Collection[str]) -> None:
         """Raises a ValueError unless the expert observes the poses of all objects that it moves and that a task varies.
@@ -136,7 +135,7 @@ class Expert(abc.ABC):
         if style.action_noise:
             action[:size] += style.action_noise * self._generator.standard_normal(size)
         if style.random_actions and self._generator.random() < style.random_actions:
-            action[:size] = self._generator.uniform(self._low, self._high, action.shape)[:size]
+            action[:size] = self._generator.uniform(encoder.low, encoder.high, action.shape)[:size]
         bounded = np.clip(action, encoder.low, encoder.high).astype(np.float32)
         encoder.applied(positions, bounded.astype(np.float64))
         return bounded
@@ -153,8 +152,7 @@ class Expert(abc.ABC):
     @property
     def _current_fingers(self) -> float:
         """Opening of each finger that the trajectory has at present [m]."""
-        _, fingers = self._current_trajectory.at(self._time)
-        return fingers
+        return self._current_trajectory.at(self._time)[1]
 
     def _has_ended(self, settle_steps: float) -> bool:
         """Returns whether the trajectory ended that many control steps ago, or the arm cannot follow it."""

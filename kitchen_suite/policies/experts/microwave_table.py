@@ -18,7 +18,7 @@ from kitchen_suite.policies.experts.trajectories import JointTrajectory, plan, p
 from kitchen_suite.tasks.control_modes.joints import DEFAULT_POSE
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.microwave_table.mdp import OPEN_ANGLE, PARTS, SIZE
-from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL, MicrowaveTableTask
+from kitchen_suite.tasks.microwave_table.task import CONTROL_MODES, GOAL
 
 # The hand at the grasp: that of the start, turned about its axis by a quarter, which moves the last joint alone.
 _GRASP = HandOrientation(approach=(0.866, 0.0, -0.5), spread=(0.0, 1.0, 0.0))
@@ -68,10 +68,6 @@ class MicrowaveExpert(Expert):
         """
         mode = make_mode(control_mode, CONTROL_MODES, control_options)
         super().__init__(style, make_encoder(mode, panda_model(MicrowaveTableArena)))
-
-    @classmethod
-    def _task_settings(cls, task: MicrowaveTableTask) -> dict[str, Any]:
-        return {}
 
     def robot_positions(self, observation: Array) -> Array:
         return observation[PARTS["joint_positions"]]

@@ -21,7 +21,6 @@ OUT_OF_REACH = 0.01
 # Least time between two knots [control steps], so that no two have the same time.
 _MIN_KNOT_INTERVAL = 1e-3
 
-
 # Spacing of the joint positions between which the hand's motion is measured [rad].
 _JOINT_SPACING = 0.1
 
@@ -141,18 +140,17 @@ def plan(
       object_position: present position of the skill's object joint [rad, m]; None if it has none.
       offsets: displacements of the poses in free space, in order [m]; zero for those beyond the last.
     """
-    skill_frame = frame
-    frame = frame or mink.SE3.identity()
-    if skill.object_joint is not None and object_position is not None:
-        frame = frame @ skill.object_joint.displacement(object_position)
+    moved, joint = frame or mink.SE3.identity(), skill.object_joint
+    if joint is not None and object_position is not None:
+        moved = moved @ joint.displacement(object_position)
     builder, offsets = _TrajectoryBuilder(kinematics, limits, np.array(skill.ik_seed)), iter(offsets)
     for move in skill.moves:
         if isinstance(move, Move):
             offset = next(offsets, np.zeros(3)) if move.in_free_space else np.zeros(3)
-            builder.add_line(mink.SE3.from_translation(offset) @ frame @ move.pose, move.fingers, move.speed)
+            builder.add_line(mink.SE3.from_translation(offset) @ moved @ move.pose, move.fingers, move.speed)
             builder.add_pause(move.settle_steps)
-        elif isinstance(skill.object_joint, Revolute) and object_position is not None:
-            builder.add_arc(move, skill.object_joint, float(object_position[0]), skill_frame)
+        elif isinstance(joint, Revolute) and object_position is not None:
+            builder.add_arc(move, joint, float(object_position[0]), frame)
     return builder.trajectory
 
 

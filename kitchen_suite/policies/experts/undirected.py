@@ -28,8 +28,7 @@ class UndirectedExpert(KitchenExpert):
     A task is left once it is complete, or after one attempt. Data of such episodes are undirected, as those of D4RL's
     `partial` and `mixed`; with tasks that undo others they go on without end, as OGBench's `play`.
 
-    Attributes:
-      is_directed: whether the present episode is one in which it does what is asked for.
+    In some episodes, in which it `is_directed`, it does what is asked for.
     """
 
     is_directed: bool
