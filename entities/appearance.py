@@ -237,7 +237,7 @@ KITCHEN = (
         color=(1, 1, 1),
         materials=("counter/marble",),
         textures=(
-            _picture("wood", "wood1", specular=0.2, shininess=0.3),
+            _picture("wood", "wood1", **_SATIN),
             _speckles("granite", 0.3, 0.7, specular=0.4, shininess=0.6),
             _picture("concrete", "metal1", specular=0.1, shininess=0.2),
             _picture("mosaic", "tile1", specular=0.3, shininess=0.5),

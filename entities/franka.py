@@ -33,12 +33,9 @@ class Franka(assets.NamedEntity):
     """The arm with its hand; its base is at the entity's origin and faces +x."""
 
     def _build(self, specification: FrankaSpec = KITCHEN_FRANKA, *, visuals: bool = True, name: str = "franka") -> None:
-        """Builds the robot.
+        """Builds the robot of a specification; `name` is the prefix of its elements in a scene.
 
-        Args:
-          specification: parameters of the robot.
-          visuals: `False` leaves out the visual geoms; the physics stays the same to the bit.
-          name: prefix of the robot's elements in a scene.
+        Without `visuals` it has no visual geoms; the physics stays the same to the bit.
         """
         self._specification = specification
         self._mjcf_root = assets.new_model(name)
@@ -160,14 +157,8 @@ class Franka(assets.NamedEntity):
             geom.rgba = (*(shade * channel for channel in COLOR), 1)
 
     def _add_joint(self, body: mjcf.Element, actuator: JointActuator, **attributes: Any) -> None:
-        joint = body.add(
-            "joint",
-            name=actuator.joint,
-            range=actuator.range,
-            damping=actuator.damping,
-            armature=actuator.armature,
-            **attributes,
-        )
+        attributes |= {"range": actuator.range, "damping": actuator.damping, "armature": actuator.armature}
+        joint = body.add("joint", name=actuator.joint, **attributes)
         self._mjcf_root.actuator.add(
             "position",
             name=actuator.joint,

@@ -50,11 +50,9 @@ class JointState(observable.Observable):
     """Positions or velocities of some joints, joint by joint: copies, at the cost of one array index."""
 
     def __init__(self, field: str, joints: Callable[[], Sequence[mjcf.Element]]) -> None:
-        """Stores what to read.
+        """Stores what to read: the field `qpos` or `qvel` of the joints that `joints` returns.
 
-        Args:
-          field: `qpos` or `qvel`.
-          joints: returns the joints; called after a model was compiled, since attaching may give an entity joints.
+        It is called after a model was compiled, since attaching may give an entity joints.
         """
         super().__init__(update_interval=1, buffer_size=None, delay=None, aggregator=None, corruptor=None)
         self._field, self._joints = field, joints

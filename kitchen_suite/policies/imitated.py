@@ -7,7 +7,7 @@ part of the state alone, and the pictures of some cameras.
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import dm_env
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
 from kitchen_suite.policies.networks import PictureEncoder, ResidualNetwork, Scales, checked
-from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -170,10 +170,7 @@ class ImitatedPolicy(StoredPolicy):
         values = self._predict(np.concatenate([self.scales.inputs(inputs), *features]), generator)
         return self.scales.actions(values.reshape(self.chunk, self.action_size))
 
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        self.check_fits(task)
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         inputs = task.policy_inputs
         waiting: list[NDArray[np.float32]] = []
 
@@ -187,7 +184,7 @@ class ImitatedPolicy(StoredPolicy):
                 waiting[:] = self.predict(chosen, generator, pictures)[: self.metadata["executed"]]
             return waiting.pop(0)
 
-        return self._acting_in(task, act)
+        return act
 
     def check_fits(self, task: "SuiteTask") -> None:
         if missing := self.missing_observables(task):

@@ -135,8 +135,7 @@ def load_policy(path: Path) -> "StoredPolicy":
     """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
     from kitchen_suite.policies import imitated, stored, trained
 
-    classes: tuple[type[stored.StoredPolicy], ...] = (trained.TrainedPolicy, *imitated.POLICIES)
-    return stored.load(path, classes)
+    return stored.load(path, (trained.TrainedPolicy, *imitated.POLICIES))
 
 
 class TrainedSource(PolicySource):
@@ -204,10 +203,11 @@ class Takeover:
 
     def __call__(self, timestep: dm_env.TimeStep) -> ArrayLike:
         self._step = 0 if timestep.first() else self._step + 1
-        self.labels = {"is_intervention": self._step >= self._takeover}
+        has_taken_over = self._step >= self._takeover
+        self.labels = {"is_intervention": has_taken_over}
         if self._step == self._takeover:
             timestep = timestep._replace(step_type=dm_env.StepType.FIRST)
-        return (self._second if self._step >= self._takeover else self._first)(timestep)
+        return (self._second if has_taken_over else self._first)(timestep)
 
 
 class TakeoverSource(TrainedSource):
@@ -343,9 +343,7 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
 def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
     """Returns the file that a named policy is read from; None for policies without a file.
 
-    Args:
-      name: of the policy.
-      task: that it acts in; without it, only files that are named as in `trained(file=...)` are found.
+    Without the task that it acts in, only files that are named as in `trained(file=...)` are found.
     """
     key, options = _key_and_options(name)
     return POLICIES[key].file(options, task) if key in POLICIES else None
@@ -354,9 +352,7 @@ def policy_file(name: str, task: "SuiteTask | None" = None) -> Path | None:
 def missing_observables(name: str, make_task: "Callable[[], SuiteTask]") -> list[str]:
     """Returns the extra observables that a named policy needs and that a task does not have.
 
-    Args:
-      name: of the policy.
-      make_task: returns the task; not called for policies that act in every task.
+    The task is that of `make_task`, which is not called for policies that act in every task.
     """
     key, options = _key_and_options(name)
     return POLICIES[key].missing_observables(make_task, options) if key in POLICIES else []

@@ -17,6 +17,9 @@ from kitchen_suite import checks, files
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
+# Returns the action for a time step of an episode.
+EpisodePolicy = Callable[[dm_env.TimeStep], NDArray[np.float32]]
+
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
 
@@ -70,14 +73,22 @@ class StoredPolicy(abc.ABC):
     def check_fits(self, task: "SuiteTask") -> None:
         """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""
 
-    @abc.abstractmethod
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
+    def episode(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         """Returns the policy of an episode of a task; a ValueError if it does not fit the task.
 
         The generator is of the episode, for policies that draw.
         """
+        self.check_fits(task)
+        act, convert = self._acting(task, generator), task.mdp.action_mode.conversion(self._control_mode(task))
+        if not convert:
+            return act
+        # The task may have another control mode than the actions.
+        inputs = task.policy_inputs
+        return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
+
+    @abc.abstractmethod
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
+        """Returns the policy of an episode in the control mode that it was trained in."""
 
     @property
     @abc.abstractmethod
@@ -134,14 +145,6 @@ class StoredPolicy(abc.ABC):
         """Returns the name of the control mode that the policy was trained in."""
         arguments = self.metadata.get("task_kwargs") or {}
         return arguments.get("control_mode") or next(iter(task.control_modes), task.mdp.action_mode.name)
-
-    def _acting_in(self, task: "SuiteTask", act: Callable[[dm_env.TimeStep], NDArray]) -> Callable[..., NDArray]:
-        """Returns the policy of an episode of a task, which may have another control mode than the actions of `act`."""
-        convert = task.mdp.action_mode.conversion(self._control_mode(task))
-        if not convert:
-            return act
-        inputs = task.policy_inputs
-        return lambda timestep: convert(inputs.state_and_requests(timestep.observation, ()).ravel(), act(timestep))
 
 
 Stored = TypeVar("Stored", bound=StoredPolicy)

@@ -2,16 +2,15 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import dm_env
 import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks, files
-from kitchen_suite.policies.stored import StoredPolicy
+from kitchen_suite.policies.stored import EpisodePolicy, StoredPolicy
 
 if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
@@ -103,10 +102,13 @@ class TrainedPolicy(StoredPolicy):
         of_layers = [f"{kind}_{i}" for kind in ("weight", "bias") for i in layers]
         if odd := sorted(arrays.keys() ^ {"mean", "deviation", "clip", "action_scale", *of_layers}):
             raise ValueError(f"missing or unknown arrays {odd}")
+        clip = arrays["clip"]
+        if clip.shape != () or clip.dtype.kind not in "fiu":
+            raise ValueError(f"clip must be a number, not {clip.dtype} of shape {clip.shape}")
         return cls(
             mean=arrays["mean"],
             deviation=arrays["deviation"],
-            clip=_number(arrays["clip"], "clip"),
+            clip=float(clip),
             weights=tuple(arrays[f"weight_{i}"] for i in layers),
             biases=tuple(arrays[f"bias_{i}"] for i in layers),
             action_scale=arrays["action_scale"],
@@ -116,19 +118,9 @@ class TrainedPolicy(StoredPolicy):
     def check_fits(self, task: "SuiteTask") -> None:
         self._check_sizes_and_mode(task, observed=self.observation_size, expected=task.policy_inputs.size)
 
-    def episode(
-        self, task: "SuiteTask", generator: np.random.Generator
-    ) -> Callable[[dm_env.TimeStep], NDArray[np.float32]]:
-        self.check_fits(task)
+    def _acting(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
         flatten = task.policy_inputs.flatten
-        return self._acting_in(task, lambda timestep: self(flatten(timestep.observation).ravel()))
-
-
-def _number(array: NDArray, name: str) -> float:
-    """Returns the number that an array of shape `()` holds."""
-    if array.shape != () or array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be a number, not {array.dtype} of shape {array.shape}")
-    return float(array)
+        return lambda timestep: self(flatten(timestep.observation).ravel())
 
 
 def shipped(task: "SuiteTask") -> Path:
