@@ -44,14 +44,11 @@ class ParameterType:
 
     def checked(self, value: Any, name: str) -> NDArray[np.float64]:
         """Returns a value as an array; raises a TypeError or ValueError, which begins with `name`, if it is refused."""
-        if not self.shape:
-            return self._checked_number(value, name)
-        array = checks.vector(value, self.shape[0], name)
-        if self.non_negative and (array < 0).any():
-            raise ValueError(f"{name} must be finite and non-negative, got {checks.shown(value)}")
-        return array
-
-    def _checked_number(self, value: Any, name: str) -> NDArray[np.float64]:
+        if self.shape:
+            array = checks.vector(value, self.shape[0], name)
+            if self.non_negative and (array < 0).any():
+                raise ValueError(f"{name} must be finite and non-negative, got {checks.shown(value)}")
+            return array
         array = checks.array_of(value, name)
         if array.shape:
             raise ValueError(f"{name} must be one number, got {checks.shown(value)}")

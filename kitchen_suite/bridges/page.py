@@ -8,7 +8,6 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.web_scenes import WebScene, set_camera
@@ -166,12 +165,6 @@ class Page:
                 client.camera.position, client.camera.look_at = view.position, view.look_at
                 client.camera.fov = view.fov
 
-    def shift_cameras(self, offset: NDArray[np.float64]) -> None:
-        """Moves the views of all browsers by an offset `(3,)` [m]."""
-        for client in self.server.get_clients().values():
-            # What it looks at moves with it.
-            client.camera.position = client.camera.position + offset
-
     async def _connect(self, client: Any) -> None:
         self._clients.append(client.client_id)
 
@@ -299,7 +292,9 @@ class Stage:
             self._gizmo.update(person.arm)
             place = person.arm.hand[0]
             if follows and not np.allclose(place, self._place, atol=1e-4):
-                self._page.shift_cameras(place - self._place)
+                for client in self._page.server.get_clients().values():
+                    # What it looks at moves with it.
+                    client.camera.position = client.camera.position + (place - self._place)
             self._place = place
 
     def shows(self, physics: "mjcf.Physics") -> bool:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from kitchen_suite import checks, policies, suite
 from kitchen_suite.bridges.live import LiveEpisode, TeleoperatedEpisode, kept_by_user
 from kitchen_suite.bridges.page import CameraPicture, Command, HandPanel, Page, Stage
-from kitchen_suite.environment import Environment
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, check_extra, local_server
@@ -172,16 +171,12 @@ class TaskPanel:
 def policies_for(domain_name: str, task_name: str) -> tuple[str, ...]:
     """Returns the names of the policies that can act in a task by themselves, the scripted expert first."""
     environment = suite.load(domain_name, task_name, {"visuals": False})
-    names = sorted((name for name in POLICIES if not POLICIES[name].player), key=lambda name: name != "expert")
-    return tuple(name for name in names if _can_act(name, environment))
-
-
-def _can_act(name: str, environment: Environment) -> bool:
-    try:
-        policies.find(name)(environment, np.random.default_rng(0))
-    except _ERRORS:
-        return False
-    return True
+    acting = []
+    for name in sorted((name for name in POLICIES if not POLICIES[name].player), key=lambda name: name != "expert"):
+        with contextlib.suppress(*_ERRORS):
+            policies.find(name)(environment, np.random.default_rng(0))
+            acting.append(name)
+    return tuple(acting)
 
 
 class Viewer:

@@ -63,8 +63,11 @@ class ImitatedPolicy(StoredPolicy):
         size += checks.integer(self.goal_size, "goal_size", minimum=0)
         if self.scales.input_mean.size != size:
             raise ValueError(f"there are {self.scales.input_mean.size} inputs, but state, tasks and goal have {size}")
-        if self.state_elements is not None:
-            _check_elements(self.state_elements, self.metadata["state_size"])
+        if (elements := self.state_elements) is not None:
+            number = self.metadata["state_size"]
+            is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
+            if not is_list or len(elements) != number or (np.diff([-1, *elements]) <= 0).any():
+                raise ValueError(f"state_elements must be {number} increasing indices, got {checks.shown(elements)}")
         sizes = files.parse(self.metadata.get("extra_observables", {}), dict[str, int], "extra_observables")
         layout = files.parse(self.layout, dict[str, list[float]], "layout")
         if wrong := [name for name, values in layout.items() if sizes.get(name) != len(values)]:
@@ -352,13 +355,6 @@ def time_features(time: Any) -> NDArray[np.float32]:
     """Returns features `(..., 8)` of times in [0, 1], a number or `(..., 1)`: sines and cosines of four frequencies."""
     angles = np.asarray(time, np.float32) * (np.pi * 2.0 ** np.arange(4, dtype=np.float32)).astype(np.float32)
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=-1)
-
-
-def _check_elements(elements: Any, size: int) -> None:
-    """Raises a ValueError unless `elements` is a list of `size` increasing indices."""
-    is_list = isinstance(elements, list) and all(type(element) is int for element in elements)
-    if not is_list or len(elements) != size or (np.diff([-1, *elements]) <= 0).any():
-        raise ValueError(f"state_elements must be {size} increasing indices, got {checks.shown(elements)}")
 
 
 def _check_network(network: ResidualNetwork, inputs: int, outputs: int) -> None:

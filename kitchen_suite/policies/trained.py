@@ -82,7 +82,8 @@ class TrainedPolicy(StoredPolicy):
         values = np.clip(values, -self.clip, self.clip)
         *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:
-            values = _elu(values @ weight.T + bias)
+            values = values @ weight.T + bias
+            values = np.where(values > 0, values, np.expm1(np.minimum(values, 0)))
         return (values @ last_weight.T + last_bias) * self.action_scale
 
     @property
@@ -164,7 +165,3 @@ def shipped_as(name: str) -> Path:
     """
     names = sorted(path.stem for path in SHIPPED.glob("*.npz"))
     return SHIPPED / f"{checks.choice(name, names, 'trained policy that comes with the package')}.npz"
-
-
-def _elu(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.where(values > 0, values, np.expm1(np.minimum(values, 0)))

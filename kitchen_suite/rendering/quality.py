@@ -101,14 +101,11 @@ def _version(package: str) -> str | None:
 
 
 def set_render_quality(root: "mjcf.RootElement", quality: str, is_visual: "Callable[[mjcf.Element], bool]") -> None:
-    """Sets how a model's images look; the physics stays the same to the bit.
+    """Sets how the images of a model and all that is attached to it look; the physics stays the same to the bit.
 
-    Args:
-      root: of the model, with all that is attached to it.
-      quality: `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
-        multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces,
-        and so have large meshes of visual geoms with the extra `pixels`.
-      is_visual: returns whether a geom is only for rendering.
+    The quality `high` leaves the model as it is. `fast` turns off shadows, reflections, the sky with its haze, and
+    multisampling, which take most of the time where there is no graphics card. Primitive shapes have fewer faces, and
+    so have large meshes of geoms that are only for rendering (`is_visual`) with the extra `pixels`.
     """
     if checks.choice(quality, RENDER_QUALITIES, "render_quality") == "high":
         return

@@ -38,14 +38,8 @@ def open_video(
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
     """Yields a function that appends a frame, uint8 `(height, width, 3)`, to a video.
 
-    An exception, such as an interrupt, ends the video early: the frames until then are kept.
-
-    Args:
-      path: an mp4 file; an existing one is replaced.
-      width: an even number of pixels.
-      height: an even number of pixels.
-      frames_per_second: playback rate.
-      on_partial: called with the number of frames when an exception has ended the video early.
+    An existing mp4 file is replaced; width and height are even numbers of pixels. An exception, such as an interrupt,
+    ends the video early: the frames until then are kept, and `on_partial` is called with their number.
 
     Raises:
       OSError: ffmpeg failed, or the disk is full.

@@ -35,11 +35,7 @@ def local_server(port: int, label: str) -> Iterator["viser.ViserServer"]:
     """Yields a server that answers browsers on this machine, and refuses all others.
 
     It is bound to `HOST`. A page of another site cannot use it either: the names that a request has as its host and
-    origin must be local, so that a foreign name that resolves to this machine is refused.
-
-    Args:
-      port: to listen at.
-      label: title of the page.
+    origin must be local, so that a foreign name that resolves to this machine is refused. The title is the `label`.
     """
     _check_port(port)
     with _server(_refusing_others, host=HOST, port=port, label=label) as server, _refusing_garbage():

@@ -23,8 +23,6 @@ _LEVEL = 12  # Of zstd, as in viser's own recordings.
 # Arrays of a recording start at multiples of this [bytes].
 _ALIGNMENT = 8
 
-_TEMPLATE = "web_page.html"
-
 
 class WebPage:
     """Episodes of a page."""
@@ -45,12 +43,16 @@ class WebPage:
 
     def html(self, title: str) -> str:
         """Returns the page, which loads nothing from elsewhere."""
+        import viser
+
+        # viser's page, which plays the recording that it is given as a global variable.
+        player = importlib.resources.files(viser).joinpath("client/build/index.html").read_text(encoding="utf-8")
         values = {
             "title": html.escape(title),
             "page": _script_json({"title": title, "episodes": self._episodes, "chunks": self._chunks}),
-            "player": _script_json(_player()),
+            "player": _script_json(player),
         }
-        text = importlib.resources.files(__package__).joinpath(_TEMPLATE).read_text(encoding="utf-8")
+        text = importlib.resources.files(__package__).joinpath("web_page.html").read_text(encoding="utf-8")
         return re.sub(r"\[\[(\w+)\]\]", lambda match: values[match[1]], text)
 
     def _chunk(self, part: bytes) -> str:
@@ -95,13 +97,6 @@ def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:
     for key, value in (*recorded.items(), ("messages", None)):
         head += msgspec.msgpack.encode(key) + (b"" if value is None else msgspec.msgpack.encode(value))
     return head + b"\xdd" + len(messages).to_bytes(4, "big"), [msgspec.msgpack.encode(each) for each in messages]
-
-
-def _player() -> str:
-    """Returns viser's page, which plays the recording that it is given as a global variable."""
-    import viser
-
-    return importlib.resources.files(viser).joinpath("client/build/index.html").read_text(encoding="utf-8")
 
 
 def _script_json(value: Any) -> str:

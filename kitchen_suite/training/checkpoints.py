@@ -68,10 +68,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
 def load_last(folder: Path, check: Callable[[Checkpoint], None] = lambda checkpoint: None) -> Checkpoint | None:
     """Returns the newest readable checkpoint in a folder that passes `check`, or None if there are no checkpoints.
 
-    A message names each newer one that cannot be read, or for which `check` raises a ValueError.
-
-    Raises:
-      CheckpointError: there are checkpoints, but none can be read.
+    A message names each newer one that cannot be read, or for which `check` raises a ValueError; if none can be read,
+    it raises a CheckpointError.
     """
     paths = _paths(folder)
     for path in reversed(paths):

@@ -119,9 +119,13 @@ def load_recording(
         # Of the state they have the robot's part alone.
         policy_inputs = dataclasses.replace(policy_inputs, state_size=len(robot))
     inputs = np.concatenate([policy_inputs.state_and_requests(each, tasks)[:-1] for each in observations])
-    elements = None if recording.spec.origin is None else _recorded_elements(inputs, task.policy_inputs.state_size)
-    if elements is not None:
-        inputs = inputs[:, [*elements, *range(task.policy_inputs.state_size, inputs.shape[1])]]
+    elements: tuple[int, ...] | None = None
+    size = task.policy_inputs.state_size
+    recorded = np.isfinite(inputs[:, :size]).all(axis=0)
+    if recording.spec.origin is not None and not recorded.all():
+        # Another program has recorded some elements of the state alone.
+        elements = tuple(np.flatnonzero(recorded).tolist())
+        inputs = inputs[:, [*elements, *range(size, inputs.shape[1])]]
     return Demonstrations(
         inputs=finite(inputs[chosen], folder),
         actions=finite(np.concatenate([arrays["action"] for arrays in episodes])[chosen], folder),
@@ -166,12 +170,6 @@ def finite(numbers: NDArray, folder: Path) -> NDArray[np.float32]:
     if not np.isfinite(numbers).all():
         raise ValueError(f"{folder} holds observations or actions that are not finite")
     return numbers
-
-
-def _recorded_elements(inputs: NDArray, size: int) -> tuple[int, ...] | None:
-    """Returns which of the `size` elements of the state another program has recorded; None for all."""
-    recorded = np.isfinite(inputs[:, :size]).all(axis=0)
-    return None if recorded.all() else tuple(np.flatnonzero(recorded).tolist())
 
 
 def load_to_clone(folder: Path, spec: EnvironmentSpec) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -185,12 +185,9 @@ def advantages(
 ) -> torch.Tensor:
     """Returns the generalised advantage estimates `(t, n)` (GAE).
 
-    Args:
-      rewards: `(t, n)`; where a step truncated an episode, with the discounted value of its last observation.
-      values: `(t + 1, n)`, of the observations before each step, and after the last one.
-      ended: `(t, n)`, whether a step ended an episode: what follows it belongs to another one.
-      discount: discount factor.
-      gae_lambda: lambda.
+    Rewards are `(t, n)`; where a step truncated an episode, with the discounted value of its last observation. Values
+    `(t + 1, n)` are those of the observations before each step, and after the last one. Where `ended` `(t, n)` is true,
+    what follows belongs to another episode.
     """
     goes_on = (~ended).float()
     errors = rewards + discount * goes_on * values[1:] - values[:-1]

@@ -113,16 +113,10 @@ class ImitationLearner(RecordingLearner):
         tasks: Sequence[str] = (),
         extras: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
-        """Builds the networks.
+        """Builds the networks of the class of a method; the seed is also that of the batches.
 
-        Args:
-          demonstrations: to learn from.
-          method: class of the method.
-          config: its hyperparameters.
-          num_steps: steps of the optimiser in the whole run, over which the learning rate falls.
-          seed: of networks and batches.
-          tasks: names of the tasks whose request is an input.
-          extras: metadata of the policy on extra observables.
+        The learning rate falls over `num_steps` steps of the optimiser. Requests of `tasks` are inputs; `extras` is the
+        metadata of the policy on extra observables.
         """
         torch.manual_seed(seed)
         self._scales = scales = _scales_of(demonstrations, config.standardisation_epsilon)
@@ -187,16 +181,10 @@ class OfflineLearner(RecordingLearner):
         goal_elements: tuple[int, ...],
         metadata: Mapping[str, Any],
     ) -> None:
-        """Builds the networks.
+        """Builds the networks of the class of a method; the seed is also that of the batches.
 
-        Args:
-          transitions: to learn from.
-          method: class of the method.
-          config: its hyperparameters.
-          num_steps: steps of the optimiser in the whole run, over which the learning rate falls.
-          seed: of networks and batches.
-          goal_elements: elements of the state in a goal, which are further inputs; empty for none.
-          metadata: of the policy, on its inputs.
+        The learning rate falls over `num_steps` steps of the optimiser. The elements of the state in a goal, if any,
+        are further inputs; the metadata of the policy is on its inputs.
         """
         torch.manual_seed(seed)
         scales = _scales_of(transitions, config.standardisation_epsilon)

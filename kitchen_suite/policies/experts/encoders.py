@@ -121,10 +121,8 @@ class ActionEncoder(abc.ABC):
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         """Returns the action that moves joints and fingers to their targets within a control step, before clipping.
 
-        Args:
-          positions: observed positions of the robot's joints, those of the arm first [rad, m].
-          target: `(7,)`, target of the arm's joints [rad].
-          fingers: target of each finger [m].
+        Positions are those of the robot's joints, the arm's first [rad, m]; the target `(7,)` is of the arm's joints
+        [rad], `fingers` of each finger [m].
         """
 
     def applied(self, positions: Array, action: Array) -> None:  # noqa: B027

@@ -274,16 +274,11 @@ class KitchenExpert(Expert):
         return plan(self._kinematics, self._limits, skill, frame=frame, object_position=position, offsets=offsets)
 
     def _choose_skill(self, task: str, observation: Array, frame: mink.SE3 | None) -> Skill:
-        skill, turns_hand = self._skills[task], self.encoder.turns_hand
-        left_door, right_door = achieved("hinge cabinet", observation)
-        if task == "kettle":
-            skill = kitchen_skills.kettle_skill(skill, achieved(task, observation)[:3])
-        if task == "slide cabinet":
-            skill = kitchen_skills.slide_skill(skill, right_door)
-        if task == "hinge cabinet" and self._is_strict and turns_hand:
-            skill = kitchen_skills.hinge_skill(skill, left_door)
-        if task == "left hinge cabinet":
-            skill = kitchen_skills.left_door_skill(skill, left_door)
+        turns_hand = self.encoder.turns_hand
+        kettle, doors = (achieved(name, observation) for name in ("kettle", "hinge cabinet"))
+        skill = kitchen_skills.adapted(
+            self._skills[task], task, kettle[:3], *doors, shuts_left_door=self._is_strict and turns_hand
+        )
         if frame is None or turns_hand:
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation

@@ -54,14 +54,10 @@ def push(
 def grasp(
     bar: Vector, orientation: HandOrientation, distances: Vector, *, settle_steps: int, speed: float = UNLIMITED
 ) -> tuple[Move, ...]:
-    """Moves that bring the open hand to a bar, in free space at first, and close the fingers around it.
+    """Moves that bring the open hand to a point on a bar [m], in free space at first, and close the fingers around it.
 
-    Args:
-      bar: a point on the bar [m].
-      orientation: of the hand.
-      distances: of the site from the point: far, near and at the grasp [m].
-      settle_steps: control steps in which the fingers close.
-      speed: greatest speed of the last motion [m/s].
+    The site's distances from the point are those far from it, near it and at the grasp [m]. The speed limit is that of
+    the last motion [m/s]; the fingers close in `settle_steps` control steps.
     """
     far, near, at = (orientation.standoff_position(bar, distance) for distance in distances)
     return (
@@ -249,10 +245,8 @@ def _push_switch(tips: Vector, orientation: HandOrientation) -> Skill:
 def _skills(orientations: Mapping[str, HandOrientation], *, knob_angle: float) -> dict[str, Skill]:
     """Builds the skills by task, in an order with short motions, in which open doors are in no other task's way.
 
-    Args:
-      orientations: of the hand, by task.
-      knob_angle: target angle of knobs that are turned on [rad]. They are damped and lag behind the hand, so it is
-        beyond the goal.
+    Orientations are those of the hand by task. Knobs that are turned on are damped and lag behind the hand, so that
+    their target angle is beyond the goal [rad].
     """
     return {
         "close microwave": _MICROWAVE.shut(-0.75, orientations["close microwave"], _AT_MICROWAVE),
@@ -388,26 +382,11 @@ KETTLE_SKILLS = tuple(
 # The kettle is on one of the right burners if its x is beyond this, and on the far one if its y is too [m].
 _RIGHT_BURNERS, _FAR_BURNER = -0.05, 0.57
 
-
-def kettle_skill(skill: Skill, position: Array) -> Skill:
-    """Returns the skill for a kettle at a position `(3,)` [m]: `skill` on the left, another one on a right burner."""
-    return KETTLE_SKILLS[int(position[1] > _FAR_BURNER)] if position[0] > _RIGHT_BURNERS else skill
-
-
 # Angle from which the right door of the hinge cabinet is in the way of the hand [rad].
 _IN_THE_WAY = 0.2
 
 # A place of the hand to the right of that door and below it [m].
 _BESIDE_DOOR = (0.0, 0.40, 2.33)
-
-
-def slide_skill(skill: Skill, door: float) -> Skill:
-    """Returns the skill for the slide cabinet; it goes round the hinge cabinet's right door if that is open [rad]."""
-    if door < _IN_THE_WAY:
-        return skill
-    first = next(move for move in skill.moves if isinstance(move, Move))
-    return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
-
 
 # Angle beyond which the left door, which the strict goal of `hinge cabinet` has closed, is pushed shut at first [rad].
 _NOT_SHUT = -0.04
@@ -421,17 +400,23 @@ _SHUT_LEFT_DOOR = Skill(
     retreat=(0.05, -0.10, 0.0),
 )
 
-
-def hinge_skill(skill: Skill, left_door: float) -> Skill:
-    """Returns the skill that opens the right door if the left one is closed [rad], otherwise one that closes that."""
-    return _SHUT_LEFT_DOOR if left_door < _NOT_SHUT else skill
-
-
 # Angle from which the left door is pushed and no longer pulled open [rad].
 _AJAR = -0.35
 _AJAR_SKILL = _push_left_door(HandOrientation(approach=direction(-35, 35), spread=DOWN), (-0.52, 0.40, 2.38))
 
 
-def left_door_skill(skill: Skill, door: float) -> Skill:
-    """Returns the skill that opens the left door at an angle [rad]: `skill` unless the door stands ajar."""
-    return _AJAR_SKILL if door < _AJAR else skill
+def adapted(
+    skill: Skill, task: str, kettle: Array, left_door: float, right_door: float, *, shuts_left_door: bool
+) -> Skill:
+    """Returns the skill of a task, or another one where kettle `(3,)` [m] and doors [rad] stand elsewhere.
+
+    `shuts_left_door` says whether `hinge cabinet` begins with the left door, where that is open.
+    """
+    if task == "kettle" and kettle[0] > _RIGHT_BURNERS:
+        return KETTLE_SKILLS[int(kettle[1] > _FAR_BURNER)]
+    if task == "slide cabinet" and right_door >= _IN_THE_WAY:
+        first = next(move for move in skill.moves if isinstance(move, Move))
+        return dataclasses.replace(skill, moves=(dataclasses.replace(first, position=_BESIDE_DOOR), *skill.moves))
+    if task == "hinge cabinet" and shuts_left_door and left_door < _NOT_SHUT:
+        return _SHUT_LEFT_DOOR
+    return _AJAR_SKILL if task == "left hinge cabinet" and left_door < _AJAR else skill

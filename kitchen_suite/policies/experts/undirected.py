@@ -100,13 +100,10 @@ class UndirectedExpert(KitchenExpert):
 
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         distances = self._relative_distances(observation)
-        if self._is_over(distances):
+        # Whether the task under way is complete, has been attempted, or is none.
+        if not self._remaining or distances[self._remaining[0]] < self._done or self._has_failed:
             self._chosen = self._choose(distances)
         return super()._next_trajectory(observation, joints)
-
-    def _is_over(self, distances: Mapping[str, float]) -> bool:
-        """Whether the task under way is complete, has been attempted, or is none."""
-        return not self._remaining or distances[self._remaining[0]] < self._done or self._has_failed
 
     def _choose(self, distances: Mapping[str, float]) -> tuple[str, ...]:
         """Draws the next task; none where all are complete."""
