@@ -84,6 +84,9 @@ class PageDevice:
     """Buttons and keys in a browser as an input device, with the methods of robosuite's `Device`; for any simulator.
 
     A class that is derived from this one and from `robosuite.devices.Device` is a device of robosuite's.
+
+    Attributes:
+      wants_reset: whether another episode is wanted; whoever has heard it sets it back.
     """
 
     def __init__(self, env: Any = None, pos_sensitivity: float = 1.0, rot_sensitivity: float = 1.0, port: int = 8080):
@@ -101,7 +104,7 @@ class PageDevice:
         self.env, self._closing = env, contextlib.ExitStack()
         self._position = checks.number(pos_sensitivity, "pos_sensitivity", positive=True)
         self._rotation = checks.number(rot_sensitivity, "rot_sensitivity", positive=True)
-        self.arm, self._wants_reset = _Commanded(), False
+        self.arm, self.wants_reset = _Commanded(), False
         self._page = Page(self._closing.enter_context(local_server(port, "kitchen-suite")), exclusive=True)
         HandPanel(self._page, hands_back=False)
         self._page.add_button("Reset", lambda device: device.request_reset(), hint="Starts another episode.")
@@ -109,7 +112,7 @@ class PageDevice:
     def start_control(self) -> None:
         """Forgets what has been commanded, for a new episode."""
         _carry_out(self._page, self, wait=0.0)
-        self.arm, self._wants_reset = _Commanded(), False
+        self.arm, self.wants_reset = _Commanded(), False
         if self._is_robosuites:
             self._reset_internal_state()  # type: ignore[attr-defined]
 
@@ -133,7 +136,7 @@ class PageDevice:
             "rotation": self.arm.rotation.as_matrix(),
             "raw_drotation": self._rotation * turn[[1, 0, 2]] * (1.0, 1.0, -1.0),
             "grasp": int(self.arm.is_closed),
-            "reset": int(self._wants_reset),
+            "reset": int(self.wants_reset),
             "base_mode": 0,
         }
 
@@ -143,11 +146,7 @@ class PageDevice:
 
     def request_reset(self) -> None:
         """Says that another episode is wanted."""
-        self._wants_reset = True
-
-    def forget_reset(self) -> None:
-        """Says that this has been heard."""
-        self._wants_reset = False
+        self.wants_reset = True
 
     def hand_back(self) -> None:
         """Does nothing: nobody else acts."""

@@ -46,6 +46,7 @@ class LiveEpisode:
     Attributes:
       seed: of the episode.
       spec: of the episodes.
+      timestep: duration of a control step [s].
     """
 
     seed: int
@@ -55,6 +56,7 @@ class LiveEpisode:
         self.spec = spec
         self._rollout = self._make_rollout(render_quality)
         self._environment = suite_env(self._rollout.environment).environment
+        self.timestep = self._environment.control_timestep()
 
     def _make_rollout(self, render_quality: str) -> SingleRollout:
         return SingleRollout(self.spec, visuals=True, render_quality=render_quality)
@@ -63,11 +65,6 @@ class LiveEpisode:
     def physics(self) -> "mjcf.Physics":
         """The physics, another object after a reset that compiles the model again."""
         return self._environment.physics
-
-    @property
-    def timestep(self) -> float:
-        """Duration of a control step [s]."""
-        return self._environment.control_timestep()
 
     @property
     def steps(self) -> int:
@@ -341,21 +338,19 @@ class TeleoperatedEpisode(LiveEpisode):
             self.forget()
             return
         with contextlib.suppress(OSError):
-            if copies := self._copies(make=True):
-                arrays = self._rollout.buffer.arrays(with_observations=False)
-                episode = EpisodeArrays(
-                    index=self.seed,
-                    seed=self.seed,
-                    arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
-                    seconds=self.steps * self.timestep,
-                )
-                copies.save(episode, EpisodeStats.of(episode, self._environment.task.episode_metrics))
+            arrays = self._rollout.buffer.arrays(with_observations=False)
+            episode = EpisodeArrays(
+                index=self.seed,
+                seed=self.seed,
+                arrays={**arrays, "observation": np.empty((self.steps + 1, 0))},
+                seconds=self.steps * self.timestep,
+            )
+            stats = EpisodeStats.of(episode, self._environment.task.episode_metrics)
+            RecordingFolder.claim(self._unsaved, self.spec).save(episode, stats)
 
-    def _copies(self, *, make: bool = False) -> RecordingFolder | None:
-        """Returns the folder of copies, if there is one or it is to be made."""
-        if self._unsaved and (make or self._unsaved.exists()):
-            return RecordingFolder.claim(self._unsaved, self.spec)
-        return None
+    def _copies(self) -> RecordingFolder | None:
+        """Returns the folder of copies, if there is one."""
+        return RecordingFolder.claim(self._unsaved, self.spec) if self._unsaved and self._unsaved.exists() else None
 
     def forget(self) -> None:
         """Removes the copy of this episode, and the folder of copies if it was the last one."""

@@ -79,22 +79,18 @@ class Page:
 
     Attributes:
       server: of viser.
+      gui: its panel.
       commands: in the order in which they were given, in threads of viser's.
     """
 
     def __init__(self, server: Any, *, exclusive: bool) -> None:
         """Begins with an empty page; `exclusive` says whether one browser controls, or all of them do."""
-        self.server, self.exclusive = server, exclusive
+        self.server, self.gui, self.exclusive = server, server.gui, exclusive
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._clients: list[int] = []
         server.on_client_connect(self._connect)
         server.on_client_disconnect(self._disconnect)
         self.clear()
-
-    @property
-    def gui(self) -> Any:
-        """The panel."""
-        return self.server.gui
 
     @property
     def controlling(self) -> int | None:

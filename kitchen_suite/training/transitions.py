@@ -62,15 +62,12 @@ def load_transitions(
       ValueError: it is of another domain or task, or with other arguments that state, actions or rewards depend on, or
         holds fewer episodes, or numbers that are not finite.
     """
-    parts: list[Transitions] = []
+    parts, rows = [], 0
     for folder, count in with_counts(folders, counts):
-        parts += _load(folder, spec, tasks, count, with_rewards=with_rewards)
-    # The rows of each episode follow those of the one before.
-    starts = np.cumsum([0, *(len(part.inputs) for part in parts[:-1])])
-    moved = [
-        part._replace(rows=part.rows + start, last=part.last + start) for part, start in zip(parts, starts, strict=True)
-    ]
-    return Transitions(*map(np.concatenate, zip(*moved, strict=True)))
+        for part in _load(folder, spec, tasks, count, with_rewards=with_rewards):
+            parts.append(part._replace(rows=part.rows + rows, last=part.last + rows))
+            rows += len(part.inputs)
+    return Transitions(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _load(
