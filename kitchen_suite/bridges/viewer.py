@@ -260,28 +260,24 @@ class Viewer:
         elif command == "picture":
             self._is_stale = True
         elif command == "release":
-            self._release()
+            # The browser is gone that has controlled until now: time stands still.
+            self._stage.release()
+            if self._person and self._person.policy.is_persons:
+                self._person.policy.take_over()
+                self._person.keep()
         elif command in ("load", "reset"):
             self._try(self._load if command == "load" else self._reset)
         self._due = time.monotonic()
 
     def _command_episode(self, command: Callable[[Any], None]) -> None:
-        episode = self.episode
-        if isinstance(episode, TeleoperatedEpisode):
-            was_waiting = episode.is_waiting
-            self._try(lambda: command(episode), is_due=False)
-            if was_waiting and not episode.is_waiting:
+        if person := self._person:
+            was_waiting = person.is_waiting
+            self._try(lambda: command(person), is_due=False)
+            if was_waiting and not person.is_waiting:
                 # The first control step is made at once, and shown with what the command has changed.
                 self._due = time.monotonic()
             elif self._is_stale:
                 self._show()
-
-    def _release(self) -> None:
-        """Lets time stand still: the browser is gone that has controlled until now."""
-        self._stage.release()
-        if isinstance(self.episode, TeleoperatedEpisode) and self.episode.policy.is_persons:
-            self.episode.policy.take_over()
-            self.episode.keep()
 
     def _step(self) -> None:
         if not self.episode.has_ended:

@@ -233,13 +233,13 @@ class KitchenExpert(Expert):
 
         If all tasks are out of reach, the first one is tried.
         """
+        if not self._remaining:
+            return trajectory
         for _ in range(len(self._remaining)):
             planned = self._plan(self._remaining[0], observation)
             if not self._layout.slices or _is_reachable(planned):
                 return trajectory.then(planned, self._limits)
             self._remaining.rotate(-1)
-        if not self._remaining:
-            return trajectory
         return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
 
     def _plan_retreat(self, joints: Array) -> JointTrajectory:
@@ -259,15 +259,13 @@ class KitchenExpert(Expert):
 
     def _plan_in_frame(self, skill: Skill, position: Array | None, frame: mink.SE3) -> JointTrajectory:
         """Plans a skill in a frame; the hand is turned a little where its poses are out of reach."""
-        best = None
+        tried = []
         for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
             planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
             if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
-            if best is None or (_is_reachable(planned), planned.arc_share) > (_is_reachable(best), best.arc_share):
-                best = planned
-        assert best is not None, "there is at least one turn"
-        return best
+            tried.append(planned)
+        return max(tried, key=lambda planned: (_is_reachable(planned), planned.arc_share))
 
     def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))

@@ -1,6 +1,7 @@
 """Plans joint trajectories for skills, timed by the speeds that the arm's actuators can follow."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Self
 
@@ -61,16 +62,13 @@ class HandSpeedLimits(JointSpeedLimits):
     angular_speed: float
 
     def steps_between(self, start: Array, end: Array) -> float:
-        count = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING)))
+        count, slowest = max(1, int(np.ceil(np.max(np.abs(end - start)) / _JOINT_SPACING))), 0.0
         poses = [self.kinematics.forward(start + i / count * (end - start)) for i in range(count + 1)]
-        slowest = max(map(self._hand_steps, poses, poses[1:]))
+        for here, there in itertools.pairwise(poses):
+            distance = float(np.linalg.norm(there.translation() - here.translation()))
+            angle = float(np.linalg.norm((here.rotation().inverse() @ there.rotation()).log()))
+            slowest = max(slowest, self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
         return max(super().steps_between(start, end), count * slowest)
-
-    def _hand_steps(self, start: mink.SE3, end: mink.SE3) -> float:
-        """Least time from one pose of the hand to another [control steps]."""
-        distance = float(np.linalg.norm(end.translation() - start.translation()))
-        angle = float(np.linalg.norm((start.rotation().inverse() @ end.rotation()).log()))
-        return max(self.steps(distance, self.linear_speed), self.steps(angle, self.angular_speed))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
