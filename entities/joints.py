@@ -15,9 +15,8 @@ _QVEL_WIDTHS = np.array([6, 3, 1, 1])
 
 
 def position_sizes(joints: Sequence[mjcf.Element]) -> list[int]:
-    """Returns the number of each joint's elements in qpos; a joint's type must be its own, not that of a class."""
-    types = ["free" if joint.tag == "freejoint" else joint.type or "hinge" for joint in joints]
-    return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in types]
+    """Returns the number of each joint's elements in qpos."""
+    return [int(_QPOS_WIDTHS[_TYPES.index(kind)]) for kind in joint_types(joints)]
 
 
 def joint_types(joints: Sequence[mjcf.Element]) -> list[str]:

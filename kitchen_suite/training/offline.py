@@ -255,13 +255,6 @@ class GoalIQL(IQL):
 
 
 OFFLINE_METHODS: Mapping[str, type[OfflineMethod]] = MappingProxyType(
-    {
-        "offline_bc": Cloning,
-        "iql": IQL,
-        "idql": IDQL,
-        "td3bc": TD3BC,
-        "gcbc": GoalCloning,
-        "gciql": GoalIQL,
-    }
+    {"offline_bc": Cloning, "iql": IQL, "idql": IDQL, "td3bc": TD3BC, "gcbc": GoalCloning, "gciql": GoalIQL}
 )
 """By the value of `--algorithm`."""

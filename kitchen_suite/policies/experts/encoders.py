@@ -15,22 +15,8 @@ from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.skills import CLOSED, OPEN, Array
 from kitchen_suite.policies.experts.trajectories import HandSpeedLimits, JointSpeedLimits
 from kitchen_suite.tasks import rotations
-from kitchen_suite.tasks.control_modes.end_effector import (
-    COMMAND_ANGLE,
-    COMMAND_DISTANCE,
-    REACH,
-    EndEffectorDeltaPose,
-    EndEffectorDeltaPosition,
-    EndEffectorPose,
-)
-from kitchen_suite.tasks.control_modes.joints import (
-    JOINT_HIGH,
-    JOINT_LOW,
-    TARGET_DISTANCE,
-    JointDelta,
-    JointOffset,
-    JointPosition,
-)
+from kitchen_suite.tasks.control_modes import end_effector
+from kitchen_suite.tasks.control_modes import joints as joint_modes
 from kitchen_suite.tasks.kitchen import action as kitchen_action
 from kitchen_suite.tasks.mdp import ActionMode
 
@@ -156,7 +142,8 @@ class _Pose(NamedTuple):
     def near(self, hand: "_Pose") -> "_Pose":
         """This pose, brought as near to the hand as commanded poses are."""
         offset, turn = hand.error(self)
-        return hand.moved(rotations.within(offset, COMMAND_DISTANCE), rotations.within(turn, COMMAND_ANGLE))
+        offset = rotations.within(offset, end_effector.COMMAND_DISTANCE)
+        return hand.moved(offset, rotations.within(turn, end_effector.COMMAND_ANGLE))
 
 
 class HandEncoder(ActionEncoder):
@@ -199,16 +186,14 @@ class PoseEncoder(HandEncoder):
 
     def _encode_pose(self, pose: _Pose) -> Array:
         to_base = rotations.inverse(self._base.orientation)
-        position = rotations.rotated(to_base, pose.position - self._base.position) / REACH
+        position = rotations.rotated(to_base, pose.position - self._base.position) / end_effector.REACH
         return np.append(position, rotations.product(to_base, pose.orientation))
 
 
 class _DeltaEncoder(HandEncoder):
     """An encoder of a mode that changes the commanded pose; it keeps account of that pose."""
 
-    def __init__(
-        self, mode: EndEffectorDeltaPosition | EndEffectorDeltaPose, arm: ArmModel, *, angular_speed: float
-    ) -> None:
+    def __init__(self, mode: Any, arm: ArmModel, *, angular_speed: float) -> None:
         super().__init__(mode, arm, linear_speed=mode.linear_speed, angular_speed=angular_speed)
         self._frame, self._step = mode.frame, mode.linear_speed * arm.timestep
 
@@ -229,7 +214,7 @@ class DeltaPositionEncoder(_DeltaEncoder):
     turns_hand = False
     arm_size = 3
 
-    def __init__(self, mode: EndEffectorDeltaPosition, arm: ArmModel) -> None:
+    def __init__(self, mode: end_effector.EndEffectorDeltaPosition, arm: ArmModel) -> None:
         super().__init__(mode, arm, angular_speed=_ANGULAR_SPEED)
 
     def applied(self, positions: Array, action: Array) -> None:
@@ -243,7 +228,7 @@ class DeltaPoseEncoder(_DeltaEncoder):
 
     arm_size = 6
 
-    def __init__(self, mode: EndEffectorDeltaPose, arm: ArmModel) -> None:
+    def __init__(self, mode: end_effector.EndEffectorDeltaPose, arm: ArmModel) -> None:
         super().__init__(mode, arm, angular_speed=mode.angular_speed)
         self._turn = mode.angular_speed * arm.timestep
 
@@ -300,7 +285,7 @@ class VelocityEncoder(JointEncoder):
 class PositionEncoder(JointEncoder):
     """Encoder of `joint_position`."""
 
-    low, high = JOINT_LOW, JOINT_HIGH
+    low, high = joint_modes.JOINT_LOW, joint_modes.JOINT_HIGH
 
     def encode(self, positions: Array, target: Array, fingers: float) -> Array:
         arm = self.arm.servo_targets(positions[ARM], target)
@@ -328,7 +313,7 @@ class OffsetEncoder(JointEncoder):
 class DeltaEncoder(JointEncoder):
     """Encoder of `joint_delta`; it keeps account of the commanded joint positions."""
 
-    def __init__(self, mode: JointDelta, arm: ArmModel) -> None:
+    def __init__(self, mode: joint_modes.JointDelta, arm: ArmModel) -> None:
         self._step = mode.joint_speed * arm.timestep
         super().__init__(mode, arm, speed=_SPEED_RESERVE * self._step)
 
@@ -341,19 +326,19 @@ class DeltaEncoder(JointEncoder):
 
     def applied(self, positions: Array, action: Array) -> None:
         joints, commanded = positions[ARM], self._commanded + self._step * action[ARM]
-        self._commanded = np.clip(commanded, joints - TARGET_DISTANCE, joints + TARGET_DISTANCE)
+        self._commanded = np.clip(commanded, joints - joint_modes.TARGET_DISTANCE, joints + joint_modes.TARGET_DISTANCE)
 
 
 ENCODERS: Mapping[type[ActionMode], Callable[[Any, ArmModel], ActionEncoder]] = MappingProxyType(
     {
         kitchen_action.JointVelocity: VelocityEncoder,
         kitchen_action.KitchenJointPosition: KitchenPositionEncoder,
-        JointOffset: OffsetEncoder,
-        JointPosition: PositionEncoder,
-        JointDelta: DeltaEncoder,
-        EndEffectorDeltaPosition: DeltaPositionEncoder,
-        EndEffectorDeltaPose: DeltaPoseEncoder,
-        EndEffectorPose: PoseEncoder,
+        joint_modes.JointOffset: OffsetEncoder,
+        joint_modes.JointPosition: PositionEncoder,
+        joint_modes.JointDelta: DeltaEncoder,
+        end_effector.EndEffectorDeltaPosition: DeltaPositionEncoder,
+        end_effector.EndEffectorDeltaPose: DeltaPoseEncoder,
+        end_effector.EndEffectorPose: PoseEncoder,
     }
 )
 

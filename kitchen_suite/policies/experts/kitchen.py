@@ -18,13 +18,7 @@ from kitchen_suite.policies.experts.encoders import ArmModel, make_encoder
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
 from kitchen_suite.policies.experts.kitchen_skills import FIXED_SKILLS, SKILLS, STRICT_SKILLS
 from kitchen_suite.policies.experts.skills import OPEN, Array, HandOrientation, Move, Skill
-from kitchen_suite.policies.experts.trajectories import (
-    OUT_OF_REACH,
-    JointSpeedLimits,
-    JointTrajectory,
-    plan,
-    plan_retreat,
-)
+from kitchen_suite.policies.experts.trajectories import JointSpeedLimits, JointTrajectory, plan, plan_retreat
 from kitchen_suite.tasks import observables
 from kitchen_suite.tasks.control_modes.modes import make_mode
 from kitchen_suite.tasks.goals import GoalSet, StrictSuccess, Thresholds, make_success
@@ -237,7 +231,7 @@ class KitchenExpert(Expert):
             return trajectory
         for _ in range(len(self._remaining)):
             planned = self._plan(self._remaining[0], observation)
-            if not self._layout.slices or _is_reachable(planned):
+            if not self._layout.slices or planned.is_reachable:
                 return trajectory.then(planned, self._limits)
             self._remaining.rotate(-1)
         return trajectory.then(self._plan(self._remaining[0], observation), self._limits)
@@ -262,10 +256,10 @@ class KitchenExpert(Expert):
         tried = []
         for turn in _TURNS if self.encoder.turns_hand else _TURNS[:1]:
             planned = self._plan_skill(skill.turned(turn) if turn else skill, position, frame)
-            if _is_reachable(planned) and planned.arc_share >= _ENOUGH_OF_ARC:
+            if planned.is_reachable and planned.arc_share >= _ENOUGH_OF_ARC:
                 return planned
             tried.append(planned)
-        return max(tried, key=lambda planned: (_is_reachable(planned), planned.arc_share))
+        return max(tried, key=lambda planned: (planned.is_reachable, planned.arc_share))
 
     def _plan_skill(self, skill: Skill, position: Array | None, frame: mink.SE3 | None) -> JointTrajectory:
         offsets = self._draw_offsets(sum(isinstance(move, Move) and move.in_free_space for move in skill.moves))
@@ -281,10 +275,6 @@ class KitchenExpert(Expert):
             return skill
         rotation = frame.rotation().inverse() @ kitchen_skills.AT_RESET.rotation
         return skill.with_orientation(HandOrientation.from_rotation(rotation))
-
-
-def _is_reachable(trajectory: JointTrajectory) -> bool:
-    return trajectory.position_error <= OUT_OF_REACH
 
 
 @functools.lru_cache(maxsize=1024)

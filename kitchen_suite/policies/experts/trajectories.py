@@ -17,7 +17,7 @@ _LINE_SPACING = 0.02
 _ARC_SPACING = 0.06
 
 # Distance of the hand from a planned pose beyond which the pose is out of reach [m].
-OUT_OF_REACH = 0.01
+_OUT_OF_REACH = 0.01
 
 # Least time between two knots [control steps], so that no two have the same time.
 _MIN_KNOT_INTERVAL = 1e-3
@@ -98,6 +98,11 @@ class JointTrajectory:
     def duration(self) -> float:
         """Time of the last knot [control steps]."""
         return float(self.times[-1])
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the hand can reach all poses of straight lines."""
+        return self.position_error <= _OUT_OF_REACH
 
     def at(self, time: float) -> tuple[Array, float]:
         """Joint positions `(7,)` [rad] and opening of each finger [m] at a time [control steps]."""
@@ -214,7 +219,7 @@ class _TrajectoryBuilder:
             rotation = turned.rotation() @ start.rotation()
             pose = mink.SE3.from_rotation_and_translation(rotation, moved.apply(start.translation()))
             joints, error = self._solve(pose)
-            if frame is not None and error > OUT_OF_REACH:
+            if frame is not None and error > _OUT_OF_REACH:
                 self._arc_share = min(self._arc_share, float(fraction) - 1.0 / count)
                 return
             self._add_solution(joints, pose, move.fingers, self._limits.steps(abs(arc) / count, move.speed))
