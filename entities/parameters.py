@@ -14,9 +14,6 @@ from kitchen_suite.entities.joints import joint_types
 
 Elements = tuple[mjcf.Element, ...]
 
-# Number of positions of a free joint.
-_FREE = 7
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ParameterType:
@@ -201,7 +198,7 @@ def _displace_freely(physics: mjcf.Physics, elements: Elements, value: NDArray[n
     (joint,) = elements
     x, y, yaw = value
     start = int(physics.bind(joint).qposadr)
-    position, quaternion = np.split(physics.data.ptr.qpos[start : start + _FREE], [3])
+    position, quaternion = np.split(physics.data.ptr.qpos[start : start + 7], [3])
     position[:2] += x, y
     if yaw:
         rotation = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])

@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.bridges.page import HandPanel, Page, Stage
+from kitchen_suite.bridges.page import FIRST_CAMERA, HandPanel, Page, Stage
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies.registry import EXPERT_PACKAGES
 from kitchen_suite.rendering.viser_servers import check_extra, local_server
-
-# Camera through which a person looks at first.
-_CAMERA = "overview"
 
 
 class InterventionWrapper(gymnasium.Wrapper):
@@ -76,7 +73,7 @@ class InterventionWrapper(gymnasium.Wrapper):
     def _show(self) -> None:
         physics = self._inner.environment.physics
         if self._stage is None or not self._stage.shows(physics):
-            self._stage = Stage(self._page, physics, _CAMERA, self._policy)
+            self._stage = Stage(self._page, physics, FIRST_CAMERA, self._policy)
         self._stage.update(physics, self._policy)
 
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from kitchen_suite.policies.experts.teleoperation import Teleoperation
 
+# The camera through which a person looks at first, where there is no flag for it.
+FIRST_CAMERA = "overview"
+
 # Lengths and angles of a nudge [m, degrees] by name.
 NUDGES = {"2 mm, 1 degree": (0.002, 1.0), "1 cm, 5 degrees": (0.01, 5.0), "3 cm, 15 degrees": (0.03, 15.0)}
 
@@ -40,12 +43,6 @@ _HELP = (
     "Drag the hand, or the arrows and rings at it. Keys: arrows, page up and down; O P, Y H, E R to turn; space opens "
     "or closes the fingers; backspace goes back a second. Time stands still until you move the hand."
 )
-
-# Commanded positions are nearer to the origin than this [m].
-_FARTHEST = 100.0
-
-# Radius of the ball at the hand that can be dragged [m].
-_BALL = 0.05
 
 # Pictures of a camera of the model beside the scene: none, or one of this height and width [pixels]; and the least time
 # between two of them [s], for browsers that draw slowly.
@@ -219,7 +216,7 @@ class HandGizmo:
         self._pose = self._offset = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._arrows = scene.add_transform_controls("/hand/arrows", scale=0.2, depth_test=False, opacity=0.7)
         self._ball = scene.add_icosphere(
-            "/hand/ball", radius=_BALL, color=(255, 170, 0), opacity=0.35, cast_shadow=False, receive_shadow=False
+            "/hand/ball", radius=0.05, color=(255, 170, 0), opacity=0.35, cast_shadow=False, receive_shadow=False
         )
         self._arrows.on_update(self._move)
         self._ball.on_drag(self._drag)
@@ -253,8 +250,8 @@ class HandGizmo:
     def _command(self, position: Any, orientation: Any) -> None:
         """Commands a pose, in place of all poses since the last time."""
         pose = np.array(position, float), np.array(orientation, float)
-        # A browser can send anything.
-        if not all((np.abs(part) < _FARTHEST).all() for part in pose) or not pose[1].any():
+        # A browser can send anything, such as a place 100 m away.
+        if not all((np.abs(part) < 100.0).all() for part in pose) or not pose[1].any():
             return
         self._pose = pose
         if not self._is_waiting:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite import checks, policies, suite
 from kitchen_suite.bridges.live import LiveEpisode, TeleoperatedEpisode, kept_by_user
-from kitchen_suite.bridges.page import CameraPicture, Command, HandPanel, Page, Stage
+from kitchen_suite.bridges.page import FIRST_CAMERA, CameraPicture, Command, HandPanel, Page, Stage
 from kitchen_suite.policies import POLICIES
 from kitchen_suite.rendering.cameras import camera_names, find_camera
 from kitchen_suite.rendering.viser_servers import HOST, check_extra, local_server
@@ -36,9 +36,6 @@ _PERSONS_STEPS = 2_000
 
 # Name of a person as a policy, and in the panel of nobody from whom a person takes over.
 TELEOP, NOBODY = "teleop", "nobody"
-
-# The camera through which a person looks at first, of a command that has no flag for it.
-_CAMERA = "overview"
 
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x", "8x")
 
@@ -187,7 +184,7 @@ class Viewer:
     """
 
     def __init__(
-        self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = _CAMERA
+        self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = FIRST_CAMERA
     ) -> None:
         """Shows an episode that has been started, in place of the contents of a page, through a camera at first.
 

@@ -8,9 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-# Added to the variance in the normalisation of layers, as in PyTorch.
-_EPSILON = 1e-5
-
 # Bound of standardised inputs.
 CLIP = 10.0
 
@@ -52,7 +49,8 @@ class Block(NamedTuple):
         """Returns `(..., w)` for values `(..., w)`."""
         centred = values - values.mean(axis=-1, keepdims=True)
         variance = np.square(centred).mean(axis=-1, keepdims=True)
-        normalised = centred / np.sqrt(variance + np.float32(_EPSILON)) * self.norm.weight + self.norm.bias
+        # With the epsilon of PyTorch.
+        normalised = centred / np.sqrt(variance + np.float32(1e-5)) * self.norm.weight + self.norm.bias
         return values + self.second(silu(self.first(normalised)))
 
 

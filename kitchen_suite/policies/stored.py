@@ -23,9 +23,6 @@ EpisodePolicy = Callable[[dm_env.TimeStep], NDArray[np.float32]]
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1
 
-# Algorithm of files that do not name theirs: those of PPO.
-_UNNAMED = "ppo"
-
 # Bound of the arrays of a file [bytes], a dozen times what the greatest policy of the package takes.
 _MAX_BYTES = 64 * 2**20
 
@@ -159,7 +156,8 @@ def load(path: Path, classes: Sequence[type[Stored]]) -> Stored:
         raise ValueError(f"{path} has format {version}; this version reads {FORMAT}")
     by_algorithm = {each.algorithm: each for each in classes}
     try:
-        algorithm = checks.choice(metadata.get("algorithm", _UNNAMED), by_algorithm, "algorithm")
+        # Files of PPO do not name it.
+        algorithm = checks.choice(metadata.get("algorithm", "ppo"), by_algorithm, "algorithm")
         return by_algorithm[algorithm].from_arrays(arrays, metadata)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{problem}: {error}") from error

@@ -59,19 +59,6 @@ POSES = {task: f"{goal.prop}/pose" for task, goal in GOALS.items() if goal.prop 
 
 _OBSERVABLES = frozenset((BASE, *POSES.values()))
 
-_ACTUATORS = tuple(link.actuator for link in KITCHEN_FRANKA.links)
-_GAINS = np.array([actuator.gain for actuator in _ACTUATORS])
-# Fraction of a joint's position error that its actuator removes in a control step: gain and damping of the joint make a
-# first-order lag.
-_RESPONSE = 1.0 - np.exp(-CONTROL_TIMESTEP * _GAINS / np.array([actuator.damping for actuator in _ACTUATORS]))
-
-# Joint speeds that the actuators can follow [rad / control step]. The shoulder's limit is 0.06: its torque limit less
-# the torque of gravity.
-_JOINT_SPEED = (0.06,) * 4 + (0.08,) * 3
-
-# Fraction of the hand's error that the control modes of the end effector remove in a control step.
-_HAND_RESPONSE = 0.55
-
 
 class KitchenExpert(Expert):
     """Completes tasks of the kitchen one after the other, and repeats a failed task after the others."""
@@ -338,12 +325,15 @@ def _pose(values: Array) -> mink.SE3:
 @functools.cache
 def arm_model() -> ArmModel:
     """The arm in the kitchen, shared by all instances."""
+    gains, damping = np.array([(link.actuator.gain, link.actuator.damping) for link in KITCHEN_FRANKA.links]).T
     return ArmModel(
         kinematics=ArmKinematics(KitchenArena, KITCHEN_FRANKA),
-        gains=_GAINS,
-        joint_response=_RESPONSE,
-        hand_response=_HAND_RESPONSE,
-        joint_speed=_JOINT_SPEED,
+        gains=gains,
+        # In a control step, of the position error: gain and damping of a joint make a first-order lag.
+        joint_response=1.0 - np.exp(-CONTROL_TIMESTEP * gains / damping),
+        hand_response=0.55,
+        # That the actuators can follow. The shoulder's limit is 0.06: its torque limit less the torque of gravity.
+        joint_speed=(0.06,) * 4 + (0.08,) * 3,
         timestep=CONTROL_TIMESTEP,
     )
 

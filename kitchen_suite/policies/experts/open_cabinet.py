@@ -25,10 +25,6 @@ from kitchen_suite.tasks.open_cabinet.observation import SIZE, SLICES
 from kitchen_suite.tasks.open_cabinet.reward import SUCCESS_OPENING
 from kitchen_suite.tasks.open_cabinet.task import OpenCabinetTask
 
-_GAINS = np.array([link.actuator.gain for link in PANDA.links])
-
-# Greatest speed of every joint [rad / control step]: 1.2 rad/s; the task ends an episode at 5.
-_JOINT_SPEED = (0.012,) * 7
 # Speeds of the hand towards the handle and while pulling [m/s]; at higher speeds the lower handle slips out.
 _APPROACH_SPEED, _PULL_SPEED = 0.18, 0.2
 # Control steps to close the fingers on the handle, and to open them.
@@ -164,10 +160,11 @@ def panda_model(build_arena: Callable[..., SiteArena]) -> ArmModel:
     """The Panda in an arena, with control steps of 0.01 s; shared by all instances."""
     return ArmModel(
         kinematics=ArmKinematics(build_arena, PANDA),
-        gains=_GAINS,
+        gains=np.array([link.actuator.gain for link in PANDA.links]),
         joint_response=1.0,
         hand_response=1.0,
-        joint_speed=_JOINT_SPEED,
+        # 1.2 rad/s; the cabinet's task ends an episode at 5.
+        joint_speed=(0.012,) * 7,
         timestep=CONTROL_TIMESTEP,
     )
 
