@@ -149,6 +149,7 @@ class ExportJob:
         self._gymnasium_env = self._spec.make_environment(visuals=True)
         options = {VARIATION_VALUES: dict(settings.variation_values)} if settings.variation_values else None
         reset_to_seed(self._gymnasium_env, settings.seed, "gymnasium", options)
+        self._environment = suite_env(self._gymnasium_env).environment
 
     def progress(self) -> str:
         return "before the folder was complete; nothing was written"
@@ -166,10 +167,6 @@ class ExportJob:
         for name, difference in differences.items():
             print(f"{XML_FILE}: {name.removeprefix('xml_').replace('_', ' ')}: {difference}")
         return True
-
-    @property
-    def _environment(self) -> Environment:
-        return suite_env(self._gymnasium_env).environment
 
     def _metadata(self) -> dict[str, Any]:
         """Returns the contents of the JSON file that describe scene and episode."""

@@ -69,12 +69,10 @@ def light_stl(stl: bytes) -> bytes:
 
 def _cache_path(stl: bytes) -> Path | None:
     """Returns where the light version of a mesh is kept, by its contents and all that the result depends on."""
-    root = files.cache_folder()
-    if root is None:
-        return None
     settings = (MAX_FACES, _AGGRESSION, *((name, _version(name)) for name in PACKAGES))
     digest = hashlib.sha256(repr(settings).encode() + stl).hexdigest()
-    return root / "light-meshes" / f"{digest}.npz"
+    root = files.cache_folder()
+    return root and root / "light-meshes" / f"{digest}.npz"
 
 
 def _read(path: Path) -> bytes | None:

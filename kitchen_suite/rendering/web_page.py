@@ -18,11 +18,6 @@ from typing import Any
 # Bytes from which a message has a chunk of its own: meshes are larger, poses are smaller.
 _MIN_SHARED = 512
 
-_LEVEL = 12  # Of zstd, as in viser's own recordings.
-
-# Arrays of a recording start at multiples of this [bytes].
-_ALIGNMENT = 8
-
 
 class WebPage:
     """Episodes of a page."""
@@ -61,7 +56,8 @@ class WebPage:
 
         key = hashlib.sha256(part).hexdigest()[:16]
         if key not in self._chunks:
-            frame = zstandard.ZstdCompressor(level=_LEVEL).compress(part)
+            # The level of viser's own recordings.
+            frame = zstandard.ZstdCompressor(level=12).compress(part)
             self._chunks[key] = base64.b64encode(frame).decode()
         return key
 
@@ -83,8 +79,8 @@ def _parts(recording: bytes) -> Iterator[bytes]:
         yield waiting
         yield message
         waiting = b""
-    # The arrays begin at a multiple of the alignment, after another number of bytes than before.
-    yield waiting + bytes(-(8 + length) % _ALIGNMENT) + contents[end + -end % _ALIGNMENT :]
+    # The arrays begin at a multiple of 8 bytes, after another number of bytes than before.
+    yield waiting + bytes(-(8 + length) % 8) + contents[end + -end % 8 :]
 
 
 def _encoded(payload: bytes) -> tuple[bytes, list[bytes]]:

@@ -84,6 +84,7 @@ class SeedRun:
     Attributes:
       resumed: whether the learner continues from a checkpoint.
       best: success rate and mean return of the best evaluation so far.
+      policy_file: file of its policy.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class SeedRun:
         As many episodes of an evaluation are played at first as there are environments, which have autoreset mode
         `Disabled`. The metadata is of exported policies.
         """
-        self._folder, self._seed, self._schedule = folder, seed, schedule
+        self._folder, self._seed, self._schedule, self.policy_file = folder, seed, schedule, folder / POLICY_FILE
         self._learner, self._evaluation_environments, self._metadata = learner, evaluation_environments, metadata
         folder.mkdir(parents=True, exist_ok=True)
         # Duration and processor time of all threads until the last evaluation [s].
@@ -114,11 +115,6 @@ class SeedRun:
             learner.load_state(checkpoint)
             self._seconds = np.array([checkpoint.seconds, checkpoint.processor_seconds])
             self.best, self._progress, self._successes = checkpoint.best, checkpoint.progress, checkpoint.successes
-
-    @property
-    def policy_file(self) -> Path:
-        """File of the policy of the best evaluation so far."""
-        return self._folder / POLICY_FILE
 
     @property
     def steps(self) -> int:
