@@ -264,8 +264,7 @@ PAD_HALF_SIZE = (0.0105, 0.005, 0.0095)
 
 # Offsets along z [m]: from the hand to the fingers' frames, from the hand to the middle of the pads, from link 7 to the
 # hand.
-_FINGER_Z = 0.0584
-_TOOL_Z = 0.1034
+_FINGER_Z, _TOOL_Z = 0.0584, 0.1034
 _HAND_Z = 0.107
 _HAND_QUAT = (math.cos(math.pi / 8), 0.0, 0.0, -math.sin(math.pi / 8))
 

@@ -118,16 +118,6 @@ def built_position(frame: mjcf.Element) -> NDArray[np.float64]:
     return np.zeros(3) if frame.pos is None else frame.pos
 
 
-def _read_offset(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
-    (frame,) = elements
-    return physics.bind(frame).pos - built_position(frame)
-
-
-def _write_offset(physics: mjcf.Physics, elements: Elements, value: NDArray[np.float64]) -> None:
-    (frame,) = elements
-    physics.bind(frame).pos = built_position(frame) + value
-
-
 def _read_yaw(physics: mjcf.Physics, elements: Elements) -> ArrayLike:
     w, _, _, z = physics.bind(elements[0]).quat
     return 2 * np.arctan2(z, w)
@@ -154,7 +144,12 @@ def _write_sliding_friction(physics: mjcf.Physics, geoms: Elements, value: NDArr
 
 
 # Translation from the built position, in the frame of the parent.
-POSITION_OFFSET = ParameterType(read=_read_offset, write=_write_offset, model_fields=("body_pos",), shape=(3,))
+POSITION_OFFSET = ParameterType(
+    read=lambda physics, frames: physics.bind(frames[0]).pos - built_position(frames[0]),
+    write=lambda physics, frames, value: setattr(physics.bind(frames[0]), "pos", built_position(frames[0]) + value),
+    model_fields=("body_pos",),
+    shape=(3,),
+)
 
 # Rotation about the z axis of the parent.
 YAW = ParameterType(read=_read_yaw, write=_write_yaw, model_fields=("body_quat",))

@@ -20,8 +20,8 @@ from kitchen_suite.tasks.control_modes import joints as joint_modes
 from kitchen_suite.tasks.kitchen import action as kitchen_action
 from kitchen_suite.tasks.mdp import ActionMode
 
-# Distances of the hand from its target beyond which it does not follow [m, rad].
-_MAX_DISTANCE, _MAX_ANGLE = 0.1, 0.5
+# Distances of the hand, and of a joint, from the target beyond which they do not follow [m, rad; rad].
+_MAX_DISTANCE, _MAX_ANGLE, _MAX_LAG = 0.1, 0.5, 0.25
 
 # Fraction of the mode's speeds at which trajectories move, so that actions can still correct errors.
 _SPEED_RESERVE = 0.9
@@ -29,9 +29,6 @@ _SPEED_RESERVE = 0.9
 # Greatest speeds of the hand in `ee_pose`, and angular speed in `ee_delta_position` [m/s, rad/s]: the defaults of the
 # modes that have speeds.
 _LINEAR_SPEED, _ANGULAR_SPEED = 0.25, 1.0
-
-# Distance of a joint from its target beyond which it does not follow [rad].
-_MAX_LAG = 0.25
 
 # The velocity scale for which the joint speeds hold: velocity of a joint for an action of one [rad/s].
 _VELOCITY_SCALE = 2.0

@@ -111,9 +111,7 @@ class Door:
 
 
 # Positions of the left and right knobs along x, of all along y, and heights of the lower and upper ones [m].
-_LEFT, _RIGHT = -0.256, -0.133
-_Y = 0.65
-_LOW, _HIGH = 2.226, 2.34
+_LEFT, _RIGHT, _Y, _LOW, _HIGH = -0.256, -0.133, 0.65, 2.226, 2.34
 
 # Joint positions from which inverse kinematics starts [rad].
 _AT_KNOBS = (-0.89, -0.78, 1.25, -2.28, 0.2, 1.46, 2.0)

@@ -13,8 +13,7 @@ from kitchen_suite.policies.experts.skills import OPEN, UNLIMITED, ArcMove, Arra
 
 # Spacing of the poses on straight lines [m] and arcs [rad] for which inverse kinematics is solved. Between them the
 # joints are interpolated linearly, which keeps the site within a millimetre of the line.
-_LINE_SPACING = 0.02
-_ARC_SPACING = 0.06
+_LINE_SPACING, _ARC_SPACING = 0.02, 0.06
 
 # Distance of the hand from a planned pose beyond which the pose is out of reach [m].
 _OUT_OF_REACH = 0.01
