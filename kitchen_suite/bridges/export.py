@@ -241,7 +241,7 @@ def _write_xml(folder: Path, root: Any) -> None:
 
 def _action(mode: Any, spec: specs.Array) -> dict[str, Any]:
     """Returns what the elements of an action are, and how controls follow from them."""
-    bounds = [getattr(spec, name, None) for name in ("minimum", "maximum")]
+    bounds = [getattr(spec, name, np.array(None)) for name in ("minimum", "maximum")]
     elements = zip(spec.name.split("\t"), *(np.broadcast_to(each, spec.shape).tolist() for each in bounds), strict=True)
     return {
         "control_mode": mode.name,

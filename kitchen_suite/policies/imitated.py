@@ -76,9 +76,9 @@ class ImitatedPolicy(StoredPolicy):
         if len(cameras) != len(self.encoders):
             raise ValueError(f"there are {len(self.encoders)} encoders for the cameras {cameras}")
         if cameras:
-            size = files.parse(self.metadata.get("image_size"), tuple[int, int], "image_size")
+            height, width = files.parse(self.metadata.get("image_size"), tuple[int, int], "image_size")
             for encoder in self.encoders:
-                encoder.check_takes(*size)
+                encoder.check_takes(height, width)
         self._check_sizes()
 
     @abc.abstractmethod

@@ -135,7 +135,8 @@ def load_policy(path: Path) -> "StoredPolicy":
     """Reads a trained policy of any algorithm; raises as `StoredPolicy.load`."""
     from kitchen_suite.policies import imitated, stored, trained
 
-    return stored.load(path, (trained.TrainedPolicy, *imitated.POLICIES))
+    classes: tuple[type[stored.StoredPolicy], ...] = (trained.TrainedPolicy, *imitated.POLICIES)
+    return stored.load(path, classes)
 
 
 class TrainedSource(PolicySource):

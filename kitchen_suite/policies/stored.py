@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kitchen_suite.tasks.task import SuiteTask
 
 # Returns the action for a time step of an episode.
-EpisodePolicy = Callable[[dm_env.TimeStep], NDArray[np.float32]]
+EpisodePolicy = Callable[[dm_env.TimeStep], NDArray]
 
 # Version of the file layout, incremented when older versions of the suite would misread new files.
 FORMAT = 1

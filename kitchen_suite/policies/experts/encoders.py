@@ -8,7 +8,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import mink
 import numpy as np
-from numpy.typing import ArrayLike
 
 from kitchen_suite import checks
 from kitchen_suite.policies.experts.kinematics import ARM, ArmKinematics
@@ -85,8 +84,8 @@ class ActionEncoder(abc.ABC):
     turns_hand: ClassVar[bool] = True
 
     limits: JointSpeedLimits
-    low: ArrayLike = -1.0
-    high: ArrayLike = 1.0
+    low: Array | float = -1.0
+    high: Array | float = 1.0
     arm_size: int = 7
 
     def __init__(self, mode: Any, arm: ArmModel) -> None:
