@@ -50,11 +50,12 @@ class PolicySource(abc.ABC):
 
     Attributes:
       takes_options: whether the name may have options, such as `expert(speed=0.8)`.
+      needs_experts: whether it needs the extra `experts`.
       player: entry point of the function that lets each episode be played before it is stepped, called with its
         `rollouts.spec.EpisodeSpec`; None for policies that act by themselves.
     """
 
-    takes_options = False
+    takes_options = needs_experts = False
     player: str | None = None
 
     @abc.abstractmethod
@@ -62,9 +63,6 @@ class PolicySource(abc.ABC):
         self, environment: dm_env.Environment, generator: np.random.Generator, *args: Any, **options: Any
     ) -> Policy:
         """Builds the policy for an episode with the options of its name; random numbers come from the generator."""
-
-    def check_installed(self, name: str) -> None:  # noqa: B027
-        """Raises an ImportError if the policy `name` needs an extra that is not installed."""
 
     def for_episodes(self, digest: str | None) -> PolicyBuilder:
         """Returns the builder for several episodes, which reads a file once and checks its SHA-256 if one is given."""
@@ -104,7 +102,7 @@ class ExpertSource(PolicySource):
     Its options are attributes of `experts.MotionStyle`, and arguments of the expert and its control mode.
     """
 
-    takes_options = True
+    takes_options = needs_experts = True
 
     def __init__(self, kind: str = "expert") -> None:
         """Prepares to build the experts of a kind, as of `experts.expert_class`."""
@@ -120,9 +118,6 @@ class ExpertSource(PolicySource):
         names = options.keys() & {field.name for field in dataclasses.fields(experts.MotionStyle)}
         style = experts.MotionStyle(**{name: options.pop(name) for name in names})
         return experts.make_policy(environment, generator, kind=self._kind, style=style, **options)
-
-    def check_installed(self, name: str) -> None:
-        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         from kitchen_suite.policies import experts
@@ -219,6 +214,7 @@ class TakeoverSource(TrainedSource):
     Learning and Structured Prediction to No-Regret Online Learning (DAgger), AISTATS 2011.
     """
 
+    needs_experts = True
     _expert = ExpertSource()
 
     def __call__(
@@ -234,9 +230,6 @@ class TakeoverSource(TrainedSource):
         first = super().__call__(environment, generator, file=file)
         return Takeover(first, self._expert(environment, generator, **options), step)
 
-    def check_installed(self, name: str) -> None:
-        self._expert.check_installed(name)
-
     def missing_observables(self, make_task: "Callable[[], SuiteTask]", options: Mapping[str, Any]) -> list[str]:
         task = make_task()
         own = super().missing_observables(lambda: task, options)
@@ -250,7 +243,7 @@ class TeleopSource(PolicySource):
     is that of the page. In commands, each episode is played in the page before it is recorded or scored.
     """
 
-    takes_options = True
+    takes_options = needs_experts = True
     player = "kitchen_suite.bridges.viewer:Player"
 
     def __call__(
@@ -269,9 +262,6 @@ class TeleopSource(PolicySource):
         checks.boolean(rewind, "rewind")
         checks.integer(port, "port", minimum=1024, maximum=65535)
         return TeleoperatedPolicy(environment.task, find(policy)(environment, generator) if policy else None)
-
-    def check_installed(self, name: str) -> None:
-        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
 
     def file(self, options: Mapping[str, Any], task: "SuiteTask | None" = None) -> Path | None:
         first = options.get("policy")
@@ -325,7 +315,8 @@ def find(name: str, *, digest: str | None = None) -> PolicyBuilder:
         source = POLICIES[checks.choice(key, POLICIES.keys(), "policy")]
     except ValueError as error:
         raise ValueError(f"{error}, or name one of your own as module:callable") from error
-    source.check_installed(name)
+    if source.needs_experts:
+        checks.installed(EXPERT_PACKAGES, f"policy {checks.shown(name)}", "experts")
     if options and not source.takes_options:
         others = " and ".join(other for other, each in POLICIES.items() if each.takes_options)
         raise ValueError(f"policy {key!r} takes no options, got {checks.shown(name)}; {others} do")

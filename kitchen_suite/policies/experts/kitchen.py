@@ -2,7 +2,7 @@
 
 import collections
 import functools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Self
 
 import mink
@@ -66,6 +66,8 @@ class KitchenExpert(Expert):
     control_modes = CONTROL_MODES
     observation_size = SIZE
 
+    _build_goals: Callable[..., GoalSet] = staticmethod(build_goals)
+
     def __init__(
         self,
         tasks: Sequence[str],
@@ -101,7 +103,7 @@ class KitchenExpert(Expert):
             tasks when others are requested, as with the environment's `tasks_in_turn`.
           **control_options: arguments of the control mode: the environment's.
         """
-        self._goals = self._collect_goals(tasks, goals)
+        self._goals = self._build_goals(tasks, goals)
         self._success = make_success(
             self._goals, scene(), default=THRESHOLD, success=success, threshold=threshold, positive=True
         )
@@ -116,10 +118,6 @@ class KitchenExpert(Expert):
         precise = STRICT_SKILLS if self._is_strict else SKILLS
         self._skills = precise if encoder.turns_hand else FIXED_SKILLS
         super().__init__(style, encoder)
-
-    @staticmethod
-    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
-        return build_goals(tasks, values)
 
     @classmethod
     def for_task(cls, task: KitchenTask, **options: Any) -> Self:
@@ -158,7 +156,10 @@ class KitchenExpert(Expert):
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
         requested, distances = self._requested(observation), self._relative_distances(observation)
         if self._trajectory is None or requested != self._tasks:
-            return self._turn_to(requested, observation, joints)
+            # What is under way is left for the tasks that are requested now.
+            retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
+            self._tasks, self._remaining = requested, collections.deque(requested)
+            return self._then_first_task(retreat, observation)
         distance = distances[self._remaining[0]] if self._remaining else None
         if self._is_strict:
             # Near their goals objects are moved more slowly.
@@ -187,12 +188,6 @@ class KitchenExpert(Expert):
         requests = zip(self._goals.tasks, observation[-self._num_requests :] > 0.5, strict=True)
         wanted = {task for task, is_asked in requests if is_asked}
         return tuple(task for task in self._order if task in wanted)
-
-    def _turn_to(self, tasks: tuple[str, ...], observation: Array, joints: Array) -> JointTrajectory:
-        """Begins with tasks, and leaves for them what is under way."""
-        retreat = self._plan_retreat(joints) if self._remaining else JointTrajectory.stationary(joints, OPEN)
-        self._tasks, self._remaining = tasks, collections.deque(tasks)
-        return self._then_first_task(retreat, observation)
 
     def _resume_from_rest(
         self, distances: Mapping[str, float], observation: Array, joints: Array

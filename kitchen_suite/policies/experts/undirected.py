@@ -1,5 +1,6 @@
 """An expert that completes tasks of the kitchen in a random order, as people do who play with it."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -32,6 +33,9 @@ class UndirectedExpert(KitchenExpert):
     """
 
     is_directed: bool
+
+    # Goals that exclude each other are wanted one after the other.
+    _build_goals = staticmethod(functools.partial(GoalSet.build, GOALS))
 
     def __init__(
         self,
@@ -79,11 +83,6 @@ class UndirectedExpert(KitchenExpert):
             **task.success_options,
             "extra_observables": tuple(task.extra_observables),
         }
-
-    @staticmethod
-    def _collect_goals(tasks: Sequence[str], values: Mapping[str, ArrayLike] | None) -> GoalSet:
-        # Those that exclude each other are wanted one after the other.
-        return GoalSet.build(GOALS, tasks, values)
 
     def reset(self, generator: np.random.Generator) -> None:
         super().reset(generator)
