@@ -2,9 +2,10 @@
 
 import abc
 import dataclasses
+import functools
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, cast
 
@@ -46,6 +47,7 @@ class RecordingLearner(Learner):
     ) -> None:
         """Takes a method, its networks whose weights are averaged, and the steps of the optimiser in the whole run."""
         self._method, self._optimizer, self._config, self._num_steps = method, optimizer, config, num_steps
+        self._learning = averaged
         self._average = AveragedModel(averaged, multi_avg_fn=get_ema_multi_avg_fn(config.averaging))
 
     @property
@@ -76,9 +78,9 @@ class RecordingLearner(Learner):
     def _draw_loss(self) -> torch.Tensor:
         """Returns the loss `()` of a batch that it draws."""
 
-    @abc.abstractmethod
     def _update_average(self) -> None:
         """Adds the weights to their average, after a step of the optimiser."""
+        self._average.update_parameters(self._learning)
 
     def _export(self, metadata: Mapping[str, Any], networks: Mapping[str, TorchNetwork], **parts: Any) -> Any:
         """Returns a policy of networks, with further parts."""
@@ -152,9 +154,6 @@ class ImitationLearner(RecordingLearner):
         pictures = [augmented(each[indices], self._config) for each in self._pictures.values()]
         return self._method.loss(self._method.see(inputs, pictures), chunks, self.steps)
 
-    def _update_average(self) -> None:
-        self._average.update_parameters(self._method)
-
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
         method = self.averaged
         return self._export(
@@ -214,7 +213,7 @@ class OfflineLearner(RecordingLearner):
 
     def _update_average(self) -> None:
         self._method.update_targets()
-        self._average.update_parameters(self._method.policy)
+        super()._update_average()
 
     def export(self, metadata: Mapping[str, Any]) -> ImitatedPolicy:
         networks = {"network": cast(TorchNetwork, self._average.module), **self._method.further_networks()}
@@ -237,6 +236,7 @@ class RecordingTraining(Training):
     """The settings of a run that learns from recordings alone."""
 
     steps = "steps of the optimiser"
+    _build: Callable[..., RecordingLearner]
 
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec, method: Any) -> None:
         """Checks the settings; `spec` is that of the environments that are evaluated in, `method` a class."""
@@ -260,6 +260,9 @@ class RecordingTraining(Training):
             self._tasks, self._inputs = task.requests.drawn_tasks, task.policy_inputs
         self._extras = _extras(spec)
 
+    def make_learner(self, seed: int) -> RecordingLearner:
+        return self._build(seed=seed)
+
 
 class ImitationTraining(RecordingTraining):
     """The demonstrations and hyperparameters of a run by imitation."""
@@ -267,20 +270,9 @@ class ImitationTraining(RecordingTraining):
     def __init__(self, settings: TrainSettings, spec: EnvironmentSpec) -> None:
         """Reads the demonstrations; `spec` is that of the environments that are evaluated in."""
         super().__init__(settings, spec, METHODS[settings.algorithm])
-        self._demonstrations = load_demonstrations(
-            settings.demonstrations, spec, self._tasks, settings.num_demonstrations
-        )
-
-    def make_learner(self, seed: int) -> ImitationLearner:
-        return ImitationLearner(
-            self._demonstrations,
-            self._method,
-            self.config,
-            num_steps=self._num_steps,
-            seed=seed,
-            tasks=self._tasks,
-            extras=self._extras,
-        )
+        found = load_demonstrations(settings.demonstrations, spec, self._tasks, settings.num_demonstrations)
+        options = {"num_steps": self._num_steps, "tasks": self._tasks, "extras": self._extras}
+        self._build = functools.partial(ImitationLearner, found, self._method, self.config, **options)
 
 
 class OfflineTraining(RecordingTraining):
@@ -297,23 +289,14 @@ class OfflineTraining(RecordingTraining):
             )
         # Goals stand for requests, which most recordings do not have.
         tasks = () if reaches else self._tasks
-        self._goal_elements = inputs.goal_elements if reaches else ()
-        self._transitions = load_transitions(
+        elements = inputs.goal_elements if reaches else ()
+        found = load_transitions(
             settings.demonstrations, spec, tasks, settings.num_demonstrations, with_rewards=not reaches
         )
-        goals = {"goal_size": len(self._goal_elements)} if reaches else {}
-        self._metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
-
-    def make_learner(self, seed: int) -> OfflineLearner:
-        return OfflineLearner(
-            self._transitions,
-            self._method,
-            self.config,
-            num_steps=self._num_steps,
-            seed=seed,
-            goal_elements=self._goal_elements,
-            metadata=self._metadata,
-        )
+        goals = {"goal_size": len(elements)} if reaches else {}
+        metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
+        options = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}
+        self._build = functools.partial(OfflineLearner, found, self._method, self.config, **options)
 
 
 def _extras(spec: EnvironmentSpec) -> dict[str, Any]:
