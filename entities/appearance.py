@@ -5,6 +5,7 @@ adds these materials to a scene before it is compiled. Parameters are written to
 which offsets, rotations and factors are relative.
 """
 
+import collections
 import dataclasses
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -126,9 +127,9 @@ class _Ids:
 def _color(surface: Surface) -> ParameterType:
     names = (*surface.materials, *surface.variants)
     materials = _Ids(_MATERIAL, names)
-    geom_names: dict[float, list[str]] = {}
+    geom_names: dict[float, list[str]] = collections.defaultdict(list)
     for name in surface.geoms:
-        geom_names.setdefault(surface.shades.get(name, 1.0), []).append(name)
+        geom_names[surface.shades.get(name, 1.0)].append(name)
     by_shade = {shade: _Ids(_GEOM, group) for shade, group in geom_names.items()}
 
     def arrays(physics: mjcf.Physics) -> Iterator[tuple[NDArray, NDArray[np.int64], float]]:
@@ -221,12 +222,9 @@ _WALL_TEXTURES = (
     _picture("marble", "marble1", **_MATT),
     _picture("mosaic", "tile1", **_MATT),
 )
-_FRONT_TEXTURES = (
-    _picture("wood", "wood1", **_SATIN),
-    _picture("concrete", "metal1", **_SATIN),
-    _speckles("laminate", 0.2, 0.85, **_SATIN),
-    _picture("marble", "marble1", **_SATIN),
-)
+_CONCRETE, _MARBLE = _picture("concrete", "metal1", **_SATIN), _picture("marble", "marble1", **_SATIN)
+_LAMINATE = _speckles("laminate", 0.2, 0.85, **_SATIN)
+_FRONT_TEXTURES = (_picture("wood", "wood1", **_SATIN), _CONCRETE, _LAMINATE, _MARBLE)
 
 KITCHEN = (
     _FLOOR,
@@ -298,11 +296,7 @@ OPEN_CABINET = (
         prefix="cabinet/worktop_",
         color=(1, 1, 1),
         materials=("cabinet/worktop",),
-        textures=(
-            _picture("marble", "marble1", **_SATIN),
-            _speckles("granite", 0.3, 0.7, **_SATIN),
-            _picture("concrete", "metal1", **_SATIN),
-        ),
+        textures=(_MARBLE, _speckles("granite", 0.3, 0.7, **_SATIN), _CONCRETE),
     ),
     Surface(prefix="cabinet/handle_", color=cabinet.COLORS["metal"], materials=("cabinet/metal",)),
     FRANKA,
@@ -310,16 +304,7 @@ OPEN_CABINET = (
 
 MICROWAVE_TABLE = (
     *ROOM,
-    Surface(
-        prefix="table/",
-        color=(1, 1, 1),
-        materials=("wood",),
-        textures=(
-            _picture("marble", "marble1", **_SATIN),
-            _speckles("laminate", 0.2, 0.85, **_SATIN),
-            _picture("concrete", "metal1", **_SATIN),
-        ),
-    ),
+    Surface(prefix="table/", color=(1, 1, 1), materials=("wood",), textures=(_MARBLE, _LAMINATE, _CONCRETE)),
     Surface(prefix="table/leg_", color=(0.36, 0.47, 0.53), materials=("leg",)),
     Surface(prefix="pedestal/", color=(0.55, 0.56, 0.58), materials=("steel",)),
     *MICROWAVE,
