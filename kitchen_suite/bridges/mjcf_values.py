@@ -103,11 +103,9 @@ def _set(element: Any, attributes: Mapping[str, Any], *, inertial: bool) -> None
 
 
 class Difference(NamedTuple):
-    """The greatest difference of a number of two models.
+    """The greatest difference of a number of two models, and the name of its field, which is empty if none differs.
 
-    Attributes:
-      value: its absolute value; infinite where an array has another shape.
-      field: name of the field; empty if no number differs.
+    Its absolute value is infinite where an array has another shape.
     """
 
     value: float

@@ -177,11 +177,7 @@ def policies_for(domain_name: str, task_name: str) -> tuple[str, ...]:
 
 
 class Viewer:
-    """Plays an episode in real time, and does what is chosen in the panel.
-
-    Attributes:
-      episode: the one that is shown.
-    """
+    """Plays an episode in real time, and does what is chosen in the panel."""
 
     def __init__(
         self, page: Page, episode: LiveEpisode, *, settings: ViewSettings | None = None, camera: str = FIRST_CAMERA
@@ -418,11 +414,7 @@ class ViewJob:
 
 
 class PlayedPolicy:
-    """Acts as a person has played an episode; the episode has to be stepped in the same way.
-
-    Attributes:
-      labels: of the last action.
-    """
+    """Acts as a person has played an episode, with the labels; the episode has to be stepped in the same way."""
 
     def __init__(self, episode: EpisodeArrays) -> None:
         self._actions, self._step = episode.arrays["action"], 0

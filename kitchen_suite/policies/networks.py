@@ -13,12 +13,7 @@ CLIP = 10.0
 
 
 class Linear(NamedTuple):
-    """An affine map.
-
-    Attributes:
-      weight: `(n, m)`.
-      bias: `(n,)`.
-    """
+    """An affine map with weight `(n, m)` and bias `(n,)`."""
 
     weight: NDArray[np.float32]
     bias: NDArray[np.float32]
@@ -117,9 +112,7 @@ class ResidualNetwork(NamedTuple):
 class Convolution(NamedTuple):
     """A convolution that halves height and width, with rectified outputs.
 
-    Attributes:
-      weight: `(n, m, s, s)`, with an odd size `s`; zeros surround the values.
-      bias: `(n,)`.
+    Its weight is `(n, m, s, s)`, with an odd size `s`, and its bias `(n,)`; zeros surround the values.
     """
 
     weight: NDArray[np.float32]
@@ -138,12 +131,7 @@ class Convolution(NamedTuple):
 
 
 class PictureEncoder(NamedTuple):
-    """Convolutions, and an affine map of all that the last one returns.
-
-    Attributes:
-      convolutions: the first one from the three channels of a picture.
-      output: to `n` features.
-    """
+    """Convolutions, from the three channels of a picture, and an affine map of the last one's outputs to features."""
 
     convolutions: tuple[Convolution, ...]
     output: Linear

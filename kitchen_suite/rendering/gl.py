@@ -81,10 +81,8 @@ def import_dm_control() -> None:
 def making_context(owner: ContextOwner) -> Iterator[None]:
     """Context in which a GL context is made, with a library chosen as `import_dm_control` does.
 
-    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr.
-
-    Raises:
-      RuntimeError: the GL context cannot be made; the message says why, and what to do.
+    The owner frees it at exit; garbage collection would free it after its display, and print errors to stderr. If it
+    cannot be made, the message of a RuntimeError says why, and what to do.
     """
     _check_process()
     library = _choose()

@@ -214,11 +214,7 @@ class Hyperparameters:
 
 
 def checked_changes(defaults: Config, changes: Mapping[str, Any]) -> Config:
-    """Returns hyperparameters with some values changed.
-
-    Args:
-      defaults: a dataclass of numbers and tuples of numbers.
-      changes: by name, as read from JSON.
+    """Returns hyperparameters, a dataclass of numbers and tuples of numbers, with changes by name, as read from JSON.
 
     Raises:
       TypeError: a value has the wrong type.

@@ -119,13 +119,9 @@ def network_controller(policy: TrainedPolicy, environments: SuiteVectorEnv) -> C
 
 
 class PPOLearner(Learner):
-    """A PPO agent and the environments that it learns from.
+    """A PPO agent, the environments that it learns from, and the batch of control steps that is learned from next.
 
     While the agent learns from a batch, the next one is collected with the policy as it was before that update.
-
-    Attributes:
-      agent: the PPO agent.
-      batch: the control steps that are learned from next.
     """
 
     _actor: Actor  # From `start` on, as the last observations.
@@ -212,10 +208,8 @@ class PPOLearner(Learner):
 
         The first `value_batches` batches after cloning, or from a trained policy, train the value network alone (value
         warm-up): an untrained one would spoil the policy. Returns means by name: of the metrics of steps, of episodes
-        that ended, and of the agent's own.
-
-        Raises:
-          DivergedError: the learning rate is too high, or rewards are too large.
+        that ended, and of the agent's own. A DivergedError means that the learning rate is too high, or rewards are too
+        large.
         """
         self._actor.refresh()
         if self._collected is None:

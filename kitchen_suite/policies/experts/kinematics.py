@@ -35,11 +35,7 @@ def _robot_model(build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> tup
 
 
 class ArmKinematics:
-    """Forward and inverse kinematics of the arm's seven joints, and its gravity torques.
-
-    Attributes:
-      base: pose of the robot's base in the world.
-    """
+    """Forward and inverse kinematics of the arm's seven joints, gravity torques, and the base's pose in the world."""
 
     def __init__(self, build_arena: Callable[..., SiteArena], spec: FrankaSpec) -> None:
         """Builds the kinematics of a robot at its site in an arena of a class."""
