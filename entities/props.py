@@ -169,14 +169,12 @@ BURNER_DISPLACEMENTS = np.array([(0.0, 0.0, 0.0), (0.446, 0.0, 0.0), (0.444, 0.4
 
 
 def _read_burner(physics: mjcf.Physics, joints: Elements) -> ArrayLike:
-    """Returns the number of the burner nearest to the object."""
     (joint,) = joints
     moved = physics.bind(joint).qpos[:3] - built_position(joint.parent)
     return np.argmin(np.linalg.norm(BURNER_DISPLACEMENTS - moved, axis=1))
 
 
 def _write_burner(physics: mjcf.Physics, joints: Elements, value: NDArray[np.float64]) -> None:
-    """Moves an object that stands on the first burner to another one."""
     (joint,) = joints
     physics.bind(joint).qpos[:3] += BURNER_DISPLACEMENTS[int(value)]
 

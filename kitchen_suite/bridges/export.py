@@ -169,7 +169,6 @@ class ExportJob:
         return True
 
     def _metadata(self) -> dict[str, Any]:
-        """Returns the contents of the JSON file that describe scene and episode."""
         task, model = self._environment.task, self._environment.physics.model.ptr
         spec = self._spec.as_json()
         values = {name: value.tolist() for name, value in task.variations.values.items()}

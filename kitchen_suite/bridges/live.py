@@ -349,7 +349,6 @@ class TeleoperatedEpisode(LiveEpisode):
             RecordingFolder.claim(self._unsaved, self.spec).save(episode, stats)
 
     def _copies(self) -> RecordingFolder | None:
-        """Returns the folder of copies, if there is one."""
         return RecordingFolder.claim(self._unsaved, self.spec) if self._unsaved and self._unsaved.exists() else None
 
     def forget(self) -> None:

@@ -26,7 +26,6 @@ _INERTIAL = ("body_ipos", "body_iquat", "body_sameframe")
 
 
 def _row(attribute: str) -> _Reader:
-    """Returns a reader of a row."""
     return lambda model, field, number: {attribute: np.array(getattr(model, field)[number])}
 
 

@@ -333,7 +333,6 @@ class Viewer:
         return self.episode if isinstance(self.episode, TeleoperatedEpisode) else None
 
     def _show_stage(self) -> None:
-        """Replaces the scene by that of the episode's model."""
         physics = self.episode.physics
         self._panel.cameras.options = camera_names(physics)
         self._stage = Stage(self._page, physics, self._panel.camera, self._person)

@@ -62,7 +62,6 @@ class RecordingLearner(Learner):
         return {self._loss_name: float(np.mean(losses)), "time/update_milliseconds": 1000 * seconds / len(losses)}
 
     def _step(self) -> float:
-        """Makes a step of the optimiser; returns its loss."""
         share = self.steps / self._num_steps
         for group in self._optimizer.param_groups:
             group["lr"] = self._config.learning_rate * (0.5 * (1 + math.cos(math.pi * share)))

@@ -163,7 +163,6 @@ class SeedRun:
         return None
 
     def _learn(self, writer: CurveWriter, bar: tqdm) -> None:
-        """Learns from one batch, and reports its metrics."""
         steps, started = self.steps, time.perf_counter()
         means = self._learner.learn()
         means["time/steps_per_second"] = (self.steps - steps) / (time.perf_counter() - started)

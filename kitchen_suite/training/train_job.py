@@ -95,7 +95,6 @@ class TrainJob:
         return True
 
     def _train_seed(self, seed: int) -> StopReason:
-        """Trains with one seed; returns why it stopped."""
         folder = self._settings.output / f"seed_{seed}"
         learner = self.training.make_learner(seed)
         run = SeedRun(folder, seed, self._schedule, learner, self.evaluation_environments, self.metadata)
@@ -130,7 +129,6 @@ class TrainJob:
                 shutil.copyfile(run.policy_file, partial)
 
     def _film(self, file: Path) -> None:
-        """Films the best policy on a seed that it was not trained with."""
         rollout = policy_rollout(
             self._settings.output / POLICY_FILE,
             num_episodes=1,

@@ -170,7 +170,6 @@ def panda_model(build_arena: Callable[..., SiteArena]) -> ArmModel:
 
 
 def _is_open(observation: Array) -> bool:
-    """Whether the drawer is observed to be open far enough."""
     return bool(observation[SLICES["drawer_position"]][0] >= _ENOUGH)
 
 
