@@ -56,10 +56,7 @@ class TaskBalance:
         return cls(task.requests) if task.requests.drawn_tasks else None
 
     def add(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> dict[str, NDArray]:
-        """Adds the `ended` ones `(n,)` of episodes with given last infos.
-
-        Returns the successes of the requested tasks, by the names of their curves.
-        """
+        """Adds the `ended` ones `(n,)` of episodes, given last infos; returns successes of requested tasks by curve."""
         requested, completed = infos["requested_tasks_mask"], infos["episode_task_completions_mask"]
         # A task that is requested in turn counts only if it was attempted.
         requested = infos.get("attempted_tasks_mask", requested)
@@ -128,10 +125,7 @@ class PPOLearner(Learner):
     _observations: torch.Tensor
 
     def __init__(self, environments: SuiteVectorEnv, config: Hyperparameters, seed: int) -> None:
-        """Builds the agent; the seed is of the networks and of exploration.
-
-        There must be `num_envs` environments, with autoreset mode `SameStep`.
-        """
+        """Builds the agent of `num_envs` environments of autoreset mode `SameStep`; the seed is also of exploration."""
         torch.manual_seed(seed)
         self._environments, self._config = environments, config
         action_space = environments.single_action_space

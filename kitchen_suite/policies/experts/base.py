@@ -170,10 +170,7 @@ class Expert(abc.ABC):
 
     @abc.abstractmethod
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
-        """Returns a trajectory from the present joint positions `(7,)`, or None to continue the current one.
-
-        The first call of an episode must return one.
-        """
+        """Returns a trajectory from joint positions `(7,)`, or None, but not at first, to continue the current one."""
 
 
 def make(task: composer.Task, *, kind: str = "expert", **options: Any) -> Expert:
