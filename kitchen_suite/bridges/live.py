@@ -156,10 +156,7 @@ class TeleoperatedEpisode(LiveEpisode):
         super().__init__(spec, render_quality=render_quality)
 
     def keep_in(self, folder: Path) -> None:
-        """Saves episodes in a folder, with the numbers of their seeds, and copies below it.
-
-        Raises as `RecordingFolder.claim`.
-        """
+        """Saves episodes in a folder by their seeds, and copies below it; raises as `RecordingFolder.claim`."""
         self._folder, self._unsaved = RecordingFolder.claim(folder, self.spec), folder / UNSAVED
 
     def _make_rollout(self, render_quality: str) -> RewindableRollout:
@@ -192,10 +189,7 @@ class TeleoperatedEpisode(LiveEpisode):
         return self._folder.indices if self._folder else []
 
     def start(self, seed: int, options: Mapping[str, Any] | None = None) -> None:
-        """Starts the episode of a seed, or goes on with the copy that was kept of it.
-
-        Raises an OSError if the copy cannot be read.
-        """
+        """Starts the episode of a seed, or goes on with its copy; raises an OSError if that cannot be read."""
         self._start(seed, options)
         self._resume_copy()
 
@@ -273,10 +267,7 @@ class TeleoperatedEpisode(LiveEpisode):
         self.policy.hand_back()
 
     def rewind(self, steps: int) -> None:
-        """Goes back by control steps, as far as states are kept; the person acts from there.
-
-        Raises a ValueError where the specification forbids it.
-        """
+        """Goes back by control steps, as far as states are kept; a ValueError where the specification forbids it."""
         self._check_may_rewind()
         self._rollout.rewind(steps)
         self._has_failed = False

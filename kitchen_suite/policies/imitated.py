@@ -165,10 +165,7 @@ class ImitatedPolicy(StoredPolicy):
     def predict(
         self, inputs: NDArray, generator: np.random.Generator, pictures: Sequence[NDArray[np.uint8]] = ()
     ) -> NDArray[np.float32]:
-        """Returns the actions `(chunk, k)` that follow inputs `(m,)`, and pictures `(h, w, 3)` of its cameras.
-
-        Randomness comes from the generator.
-        """
+        """Returns the actions `(chunk, k)` that follow inputs `(m,)` and its cameras' pictures `(h, w, 3)`."""
         features = [encoder(picture) for encoder, picture in zip(self.encoders, pictures, strict=True)]
         values = self._predict(np.concatenate([self.scales.inputs(inputs), *features]), generator)
         return self.scales.actions(values.reshape(self.chunk, self.action_size))

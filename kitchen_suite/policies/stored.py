@@ -71,10 +71,7 @@ class StoredPolicy(abc.ABC):
         """Raises a ValueError unless the policy's sizes are a task's, and it can act in the task's control mode."""
 
     def episode(self, task: "SuiteTask", generator: np.random.Generator) -> EpisodePolicy:
-        """Returns the policy of an episode of a task; a ValueError if it does not fit the task.
-
-        The generator is of the episode, for policies that draw.
-        """
+        """Returns the policy of an episode of a task, with its generator; a ValueError if it does not fit the task."""
         self.check_fits(task)
         act, convert = self._acting(task, generator), task.mdp.action_mode.conversion(self._control_mode(task))
         if not convert:

@@ -170,7 +170,10 @@ class Expert(abc.ABC):
 
     @abc.abstractmethod
     def _next_trajectory(self, observation: Array, joints: Array) -> JointTrajectory | None:
-        """Returns a trajectory from joint positions `(7,)`, or None, but not at first, to continue the current one."""
+        """Returns a trajectory from the present joint positions `(7,)`, or None to continue the current one.
+
+        The first call of an episode must return one.
+        """
 
 
 def make(task: composer.Task, *, kind: str = "expert", **options: Any) -> Expert:

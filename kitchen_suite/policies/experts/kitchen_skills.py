@@ -189,10 +189,7 @@ def _turn_knob_back(x: float, height: float, orientation: HandOrientation) -> Sk
 
 
 def _push_left_door(orientation: HandOrientation, free: Vector = (-0.56, 0.42, 2.40)) -> Skill:
-    """Skill that pushes the left door, which stands ajar, wide open from behind its edge.
-
-    The finger tips are at `free` before they move behind the door [m].
-    """
+    """Skill that pushes the left door, which stands ajar, wide open from behind; the tips begin at `free` [m]."""
     height = 2.44
     behind = ((-0.60, 0.55, height), (-0.68, 0.51, height), (-0.77, 0.45, height), (-0.85, 0.37, height))
     return Skill(moves=push((free, *behind), orientation, speed=0.3), ik_seed=_AT_LEFT_DOOR, retreat=(0.1, -0.1, 0.0))
