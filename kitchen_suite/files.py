@@ -130,7 +130,7 @@ class DescribedFolder:
             with atomic_create(folder / self.file) as partial:
                 if any(folder.glob(self.contents)):
                     raise FileExistsError
-                partial.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+                write_json(partial, description)
         except FileExistsError as error:
             raise FileExistsError(f"{folder} holds {self.kind} already: {self.remedy}") from error
 
@@ -200,10 +200,8 @@ def _machine() -> str:
 def _is_running(process: int) -> bool:
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True
 
 
@@ -292,6 +290,19 @@ def load_json(path: Path, what: str) -> Any:
     with reading(path, what):
         check_size(path.stat().st_size, _MAX_JSON_BYTES)
         return parse_json(path.read_bytes())
+
+
+def load_record(path: Path, kind: type[T], what: str) -> T:
+    """Returns a dataclass of the contents of a JSON file; raises an OSError unless they describe `what`."""
+    try:
+        return parse(load_json(path, what), kind, f"{path} does not describe {what}")
+    except ValueError as error:
+        raise OSError(str(error)) from error
+
+
+def write_json(path: Path, value: Any, indent: int = 2) -> None:
+    """Writes a JSON file in UTF-8, which ends with a newline."""
+    path.write_text(json.dumps(value, indent=indent) + "\n", encoding="utf-8")
 
 
 def parse_json(text: str | bytes) -> Any:

@@ -24,9 +24,6 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.settings import ConvertSettings
 from kitchen_suite.versions import installed_versions
 
-# Ends of names that files of human demonstrations do not have.
-_NOT_HUMAN = (".npz", ".zarr")
-
 
 def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | HumanDataJob":
     """Returns the job of the direction that settings name: to a dataset, or to a recording.
@@ -43,7 +40,8 @@ def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | Human
     source = Path(settings.source)
     if record_file(source).is_file():
         return RecordingJob(source, settings.output)
-    if source.suffix in _NOT_HUMAN and source.exists():
+    # No human demonstrations have such names.
+    if source.suffix in (".npz", ".zarr") and source.exists():
         raise ValueError(f"{source} has no record of its episodes beside it, {record_file(source).name}")
     return HumanDataJob(settings.source, settings.output, settings.data_path)
 
@@ -55,7 +53,6 @@ class DatasetJob:
     usage_errors = ()
 
     def __init__(self, settings: ConvertSettings, dataset: str) -> None:
-        """Plans the dataset of a name."""
         self._source, self._folder = settings.source, RecordingFolder.open(Path(settings.source))
         spec, self._indices = self._folder.spec, self._folder.indices
         if not self._indices:
@@ -75,7 +72,6 @@ class DatasetJob:
         return "before the dataset was complete: there is none"
 
     def run(self) -> bool:
-        """Makes the dataset, unless it is there already."""
         with contextlib.closing(self._environment):
             if self._plan.is_missing:
                 self._plan.make(self._environment, self._folder, self._indices)
@@ -97,20 +93,19 @@ class RecordingJob:
     usage_errors = (ValueError,)
 
     def __init__(self, source: Path, output: Path) -> None:
-        """Reads the record beside a dataset."""
-        self._source, self._output = source, output
-        record = read_record(record_file(source))
-        titles = {each.title: each for each in EXPORTS}
-        chosen = titles[checks.choice(record.format, titles, f"the format in {record_file(source)}")]
-        self._layout: type[ExportPlan] = pkgutil.resolve_name(chosen.plan)
+        self._source, self._output, path = source, output, record_file(source)
+        self._record = record = read_record(path)
+        plans = {each.title: each.plan for each in EXPORTS}
+        title = checks.choice(record.format, plans, f"the format in {path}")
+        self._layout: type[ExportPlan] = pkgutil.resolve_name(plans[title])
         self._layout.check_installed()
-        self._record, spec = record, EpisodeSpec.from_json(record.recording)
+        spec = EpisodeSpec.from_json(record.recording)
         # Of the program that plays the episodes now.
         self._spec = dataclasses.replace(spec, versions=installed_versions())
         if not record.seeds or spec.origin is not None or sorted({*record.seeds}) != record.seeds:
-            raise ValueError(f"{record_file(source)} has no seeds of episodes, in ascending order")
+            raise ValueError(f"{path} has no seeds of episodes, in ascending order")
         if record.seeds[0] < spec.seed:
-            raise ValueError(f"{record_file(source)} has seeds before the first one, {spec.seed}")
+            raise ValueError(f"{path} has seeds before the first one, {spec.seed}")
         self._environment = spec.make_environment()
         check_pictures(self._environment)
         self._finished = 0

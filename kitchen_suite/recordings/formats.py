@@ -1,11 +1,12 @@
 """Formats of datasets that recordings are made into, and sources of episodes to replay: folders, and such datasets.
 
-A further format is a module with plan and source, and an entry in `FORMATS`.
+A further format is a plan, a source, and an entry in `FORMATS`.
 """
 
 import abc
 import dataclasses
 import pkgutil
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +18,9 @@ from kitchen_suite import checks, files
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.folder import SPEC_FILE, RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
+
+# As the Hugging Face hub accepts names.
+_DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
 
 
 class DatasetPlan(abc.ABC):
@@ -53,6 +57,11 @@ class DatasetPlan(abc.ABC):
 
     def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:  # noqa: B027
         """Raises a FileExistsError if the dataset is there, but is not of these episodes."""
+
+    def _check_name(self, kind: str) -> None:
+        """Raises a ValueError unless the dataset's name is `OWNER/NAME`."""
+        if not _DATASET_ID.fullmatch(self.dataset_id):
+            raise ValueError(f"{checks.shown(self.dataset_id)} is no name of {kind}, such as me/kettle")
 
     def _check_same(self, spec: object, count: object) -> None:
         """Raises a ValueError unless a dataset that is there holds the first `count` episodes of the recording."""
@@ -97,7 +106,6 @@ class FolderSource(Source):
     """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens the folder; raises as `RecordingFolder.open`, and a ValueError for episodes of other programs."""
         self._folder = RecordingFolder.open(folder)
         if self.spec.origin is not None:
             raise ValueError(f"{folder} was made by kitchen-convert, and holds no states from which to replay")
@@ -173,13 +181,13 @@ LEROBOT = Format(
 
 # Files of other programs, below the folder `--data_path`; kitchen-convert makes recordings of them again.
 EXPORTS = tuple(
-    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.{plan}")
+    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.layouts:{plan}")
     for name, title, plan in (
-        ("robomimic", "robomimic", "robomimic_file:RobomimicPlan"),
-        ("ogbench", "OGBench", "ogbench_file:OGBenchPlan"),
-        ("d4rl", "D4RL", "d4rl_file:D4RLPlan"),
-        ("diffusion_policy", "Diffusion Policy", "diffusion_policy_store:DiffusionPolicyPlan"),
-        ("bet", "BeT", "bet_folder:BeTPlan"),
+        ("robomimic", "robomimic", "RobomimicPlan"),
+        ("ogbench", "OGBench", "OGBenchPlan"),
+        ("d4rl", "D4RL", "D4RLPlan"),
+        ("diffusion_policy", "Diffusion Policy", "DiffusionPolicyPlan"),
+        ("bet", "BeT", "BeTPlan"),
     )
 )
 

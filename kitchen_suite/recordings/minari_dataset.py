@@ -34,13 +34,10 @@ _MAX_SEED = 2**63 - 1
 # Number of episodes in memory at the same time.
 _CHUNK = 20
 
-# Name of Minari's file of all episodes.
+# Minari's file of all episodes. A dataset without episodes takes at most so many bytes, and each array beside its
+# elements.
 _DATA_FILE = "main_data.hdf5"
-# Bytes that a dataset without episodes takes at most, and each array beside its elements.
 _EMPTY_BYTES, _ARRAY_BYTES = 2**16, 2**13
-
-# End of the name of a dataset.
-_VERSION = re.compile(r"-v\d+$")
 
 # Of Gymnasium-Robotics; the datasets D4RL/kitchen/*-v2 are recordings of it.
 _ORIGINAL_ID = "FrankaKitchen-v1"
@@ -104,7 +101,6 @@ class MinariPlan(DatasetPlan):
             os.rename(elsewhere / self.dataset_id, root / self.dataset_id)
 
     def _create(self, environment: gymnasium.Env, **options: Any) -> Any:
-        """Returns a new dataset without episodes; `options` are further ones of Minari."""
         spec = self.spec
         with warnings.catch_warnings():
             # About optional metadata: author, permalink, and another environment for evaluation.
@@ -218,7 +214,7 @@ def find(name: str, root: Path | None) -> MinariSource | None:
     for data in (Path(name), Path(name, "data")):
         if (data / "metadata.json").is_file():
             return MinariSource(_load_dataset(import_minari().MinariDataset, data))
-    if Path(name).exists() or not _VERSION.search(name):
+    if Path(name).exists() or not re.search(r"-v\d+$", name):
         return None
     minari = import_minari()
     check_id(name)
@@ -229,7 +225,6 @@ def find(name: str, root: Path | None) -> MinariSource | None:
 
 
 def _load_dataset(load: Callable[[Any], Any], name: str | Path) -> Any:
-    """Loads a dataset; raises an OSError if it is damaged."""
     with files.reading(Path(name), "a Minari dataset"):
         return load(name)
 

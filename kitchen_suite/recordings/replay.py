@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -188,12 +189,10 @@ def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *
         tasks=tasks,
         ends=_first(ends),
         observation_difference=float(np.max([_difference(one, other, name) for name in names])),
-        arrays=tuple(name for name in names if not _are_equal(one, other, name)),
+        arrays=tuple(
+            name for name in names if name not in one or name not in other or not np.array_equal(one[name], other[name])
+        ),
     )
-
-
-def _are_equal(one: Mapping[str, NDArray], other: Mapping[str, NDArray], name: str) -> bool:
-    return name in one and name in other and np.array_equal(one[name], other[name])
 
 
 def _difference(one: Mapping[str, NDArray], other: Mapping[str, NDArray], name: str) -> float:
@@ -266,7 +265,6 @@ class ReplayJob:
         return f"after {self._finished} of {len(self._indices)} episodes"
 
     def run(self) -> bool:
-        """Replays the episodes; prints a table row by row, and a verdict. Returns whether all are equal."""
         exactly = self._source.spec is not None
         print_line(f"{self._heading()}\n")
         equal = 0
@@ -297,12 +295,10 @@ class ReplayJob:
 
 
 def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
-    """Returns the episodes to replay.
+    """Returns the episodes to replay, of all `indices` in order.
 
-    Args:
-      indices: of all episodes, in order.
-      wanted: `all`, or numbers and ranges such as `0,5,7-9`; `count` of them when omitted.
-      count: number of episodes, spread evenly from the first to the last.
+    `wanted` is `all`, or numbers and ranges such as `0,5,7-9`; None for `count` of them, spread evenly from the first
+    to the last.
     """
     if not indices:
         raise ValueError("there are no episodes")
@@ -313,20 +309,18 @@ def choose(indices: Sequence[int], wanted: str | None, count: int) -> list[int]:
 
 
 def _listed(indices: Sequence[int], wanted: str) -> list[int]:
-    """Returns the episodes of a list of numbers and ranges."""
-    chosen: list[int] = []
+    present, chosen = {*indices}, list[int]()
     for part in wanted.split(","):
         if not (match := re.fullmatch(r"(\d+)(?:-(\d+))?", part)):
             raise ValueError(f"episodes must be 'all', or such as 0,5,7-9, got {checks.shown(wanted)}")
         first, last = int(match[1]), int(match[2] or match[1])
         if first > last:
             raise ValueError(f"the range {part} of episodes is empty")
-        for end in (first, last):
-            if end not in indices:
-                raise ValueError(f"there is no episode {end}: there are {len(indices)}, from {indices[0]}")
+        # The ends come first: a range may have any length.
+        for number in itertools.chain((first, last), range(first, last + 1)):
+            if number not in present:
+                raise ValueError(f"there is no episode {number}: there are {len(indices)}, from {indices[0]}")
         chosen += range(first, last + 1)
-    if missing := sorted({*chosen} - {*indices}):
-        raise ValueError(f"there is no episode {missing[0]}: there are {len(indices)}, from {indices[0]}")
     return chosen
 
 
