@@ -126,7 +126,6 @@ def nearest(value: str, choices: Collection[str]) -> str | None:
 
 
 def _spelt_like(value: str, choices: Collection[str]) -> list[str]:
-    """Returns the choices that are spelt most like a value."""
     spellings = (value.replace("_", " "), value)
     return [match for spelling in spellings for match in difflib.get_close_matches(spelling, choices, n=1)]
 

@@ -154,7 +154,6 @@ def _version(package: str) -> str:
 
 
 def _extras() -> dict[str, str]:
-    """Returns whether the packages of each extra are installed."""
     needed: dict[str, list[str]] = {}
     for requirement in _requirements():
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)

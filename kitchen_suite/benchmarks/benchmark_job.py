@@ -27,7 +27,6 @@ class BenchmarkJob:
     usage_errors: tuple[type[Exception], ...] = ()
 
     def __init__(self, settings: BenchmarkSettings) -> None:
-        """Checks the settings."""
         self._settings = settings
         self._measure = MEASURES[checks.choice(settings.measure, MEASURES, "measure")]
         self._domain = find_cases(settings.domain_name)

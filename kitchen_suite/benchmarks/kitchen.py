@@ -97,13 +97,11 @@ class KitchenBenchmark(BenchmarkDomain):
         }
 
     def _stock_composer_case(self) -> Case:
-        """Builds the case of the suite's task in composer's own environment."""
         task = KitchenTask(build_kitchen_scene(), **self.options)
         settings: dict[str, Any] = {"strip_singleton_obs_buffer_dim": True, "recompile_mjcf_every_episode": False}
         return environment_case(composer.Environment(task, random_state=0, **settings))
 
     def _original_case(self) -> Case:
-        """Builds the case of Gymnasium-Robotics' environment."""
         with patched_kitchen_env() as kitchen_env:
             case = environment_case(kitchen_env.KitchenEnv(**self.options))
 
@@ -153,7 +151,6 @@ class KitchenBenchmark(BenchmarkDomain):
 
 
 def _control(data: mujoco.MjData, action: NDArray[np.float64]) -> None:
-    """Sets the controls as the task does."""
     positions = data.qpos[:_ACTION_SIZE]
     data.ctrl[:] = position_target(positions, action, velocity_scale=2.0, timestep=CONTROL_TIMESTEP)
 

@@ -170,7 +170,6 @@ class Setting(NamedTuple):
 
     @property
     def is_required(self) -> bool:
-        """Whether the command cannot run without it."""
         return self.default is dataclasses.MISSING
 
     @property

@@ -57,7 +57,6 @@ def _sees(settings: PlaySettings) -> bool:
 
 
 def _protocol_lines() -> str:
-    """Returns the lines of help on the protocols of `kitchen-evaluate`."""
     from kitchen_suite.evaluation.protocols import PROTOCOLS
 
     names: dict[str, list[str]] = {"all domains": [], "the kitchen": []}

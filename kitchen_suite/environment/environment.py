@@ -96,7 +96,6 @@ class PhysicsState:
         forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
 
     def read(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Returns the state."""
         state = np.empty(self._is_shared.size)
         mujoco.mj_getState(self._model, data, state, PHYSICS_STATE)
         return state[self._is_shared]
@@ -386,7 +385,6 @@ class Environment(composer.Environment):
 
     @property
     def _physics_steps(self) -> int:
-        """Physics steps in a control step."""
         return self._overridden_n_sub_steps or self._task.physics_steps_per_control_step
 
     def _plan_substeps(self) -> None:

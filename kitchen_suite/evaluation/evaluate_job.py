@@ -126,7 +126,6 @@ class EpisodePage:
     """
 
     def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
-        """Checks that the page can be made."""
         self._settings, self._plan = settings, plan
         self._count = min(settings.web_episodes, plan.num_episodes)
         self._page = Page(settings, num_episodes=self._count * len(plan.specs))
@@ -167,7 +166,6 @@ class EvaluateJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: EvaluateSettings) -> None:
-        """Prepares the evaluation, so that bad settings are refused before the first episode."""
         if settings.resume and settings.output is None:
             raise ValueError("--resume needs --output, the folder of the evaluation")
         self._settings, self._plan = settings, make_plan(settings)
@@ -230,12 +228,10 @@ class EvaluateJob:
 
     @property
     def _seeds(self) -> dict[Key, int]:
-        """Seeds of all episodes."""
         plan = self._plan
         return {(name, index): plan.first.seed + index for name in plan.specs for index in range(plan.num_episodes)}
 
     def _play(self, name: str, spec: EpisodeSpec, bar: EpisodeBar) -> None:
-        """Plays the missing episodes of a condition."""
         plan = self._plan
         waiting = collections.deque(
             (index, seed)

@@ -47,12 +47,10 @@ class EvaluationPlan:
     resets: Mapping[str, Sequence[dict[str, Any]]] = dataclasses.field(default_factory=dict)
 
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
-        """Returns the options of the reset of an episode of a condition."""
         return self.resets[name][index] if name in self.resets else {}
 
     @property
     def first(self) -> EpisodeSpec:
-        """Specification of the first condition."""
         return next(iter(self.specs.values()))
 
     @property
@@ -246,7 +244,6 @@ def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
-    """Returns what a protocol fixes, by name."""
     first = plan.first
     single = {"seed": first.seed, "num_episodes": plan.num_episodes, "max_episode_steps": first.max_episode_steps}
     conditions = {name: _described(spec) for name, spec in plan.specs.items()}

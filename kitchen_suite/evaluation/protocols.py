@@ -172,7 +172,6 @@ def _lexa_condition(objects: tuple[str, ...]) -> Condition:
 
 
 def _means(scores: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> dict[str, float]:
-    """Returns the means of some scores over all conditions."""
     return {name: round(sum(score[name] for score in scores.values()) / len(scores), 6) for name in names}
 
 

@@ -115,16 +115,13 @@ class _OpenTrace:
         self._checks.append(self._hash.digest()[:2])
 
     def add_divergence(self) -> None:
-        """Adds a control step in which the physics diverged."""
         self.add_numbers(np.full_like(self.numbers[-1], np.nan))
 
     def add_action(self, action: NDArray) -> None:
-        """Adds an action."""
         self._actions.append(action.astype("<f4"))
 
     @property
     def trace(self) -> Trace:
-        """Of the episode, which has ended."""
         return Trace(
             actions=np.array(self._actions),
             checks=np.frombuffer(b"".join(self._checks), "<u2"),
@@ -146,7 +143,6 @@ class TraceRecorder:
     """
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
-        """Prepares to record what happens in environments."""
         self._environments, self._controller = environments, controller
         self._open: dict[int, _OpenTrace] = {}
 
@@ -168,7 +164,6 @@ class TraceRecorder:
         return actions
 
     def trace(self, episode: EndedEpisode) -> Trace:
-        """Returns the trace of an episode that has just ended."""
         opened = self._open[episode.i]
         if episode.diverged:
             opened.add_divergence()
@@ -307,7 +302,6 @@ def _seal(contents: bytes) -> bytes:
 
 
 def _entry(result: EpisodeResult) -> dict[str, Any]:
-    """Returns a result as JSON, without its trace."""
     return {name: value for name, value in dataclasses.asdict(result).items() if name != "trace"}
 
 
@@ -325,7 +319,6 @@ def _from_planes(planes: NDArray) -> NDArray[np.float32]:
 
 
 def _stacked(traces: Sequence[Trace]) -> dict[str, NDArray]:
-    """Returns the arrays of a condition."""
     return {
         "steps": np.array([len(trace.actions) for trace in traces]),
         "actions": _planes(np.concatenate([trace.actions for trace in traces])),

@@ -69,7 +69,6 @@ class VerifyJob:
     usage_errors = ()
 
     def __init__(self, settings: VerifySettings) -> None:
-        """Checks that there is a file."""
         self._path = Path(settings.receipt)
         if not self._path.exists():
             raise FileNotFoundError(f"no such file: {settings.receipt!r}")
@@ -134,7 +133,6 @@ def compare(receipt: Receipt, plan: EvaluationPlan, num_envs: int, num_threads: 
 
 
 def _blind(spec: EpisodeSpec) -> EpisodeSpec:
-    """Returns a specification without pictures."""
     kwargs = {name: value for name, value in spec.task_kwargs.items() if name not in _OF_PICTURES}
     return dataclasses.replace(spec, task_kwargs=kwargs)
 
@@ -209,7 +207,6 @@ def _circumstances(receipt: Receipt) -> list[str]:
 
 
 def _table(compared: Mapping[str, list[Comparison]]) -> str:
-    """Returns a row for each condition."""
     rows = []
     for name, each in compared.items():
         first = min((comparison.first for comparison in each if comparison.first is not None), default=None)

@@ -92,7 +92,6 @@ class EpisodeArrays:
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        """Infos of the last step."""
         return {name.removeprefix("info/"): rows[-1] for name, rows in self.arrays.items() if name.startswith("info/")}
 
     @property
@@ -133,7 +132,6 @@ class EpisodeStats:
 
 
 def _part(name: str) -> str:
-    """Returns the first component of an array's name."""
     return name.partition("/")[0]
 
 
@@ -221,7 +219,6 @@ class EpisodeBuffer:
 
     @property
     def steps(self) -> int:
-        """Number of control steps so far."""
         return len(self._steps)
 
     @property

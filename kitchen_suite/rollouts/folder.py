@@ -104,7 +104,6 @@ class RecordingFolder:
         files.save_arrays(self._path(episode.index), episode.arrays, vars(metadata))
 
     def remove(self, index: int) -> None:
-        """Removes an episode, if it is there."""
         self._path(index).unlink(missing_ok=True)
 
     def load(self, index: int) -> EpisodeArrays:

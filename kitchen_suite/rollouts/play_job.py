@@ -36,7 +36,6 @@ class PlayJob(RolloutJob):
     """Plays and films a trained policy; the last line that it prints is the number of successes."""
 
     def __init__(self, settings: PlaySettings) -> None:
-        """Prepares the rollout, and chooses whether to film it."""
         if settings.shipped and settings.policy_file:
             raise ValueError("--shipped and --policy_file both name a policy: give one of them")
         if settings.video and settings.novideo:
@@ -60,7 +59,6 @@ class PlayJob(RolloutJob):
 
 
 def _shipped_policies() -> Iterator[str]:
-    """Yields the table of the trained policies that come with the package."""
     yield tabulate([_row(path) for path in sorted(SHIPPED.glob("*.npz"))], headers="keys")
 
 

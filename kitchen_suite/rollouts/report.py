@@ -28,12 +28,10 @@ class Report:
 
     @property
     def count(self) -> int:
-        """Number of episodes so far."""
         return len(self._episodes)
 
     @property
     def successes(self) -> int:
-        """Number of those that succeeded."""
         return sum(stats.metrics["success"] is True for stats in self._episodes)
 
     def add(self, stats: EpisodeStats, index: int | None = None) -> str:
@@ -86,7 +84,6 @@ class EpisodeBar:
         self._bar.close()
 
     def count(self, success: bool) -> None:
-        """Counts an episode."""
         self._count, self._successes = self._count + 1, self._successes + success
         self._bar.set_postfix_str(f"success {self._successes / self._count:.0%}", refresh=False)
         self._bar.update()

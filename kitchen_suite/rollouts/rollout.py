@@ -165,7 +165,6 @@ class PolicyController:
     """Acts by a policy of its own in each environment, on time steps as the suite's own environment returns them."""
 
     def __init__(self, environments: SuiteVectorEnv, episode_policies: EpisodePolicies) -> None:
-        """Prepares to build the policies that act in some environments."""
         self._environments, self._episode_policies = environments, episode_policies
         assert isinstance(environments.single_action_space, gymnasium.spaces.Box)
         self._space = environments.single_action_space
@@ -252,11 +251,9 @@ class EndedEpisode:
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        """Infos of the last step."""
         return self._history.last_info(self.i)
 
     def collect(self) -> EpisodeArrays:
-        """Returns all arrays of the episode."""
         arrays = self._history.episode(self.i, self._running.first)
         return EpisodeArrays(
             index=self._running.index,
@@ -316,7 +313,6 @@ class VectorRollout:
         return _Running(index, seed, self._history.present)
 
     def _reset(self, mask: NDArray[np.bool_]) -> None:
-        """Starts episodes in the environments of the mask."""
         self._is_first = mask
         if not mask.any():
             return
@@ -363,12 +359,10 @@ class _History:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing has been added yet."""
         return not self._rows
 
     @property
     def present(self) -> int:
-        """Number of the present time."""
         return self._forgotten + max(len(self._rows) - 1, 0)
 
     def add_reset(self, observations: Any, infos: Mapping[str, NDArray], mask: NDArray[np.bool_]) -> None:
@@ -382,23 +376,19 @@ class _History:
     def add_step(
         self, step: Step, observations: Any, infos: Mapping[str, NDArray], labels: Mapping[str, NDArray]
     ) -> None:
-        """Adds a step with the policies' labels, and the observations and infos after it."""
         self._steps.append({**step._asdict(), **flatten(labels, "label")})
         self._rows.append(_named(observations, infos))
 
     def forget_before(self, first: int) -> None:
-        """Drops everything before time `first`."""
         while self._forgotten < first:
             self._rows.popleft()
             self._steps.popleft()
             self._forgotten += 1
 
     def rewards(self, i: int, first: int) -> NDArray[np.float64]:
-        """Returns the rewards of environment `i` since time `first`."""
         return np.array([step["reward"][i] for step in self._since(first, self._steps)])
 
     def last_info(self, i: int) -> dict[str, NDArray]:
-        """Returns the present infos of environment `i`."""
         return {name.removeprefix("info/"): a[i] for name, a in self._rows[-1].items() if name.startswith("info/")}
 
     def episode(self, i: int, first: int) -> dict[str, NDArray]:

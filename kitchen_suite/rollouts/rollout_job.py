@@ -36,7 +36,6 @@ class RolloutJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RolloutSettings) -> None:
-        """Prepares the rollout, so that bad settings are refused before the first episode."""
         self._ray = settings.ray()
         if self._ray and (settings.video or settings.web):
             raise ValueError("workers make no video and no web page: leave out --workers")
@@ -92,7 +91,6 @@ class RolloutJob:
 
     @property
     def _episodes(self) -> list[tuple[int, int]]:
-        """Numbers and seeds."""
         return [(index, self._settings.seed + index) for index in range(self._settings.num_episodes)]
 
     def _add(self, episode: EpisodeArrays) -> bool:
@@ -148,7 +146,6 @@ def make_job(settings: RolloutSettings) -> RolloutJob | ListJob:
 
 
 def _domains() -> Iterator[str]:
-    """Yields all domains, with their tasks and cameras."""
     for domain, tasks in suite.TASKS_BY_DOMAIN.items():
         with contextlib.closing(suite.load(domain, tasks[0], task_kwargs={"visuals": False})) as environment:
             names = camera_names(environment.physics)

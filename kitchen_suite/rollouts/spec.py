@@ -102,12 +102,10 @@ class EnvironmentSpec:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Returns the specification as JSON represents it."""
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @property
     def env_class(self) -> type[SuiteEnv]:
-        """Class of the single environment."""
         env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
         return env_class
 
@@ -165,7 +163,6 @@ class EnvironmentSpec:
 
     @property
     def _arguments(self) -> dict[str, Any]:
-        """Arguments of the Gymnasium environment."""
         task = suite.task_arguments(self.domain_name, self.task_name)
         arguments = json.loads(json.dumps({**task, **self.task_kwargs}))
         return {**arguments, **self.env_class.array_options}
@@ -193,7 +190,6 @@ class EpisodeSpec(EnvironmentSpec):
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
-        """Makes the specification of a command's episodes."""
         environments = EnvironmentSpec.make(
             domain_name=settings.domain_name,
             task_name=settings.task_name,

@@ -160,7 +160,6 @@ class _Writer:
             self.page.add(self._recorder.finish(_LAST_FRAME), about)
 
     def write(self, path: Path) -> None:
-        """Writes the page."""
         with files.atomic_write(path) as partial:
             partial.write_text(self.page.html(path.stem), encoding="utf-8")
 

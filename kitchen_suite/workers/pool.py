@@ -57,7 +57,6 @@ class Pool:
             self._start_worker(slot)
 
     def close(self) -> None:
-        """Kills all workers."""
         for slot in self._slots:
             ray.kill(slot.actor)
 

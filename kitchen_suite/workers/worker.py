@@ -45,7 +45,6 @@ class Worker:
             raise ClusterError(f"a worker on {platform.node()} cannot start: {error}") from error
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Runs the episode runner until an episode has ended; see `EpisodeRunner.run`."""
         return self._runner.run(more)
 
 
