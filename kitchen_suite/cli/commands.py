@@ -146,7 +146,7 @@ The last line says how many episodes succeeded. Exit status: 0; 1 if writing or 
 argument or policy file, with one line on stderr; 130 if interrupted.
 """,
     settings=PlaySettings,
-    job="kitchen_suite.rollouts.play_job:make_job",
+    job="kitchen_suite.rollouts.rollout_job:make_job",
     renders=_renders_by_default,
 )
 

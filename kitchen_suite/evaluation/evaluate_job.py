@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -21,14 +20,8 @@ from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.report import EpisodeBar, print_line, table
-from kitchen_suite.rollouts.rollout import (
-    Controller,
-    EndedEpisode,
-    PolicyController,
-    SingleRollout,
-    VectorRollout,
-)
+from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
+from kitchen_suite.rollouts.rollout import Controller, EndedEpisode, PolicyController, SingleRollout, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 from kitchen_suite.rollouts.views import Page, PageStep
 from kitchen_suite.settings import EvaluateSettings
@@ -56,7 +49,7 @@ def format_heading(plan: EvaluationPlan) -> str:
     return (
         f"{first.domain_name}, policy {policies.without_file(first.policy)}, protocol {plan.protocol}, "
         f"{first.variations if len(varied) == 1 else 'variations by condition'}: "
-        f"{_episodes(plan.num_episodes)}{each}, seeds from {first.seed}"
+        f"{counted(plan.num_episodes)}{each}, seeds from {first.seed}"
     )
 
 
@@ -67,7 +60,7 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
     rows = [(_label(key), _text(key, scores[key]), _interval(key, intervals[key])) for key in intervals]
     if entropy := _entropy(scores):
         rows.append((_ENTROPY, entropy, ""))
-    parts = [table((title, _episodes(num_episodes), "95 % interval"), rows)]
+    parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
         tasks = [
             (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
@@ -75,10 +68,8 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
         ]
         parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
     if diverged := scores["diverged_seeds"]:
-        episodes = _episodes(len(diverged))
-        parts.append(
-            f"the physics diverged in {episodes}, counted as failures that completed nothing: seeds {diverged}"
-        )
+        where = f"the physics diverged in {counted(len(diverged))}"
+        parts.append(f"{where}, counted as failures that completed nothing: seeds {diverged}")
     return "\n\n".join(parts)
 
 
@@ -90,10 +81,6 @@ def format_summary(scores: Mapping[str, Mapping[str, Any]]) -> str:
         for name, each in scores.items()
     ]
     return table(("condition", *map(_label, keys), _ENTROPY), rows)
-
-
-def _episodes(count: int) -> str:
-    return f"{count} episode" + ("s" if count > 1 else "")
 
 
 def _entropy(scores: Mapping[str, Any]) -> str:
@@ -199,14 +186,13 @@ class EvaluateJob:
             print_line(f"\n{table(('over all conditions', ''), rows)}")
         if self._settings.json:
             with files.atomic_write(self._settings.json) as partial:
-                partial.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+                files.write_json(partial, written, indent=1)
         if self._settings.receipt:
             self._receipt(written).write(self._settings.receipt)
         self._page.write()
         return True
 
     def _results(self, name: str) -> list[EpisodeResult]:
-        """Returns the results of a condition, whose episodes have all ended."""
         return [self._folder.results[name, index] for index in range(self._plan.num_episodes)]
 
     def _receipt(self, evaluation: Mapping[str, Any]) -> Receipt:
@@ -285,15 +271,10 @@ def play(
     *,
     recorded: bool,
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
-    """Yields result and trace of each episode of a condition as it ends.
+    """Yields result and trace of each episode of the condition of a name as it ends.
 
-    Args:
-      name: of the condition.
-      plan: of the evaluation.
-      environments: in which they are played.
-      controller: acts in them.
-      waiting: numbers and seeds of the episodes.
-      recorded: whether traces are recorded, which takes some percent of the time; otherwise they are None.
+    `waiting` has the numbers and seeds of the episodes. Unless they are `recorded`, which takes some percent of the
+    time, traces are None.
     """
     spec, measures, resets = plan.specs[name], plan.measures[name], plan.resets.get(name, ())
     recorder = TraceRecorder(environments, controller) if recorded or measures else None

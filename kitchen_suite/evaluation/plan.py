@@ -21,9 +21,6 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EnvironmentSpec, EpisodeSpec
 from kitchen_suite.settings import MAX_COUNT, MAX_EPISODE_STEPS, EvaluateSettings
 
-# Distinguishes the random stream of an episode's goals from those of its environment and its policy.
-_GOAL_STREAM = 2
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EvaluationPlan:
@@ -31,12 +28,11 @@ class EvaluationPlan:
 
     Attributes:
       protocol: its name.
-      specs: specifications of the episodes by the names of the conditions.
+      specs: specifications of the episodes; as `measures` and `resets` by the names of the conditions.
       num_episodes: of each condition.
       score: a published score; None if the protocol has none, or if it is for other tasks.
-      measures: further measures of episodes, by the names of the conditions.
-      resets: options of the reset of each episode, as JSON, by the names of the conditions; empty where the seeds say
-        it all.
+      measures: further measures of episodes.
+      resets: options of the reset of each episode, as JSON; empty where the seeds say it all.
     """
 
     protocol: str
@@ -64,7 +60,7 @@ class EvaluationPlan:
             "seed": first.seed,
             "num_episodes": self.num_episodes,
             "max_episode_steps": first.max_episode_steps,
-            **({"goals_sha256": _digest(self.resets)} if self.resets else {}),
+            **({"goals_sha256": hashlib.sha256(json.dumps(self.resets).encode()).hexdigest()} if self.resets else {}),
             "versions": dict(first.versions),
             "conditions": {name: _described(spec) for name, spec in self.specs.items()},
         }
@@ -82,12 +78,7 @@ class EvaluationPlan:
     ) -> "EvaluationPlan":
         """Returns the plan of a description, with what the policy has observed, but not prepared for the policy.
 
-        Args:
-          description: of the plan.
-          resets: attribute of this name; none when omitted.
-
-        Raises:
-          TypeError, ValueError: it is of another version of the suite, or no description.
+        Raises a TypeError or ValueError if it is of another version of the suite, or no description.
         """
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
@@ -167,14 +158,7 @@ def _resets(plan: EvaluationPlan, dataset: Path | None) -> dict[str, list[dict[s
 def _checked(
     resets: Mapping[str, list[dict[str, Any]]], protocol: Protocol, specs: Mapping[str, EpisodeSpec], count: int
 ) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of resets; raises a ValueError unless they are of the conditions with goals, and fit these.
-
-    Args:
-      resets: by condition.
-      protocol: of the evaluation.
-      specs: by condition.
-      count: number of episodes of each condition.
-    """
+    """Returns the options of resets by condition; a ValueError unless `count` are of each with goals, and fit these."""
     wanted = {name for name, condition in _own_conditions(protocol, specs).items() if condition.goals}
     if resets.keys() != wanted:
         raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
@@ -188,10 +172,6 @@ def _checked(
         if len(each) != count:
             raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {count}")
     return dict(resets)
-
-
-def _digest(resets: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(resets).encode()).hexdigest()
 
 
 class _Recorded:
@@ -210,7 +190,8 @@ class _Recorded:
 
     def options(self, take: Goals, seed: int) -> dict[str, Any]:
         """Returns the options of the reset of a seed, of an episode that is drawn, by a function of it."""
-        generator = np.random.default_rng((seed, _GOAL_STREAM))
+        # The 2 tells the random stream of an episode's goals from those of its environment and its policy.
+        generator = np.random.default_rng((seed, 2))
         for index in generator.permutation(self._folder.indices).tolist():
             states, completed = self._episode(index)
             if (options := take(states, completed, generator)) is not None:
@@ -285,35 +266,25 @@ def find_protocol(name: str, domain_name: str) -> Protocol:
 def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeSpec]:
     """Returns the specifications by condition, with the values that settings replace; equal ones only once."""
     given = settings.environment_kwargs
-    if clash := sorted(_differing(protocol) & given.keys()):
+    first, *others = (condition.task_kwargs for condition in protocol.conditions)
+    differing = {name for each in others for name in first.keys() | each.keys() if first.get(name) != each.get(name)}
+    if clash := sorted(differing & given.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
+    seed = protocol.seed if settings.seed is None else settings.seed
+    default_task = domain_protocols(settings.domain_name).task_name
     specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
-        spec = _spec(protocol, condition, settings, given)
+        environments = EnvironmentSpec.make(
+            domain_name=settings.domain_name,
+            task_name=settings.task_name or condition.task_name or default_task,
+            task_kwargs={**condition.task_kwargs, **given},
+            max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
+        )
+        spec = environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
         if spec not in specs.values():
             replaced = condition.task_name not in (None, spec.task_name)
             specs[spec.task_name if replaced else condition.name or spec.task_name] = spec
     return specs
-
-
-def _differing(protocol: Protocol) -> set[str]:
-    """Returns the names of the arguments in which the conditions of a protocol differ."""
-    first, *others = (condition.task_kwargs for condition in protocol.conditions)
-    return {name for other in others for name in first.keys() | other.keys() if first.get(name) != other.get(name)}
-
-
-def _spec(
-    protocol: Protocol, condition: Condition, settings: EvaluateSettings, given: Mapping[str, Any]
-) -> EpisodeSpec:
-    """Returns the specification of the episodes of a condition, in which settings replace the protocol's values."""
-    environments = EnvironmentSpec.make(
-        domain_name=settings.domain_name,
-        task_name=settings.task_name or condition.task_name or domain_protocols(settings.domain_name).task_name,
-        task_kwargs={**condition.task_kwargs, **given},
-        max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
-    )
-    seed = protocol.seed if settings.seed is None else settings.seed
-    return environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
 
 
 def _described(spec: EpisodeSpec) -> dict[str, Any]:

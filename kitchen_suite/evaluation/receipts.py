@@ -41,28 +41,13 @@ MAX_EPISODES, MAX_STEPS = 50_000, 10_000_000
 # Arrays of a condition.
 _PARTS = ("steps", "actions", "checks", "digests", "last")
 
-# Greatest length of a text in the metadata.
-_MAX_TEXT = 1_000
-
-_WHAT = "a receipt of kitchen-evaluate"
-
-# Length of the digest at the end of the file.
-_SEAL = 2 * hashlib.sha256().digest_size
-
-# Bytes of an action's number.
-_ITEM = 4
+# Greatest length of a text in the metadata, and that of the digest at the end of the file.
+_MAX_TEXT, _SEAL = 1_000, 2 * hashlib.sha256().digest_size
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trace:
-    """The actions of an episode, and digests of its numbers; see the formats above.
-
-    Attributes:
-      actions: `(T, k)` float32.
-      checks: `(T + 1,)` uint16.
-      digest: `(32,)` uint8.
-      last: `(m,)` float32.
-    """
+    """The actions `(T, k)` of an episode, and of its numbers checks `(T + 1,)`, digest `(32,)` and last ones `(m,)`."""
 
     actions: NDArray[np.float32]
     checks: NDArray[np.uint16]
@@ -114,33 +99,23 @@ class _OpenTrace:
         self._hash.update(numbers.astype("<f8").tobytes())
         self._checks.append(self._hash.digest()[:2])
 
-    def add_divergence(self) -> None:
-        self.add_numbers(np.full_like(self.numbers[-1], np.nan))
-
     def add_action(self, action: NDArray) -> None:
         self._actions.append(action.astype("<f4"))
 
     @property
     def trace(self) -> Trace:
+        with np.errstate(over="ignore"):
+            last = self.numbers[-1].astype("<f4")
         return Trace(
             actions=np.array(self._actions),
             checks=np.frombuffer(b"".join(self._checks), "<u2"),
             digest=np.frombuffer(self._hash.digest(), np.uint8),
-            last=_rounded(self.numbers[-1]),
+            last=last,
         )
 
 
-def _rounded(numbers: NDArray[np.float64]) -> NDArray[np.float32]:
-    with np.errstate(over="ignore"):
-        return numbers.astype("<f4")
-
-
 class TraceRecorder:
-    """Acts as another controller does, and keeps the traces of its episodes.
-
-    Attributes:
-      labels: of the other controller.
-    """
+    """Acts as another controller does, and keeps the traces of its episodes."""
 
     def __init__(self, environments: SuiteVectorEnv, controller: Controller) -> None:
         self._environments, self._controller = environments, controller
@@ -166,7 +141,7 @@ class TraceRecorder:
     def trace(self, episode: EndedEpisode) -> Trace:
         opened = self._open[episode.i]
         if episode.diverged:
-            opened.add_divergence()
+            opened.add_numbers(np.full_like(opened.numbers[-1], np.nan))
         else:
             opened.add_numbers(self._numbers(np.full(self._environments.num_envs, episode.rewards[-1]))[episode.i])
         return opened.trace
@@ -240,7 +215,7 @@ class Receipt:
             "evaluation": dict(self.evaluation),
             "replaced": list(self.replaced),
             "machine": self.machine,
-            "episodes": {name: [_entry(result) for result in results] for name, results in self.results.items()},
+            "episodes": {name: [*map(_entry, results)] for name, results in self.results.items()},
         }
         arrays = {
             f"{name}/{part}": array for name, traces in self.traces.items() for part, array in _stacked(traces).items()
@@ -251,7 +226,7 @@ class Receipt:
     @classmethod
     def read(cls, path: Path) -> "Receipt":
         """Returns the receipt in a file; raises an OSError unless it is one of this format, unchanged."""
-        with files.reading(path, _WHAT):
+        with files.reading(path, "a receipt of kitchen-evaluate"):
             files.check_size(path.stat().st_size, files.MAX_ARRAY_BYTES)
             contents = path.read_bytes()
             if _seal(contents[:-_SEAL]) != contents[-_SEAL:]:
@@ -308,12 +283,12 @@ def _entry(result: EpisodeResult) -> dict[str, Any]:
 def _planes(actions: NDArray) -> NDArray[np.uint8]:
     """Returns the bytes `(4, k, T)` of actions `(T, k)`; those of one place in the numbers compress well together."""
     contents = np.ascontiguousarray(actions, "<f4").view(np.uint8)
-    return np.ascontiguousarray(contents.reshape(*actions.shape, _ITEM).transpose(2, 1, 0))
+    return np.ascontiguousarray(contents.reshape(*actions.shape, 4).transpose(2, 1, 0))
 
 
 def _from_planes(planes: NDArray) -> NDArray[np.float32]:
     """Returns the actions `(T, k)` of which `_planes` made bytes; raises a ValueError for another array."""
-    if planes.dtype != np.uint8 or planes.ndim != 3 or planes.shape[0] != _ITEM:
+    if planes.dtype != np.uint8 or planes.ndim != 3 or planes.shape[0] != 4:
         raise ValueError(f"actions of shape {planes.shape} and type {planes.dtype}")
     return np.ascontiguousarray(planes.transpose(2, 1, 0)).view("<f4")[..., 0]
 

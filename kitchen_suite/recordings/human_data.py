@@ -250,10 +250,10 @@ class HumanDataJob:
         self._data = open_data(source, data_path, self._task.scene)
         if not len(self._data):
             raise ValueError(f"{source} holds no episodes of two or more observations")
-        origin = {"format": self._data.format, "source": source}
-        # No policy has this name.
-        played: dict[str, Any] = {"policy": "human", "seed": 0, "seeding": "gymnasium"}
-        spec = EpisodeSpec(**vars(environments), **played, versions=installed_versions(), origin=origin)
+        origin, versions = {"format": self._data.format, "source": source}, installed_versions()
+        spec = EpisodeSpec(
+            **vars(environments), policy="human", seed=0, seeding="gymnasium", versions=versions, origin=origin
+        )
         self._folder = RecordingFolder.claim(output, spec)
         self._finished = 0
 

@@ -49,12 +49,10 @@ _LAYOUT = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeArrays:
-    """An episode.
+    """An episode: its number in the recording, and its arrays by the names above.
 
     Attributes:
-      index: its number in the recording.
       seed: seed of the environment's reset; None if unknown.
-      arrays: by the names above.
       seconds: its share of the time that playing took [s].
       instruction: the task's sentence; the empty string if it has none.
     """
@@ -77,10 +75,7 @@ class EpisodeArrays:
         return hashlib.sha256(f"{actions.dtype.str} {actions.shape} ".encode() + actions.tobytes()).hexdigest()
 
     def check(self, actions_sha256: str | None = None) -> None:
-        """Raises a ValueError unless the arrays have the names, types and lengths of an episode.
-
-        The actions have to be those of `actions_sha256`, if it is given.
-        """
+        """Raises a ValueError unless the arrays are those of an episode, with actions of this digest if it is given."""
         if missing := [name for name in Step._fields if name not in self.arrays]:
             raise ValueError(f"{', '.join(missing)} is missing")
         if not any(_part(name) == "observation" for name in self.arrays):
@@ -102,15 +97,7 @@ class EpisodeArrays:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EpisodeStats:
-    """Statistics of an episode.
-
-    Attributes:
-      seed: of the episode; None if unknown.
-      steps: number of control steps.
-      total_reward: undiscounted return.
-      metrics: of the task, by name.
-      seconds: time that playing took [s].
-    """
+    """Statistics of an episode: control steps, undiscounted return, the task's metrics, time that playing took [s]."""
 
     seed: int | None
     steps: int
@@ -123,11 +110,7 @@ class EpisodeStats:
         """Returns the statistics of an episode, given the task's metrics of it."""
         total_reward = float(episode.arrays["reward"].sum())
         return cls(
-            seed=episode.seed,
-            steps=episode.steps,
-            total_reward=total_reward,
-            metrics=metrics,
-            seconds=episode.seconds,
+            seed=episode.seed, steps=episode.steps, total_reward=total_reward, metrics=metrics, seconds=episode.seconds
         )
 
 
@@ -182,10 +165,9 @@ def check_file_size(observation_space: spaces.Space, steps: int) -> None:
 
 
 class EpisodeBuffer:
-    """The steps of an episode in progress."""
+    """The steps of an episode in progress, from the observation and the info of its reset, and a name for readers."""
 
     def __init__(self, observation: Any, info: Mapping[str, Any], name: str = "") -> None:
-        """Begins with the observation and the info of the reset, and a name for readers."""
         self.name = name
         self.observation = observation
         self._rows = [_row(observation, info)]
@@ -253,9 +235,9 @@ class EpisodeBuffer:
         }
 
     def differing(self, arrays: Mapping[str, NDArray]) -> str:
-        """Returns the name of one of the arrays of an episode of which the present steps are not the first ones.
+        """Returns the name of an array of an episode of which the present steps are not the first ones, or nothing.
 
-        The empty string where there is none. Of observations and infos only the last ones are compared.
+        Of observations and infos only the last ones are compared.
         """
         rewards = np.array([step.reward for step in self._steps])
         if not np.array_equal(rewards, arrays["reward"][: self.steps]):

@@ -11,8 +11,7 @@ from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeStats
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import Metrics
 
-SPEC_FILE = "recording.json"
-_PATTERN = "episode_*.npz"
+SPEC_FILE, _PATTERN = "recording.json", "episode_*.npz"
 _RECORDING = files.DescribedFolder(SPEC_FILE, "a recording", _PATTERN)
 
 
@@ -32,11 +31,7 @@ class _Metadata:
 
 
 class RecordingFolder:
-    """The folder of one recording; see `create`, `claim` and `open`.
-
-    Attributes:
-      spec: the specification of the episodes.
-    """
+    """The folder of one recording, whose episodes have the specification `spec`; see `create`, `claim` and `open`."""
 
     def __init__(self, folder: Path, spec: EpisodeSpec) -> None:
         self._folder, self.spec = folder, spec
@@ -87,8 +82,7 @@ class RecordingFolder:
     def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
         """Writes an episode as a compressed npz that `numpy.load` reads without pickle.
 
-        It holds the arrays of the episode, and `metadata`: a string of JSON with the statistics, the task's
-        sentence, the digest of the actions and the specification.
+        Beside its arrays it holds `metadata`, a string of JSON with the fields of `_Metadata`.
         """
         metadata = _Metadata(
             episode=episode.index,
@@ -109,16 +103,12 @@ class RecordingFolder:
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode; raises an OSError if it cannot be read, or is of another number or recording."""
         arrays, record = files.load_arrays(self._path(index), "an episode")
-        metadata = self._parse(index, record)
+        about = self._parse(index, record)
         try:
             episode = EpisodeArrays(
-                index=index,
-                seed=metadata.seed,
-                arrays=arrays,
-                seconds=metadata.seconds,
-                instruction=metadata.instruction,
+                index=index, seed=about.seed, arrays=arrays, seconds=about.seconds, instruction=about.instruction
             )
-            episode.check(metadata.actions_sha256)
+            episode.check(about.actions_sha256)
         except ValueError as error:
             raise OSError(f"{self._path(index)} does not hold an episode: {error}") from error
         return episode

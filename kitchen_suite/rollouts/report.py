@@ -11,8 +11,7 @@ from tqdm import tqdm
 from kitchen_suite.rollouts.episode import EpisodeStats
 from kitchen_suite.settings import WIDTH
 
-_GAP = "  "
-_UNBROKEN = "\N{NO-BREAK SPACE}"
+_GAP, _UNBROKEN = "  ", "\N{NO-BREAK SPACE}"
 
 # Value of a metric of `tasks.task.Metrics`.
 _Metric = bool | float | dict[str, int]
@@ -93,6 +92,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], style: str = "si
     """Returns a table in one of tabulate's formats; the first column is left-aligned, the others right-aligned."""
     alignment = ["left", *["right"] * (len(header) - 1)]
     return tabulate(rows, header, tablefmt=style, colalign=alignment, disable_numparse=True)
+
+
+def counted(count: int) -> str:
+    """Returns a number of episodes in words."""
+    return f"{count} episode" + ("s" if count > 1 else "")
 
 
 def print_line(text: str) -> None:

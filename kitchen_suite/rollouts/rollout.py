@@ -32,11 +32,7 @@ def episode_name(index: int, seed: int | None) -> str:
 class SingleRollout:
     """Plays the episodes of a specification one by one; each depends on nothing but its seed.
 
-    Attributes:
-      environment: in which they are played.
-      buffer: the steps of the episode in progress.
-      options: those of its reset.
-      policy: that of this episode.
+    Of the episode in progress, `buffer` has the steps, `options` are those of its reset, and `policy` is its policy.
     """
 
     buffer: EpisodeBuffer
@@ -50,10 +46,7 @@ class SingleRollout:
         self._policies = SeededPolicies(build_policy) if build_policy else spec.episode_policies()
 
     def start(self, seed: int, name: str = "", options: Mapping[str, Any] | None = None) -> None:
-        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built.
-
-        `options` are those of the reset.
-        """
+        """Starts the episode of a seed, with a name for readers; raises a PolicyError if the policy cannot be built."""
         self.options = options
         self.buffer = EpisodeBuffer(*reset_to_seed(self.environment, seed, self._spec.seeding, options), name=name)
         self.policy = self._policies.start(suite_env(self.environment).environment, seed, options)
@@ -80,10 +73,7 @@ class SingleRollout:
         watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
         options: Mapping[str, Any] | None = None,
     ) -> EpisodeArrays:
-        """Plays the episode of a number, a seed and the options of its reset.
-
-        `watch` is called after the reset and after every step.
-        """
+        """Plays an episode; `watch` is called after the reset and after every step."""
         started = time.perf_counter()
         self.start(seed, episode_name(index, seed), options)
         watch(self.buffer)
@@ -179,17 +169,13 @@ class PolicyController:
         actions = np.zeros((step.rewards.size, *self._space.shape), self._space.dtype)
         # Policies act on the time steps of dm_env, in rollouts as in recordings.
         observations = self._environments.present_observation
-        for i in np.flatnonzero(step.is_playing).tolist():
+        playing = np.flatnonzero(step.is_playing).tolist()
+        for i in playing:
             actions[i] = self._action(i, step, {key: array[i] for key, array in observations.items()})
-        self.labels = self._present_labels(step.is_playing)
-        return actions
-
-    def _present_labels(self, is_playing: NDArray[np.bool_]) -> dict[str, NDArray]:
-        """Returns the labels `(n, ...)` of the last actions; zeros where no episode is in progress."""
-        playing = np.flatnonzero(is_playing).tolist()
         each = [labels_of(self._policies[i]) for i in playing]
         labels = {name: np.array([one[name] for one in each]) for name in each[0]}
-        return {name: _spread(values, playing, is_playing.size) for name, values in labels.items()}
+        self.labels = {name: _spread(values, playing, step.is_playing.size) for name, values in labels.items()}
+        return actions
 
     def _action(self, i: int, step: BatchStep, observation: dict[str, NDArray]) -> NDArray:
         timestep = dm_env.restart(observation) if step.is_first[i] else dm_env.transition(step.rewards[i], observation)
@@ -219,11 +205,7 @@ class NetworkController:
 class _Running:
     """An episode in progress in one of the environments.
 
-    Attributes:
-      index: its number.
-      seed: of the episode.
-      first: number of the time of its reset in the history.
-      seconds: its share of the time that playing took [s].
+    `first` is the number of the time of its reset in the history, `seconds` its share of the time that playing took.
     """
 
     index: int
@@ -233,11 +215,9 @@ class _Running:
 
 
 class EndedEpisode:
-    """An episode that has just ended, to be read before the next one is taken from `VectorRollout.play`.
+    """An episode that has just ended in environment `i`, to be read before `VectorRollout.play` yields the next one.
 
-    Attributes:
-      i: number of the environment in which it was played.
-      diverged: whether its physics has diverged; its last step then has no meaning, and neither have the last infos.
+    If its physics has `diverged`, its last step has no meaning, and neither have the last infos.
     """
 
     def __init__(self, history: "_History", i: int, running: _Running, instruction: str, diverged: bool) -> None:
@@ -254,12 +234,12 @@ class EndedEpisode:
         return self._history.last_info(self.i)
 
     def collect(self) -> EpisodeArrays:
-        arrays = self._history.episode(self.i, self._running.first)
+        running, arrays = self._running, self._history.episode(self.i, self._running.first)
         return EpisodeArrays(
-            index=self._running.index,
-            seed=self._running.seed,
+            index=running.index,
+            seed=running.seed,
             arrays=arrays,
-            seconds=self._running.seconds,
+            seconds=running.seconds,
             instruction=self._instruction,
         )
 
@@ -433,10 +413,7 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
 def play_many(
     spec: EpisodeSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
 ) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
-    """Yields the number and the arrays of each episode as it ends, None for one whose physics has diverged.
-
-    `waiting` is that of `VectorRollout.play`.
-    """
+    """Yields what `VectorRollout.play` does, with the arrays of an episode; None if its physics has diverged."""
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
         controller = PolicyController(environments, spec.episode_policies())
         for index, episode in VectorRollout(environments, controller).play(waiting):

@@ -33,12 +33,6 @@ _RESERVED |= {"autoreset_mode", "instructions", "num_envs", "num_threads"}
 # with float64 actions.
 SEEDINGS = ("gymnasium", "dm_control")
 
-# Attributes of specifications that the metadata of policies have.
-_TRAINED = ("domain_name", "task_name", "task_kwargs")
-
-# Distinguishes the policy's random stream from the environment's, which has the same seed.
-_POLICY_STREAM = 1
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:
@@ -87,18 +81,15 @@ class EnvironmentSpec:
         )
 
     def episodes(self, *, policy: str, seed: int, seeding: str) -> "EpisodeSpec":
-        """Returns the specification of episodes that a policy plays in such environments, with the versions here.
-
-        Arguments are the attributes of `EpisodeSpec`.
-        """
+        """Returns the specification of episodes that a policy plays in such environments, with the versions here."""
         policies.find(policy)
+        checks.choice(seeding, SEEDINGS, "seeding")
+        digest = None
+        if path := policies.policy_file(policy):
+            with files.reading(path, "a trained policy"):
+                digest = files.file_digest(path)
         return EpisodeSpec(
-            **vars(self),
-            policy=policy,
-            seed=seed,
-            seeding=checks.choice(seeding, SEEDINGS, "seeding"),
-            versions=installed_versions(),
-            policy_sha256=_policy_digest(policy),
+            **vars(self), policy=policy, seed=seed, seeding=seeding, versions=installed_versions(), policy_sha256=digest
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -106,8 +97,7 @@ class EnvironmentSpec:
 
     @property
     def env_class(self) -> type[SuiteEnv]:
-        env_class: type[SuiteEnv] = suite.find_domain(self.domain_name).resolve("env")
-        return env_class
+        return cast(type[SuiteEnv], suite.find_domain(self.domain_name).resolve("env"))
 
     def argument(self, name: str) -> Any:
         """Returns an argument of the environments, or the default that applies, as JSON represents it."""
@@ -127,8 +117,7 @@ class EnvironmentSpec:
         """Description of what varies between episodes, and of the physics unless it is exact, for a heading."""
         variations = self.argument("variations") or "none"
         names = variations if isinstance(variations, str) else ",".join(variations)
-        split = self.argument("variation_split")
-        physics = self.argument("physics")
+        split, physics = self.argument("variation_split"), self.argument("physics")
         heading = f"variations {names}" + (f" ({split})" if variations != "none" else "")
         return heading if physics == EXACT else f"{physics} physics, {heading}"
 
@@ -231,10 +220,7 @@ class EpisodeSpec(EnvironmentSpec):
         return player(self) if player else SeededPolicies(self.find_policy())
 
     def num_envs(self, num_episodes: int, most: int) -> int:
-        """Returns the number of environments, at most `most`, of which all play episodes to the end.
-
-        One where a person plays: further episodes wait until one has been stored.
-        """
+        """Returns `even_count`; one where a person plays: further episodes wait until one has been stored."""
         return 1 if policies.player_of(self.policy) else even_count(num_episodes, most)
 
     def check_policy(self, environment: gymnasium.Env) -> None:
@@ -247,7 +233,8 @@ class EpisodeSpec(EnvironmentSpec):
         self.find_policy()(suite_env(environment).environment, policy_generator(self.seed))
         if path := policies.policy_file(self.policy):
             record = policies.load_policy(path).metadata
-            trained = dataclasses.replace(self, **{name: record[name] for name in _TRAINED})
+            its_task = {name: record[name] for name in ("domain_name", "task_name", "task_kwargs")}
+            trained = dataclasses.replace(self, **its_task)
             domain = suite.DOMAINS.get(trained.domain_name)
             # A task of another version of the suite is not known here.
             if domain and trained.task_name in domain.tasks and not self.names <= trained.names:
@@ -303,14 +290,6 @@ def even_count(num_episodes: int, num_envs: int) -> int:
     return math.ceil(num_episodes / rounds)
 
 
-def _policy_digest(policy: str) -> str | None:
-    path = policies.policy_file(policy)
-    if path is None:
-        return None
-    with files.reading(path, "a trained policy"):
-        return files.file_digest(path)
-
-
 def reset_to_seed(
     environment: gymnasium.Env, seed: int, seeding: str, options: Mapping[str, Any] | None = None
 ) -> tuple[Any, dict[str, Any]]:
@@ -325,8 +304,8 @@ def reset_to_seed(
 
 
 def policy_generator(seed: int) -> np.random.Generator:
-    """Returns the generator that the policy of an episode draws from."""
-    return np.random.default_rng((seed, _POLICY_STREAM))
+    """Returns the generator of an episode's policy; the 1 tells its stream from that of the environment's seed."""
+    return np.random.default_rng((seed, 1))
 
 
 def clipped_action(policy: policies.Policy, timestep: dm_env.TimeStep, space: gymnasium.Space) -> NDArray:

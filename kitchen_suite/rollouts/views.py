@@ -4,7 +4,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,10 +15,11 @@ from kitchen_suite.rendering import cameras, video, viser_servers
 from kitchen_suite.rendering.web_page import WebPage
 from kitchen_suite.rendering.web_scenes import SceneRecorder
 from kitchen_suite.rollouts.episode import EpisodeBuffer
-from kitchen_suite.rollouts.report import print_line
+from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
+from kitchen_suite.tasks.task import SuiteTask
 
-# Seconds that the end of an episode is shown before its player begins again.
+# Time that the end of an episode is shown before its player begins again [s].
 _LAST_FRAME = 1.0
 
 PageStep = Callable[[EpisodeBuffer, Environment], None]
@@ -74,12 +74,10 @@ class Film:
         started = time.perf_counter()
         self._render()
         seconds = time.perf_counter() - started
-        episodes = f"{self._num_episodes} episode" + ("s" if self._num_episodes > 1 else "")
-        if self._max_frames is None:
-            print_line(f"filming {episodes}, about {seconds:.2f} s a frame\n")
-        else:
-            total = self._max_frames * seconds
-            print_line(f"filming {episodes}: at most {self._max_frames} frames, about {total:.0f} s\n")
+        extent = f", about {seconds:.2f} s a frame"
+        if self._max_frames is not None:
+            extent = f": at most {self._max_frames} frames, about {self._max_frames * seconds:.0f} s"
+        print_line(f"filming {counted(self._num_episodes)}{extent}\n")
 
     def _render(self) -> NDArray[np.uint8]:
         settings = self._settings
@@ -113,7 +111,8 @@ class Page:
             finally:
                 writer.end_episode()
                 if writer.page:
-                    writer.write(path)
+                    with files.atomic_write(path) as partial:
+                        partial.write_text(writer.page.html(path.stem), encoding="utf-8")
                     size, count = path.stat().st_size / 1e6, len(writer.page)
                     end = f", {size:.1f} MB" if is_complete else f" ends early, in episode {count}"
                     print_line(f"web page {path}{end}")
@@ -136,21 +135,18 @@ class _Writer:
         elif self._about:
             self._recorder.add_frame(environment.physics, environment.control_timestep())
         if self._about:
-            _add_progress(self._about, buffer.reward, environment)
+            _add_progress(self._about, buffer.reward, environment.task)
             if buffer.has_ended:
                 self.end_episode()
 
     def _begin(self, buffer: EpisodeBuffer, environment: Environment) -> None:
-        physics, task = environment.physics, environment.task
+        physics = environment.physics
         self._recorder.start(physics, cameras.find_camera(physics, self._camera))
         self._about = {
             "name": buffer.name or f"episode {len(self.page)}",
-            "instruction": task.instruction,
+            "instruction": environment.task.instruction,
             "timestep": environment.control_timestep(),
-            "rewards": [],
-            "returns": [],
-            "tasks": [],
-            "metrics": {},
+            **{"rewards": [], "returns": [], "tasks": [], "metrics": {}},
         }
 
     def end_episode(self) -> None:
@@ -159,14 +155,9 @@ class _Writer:
         if about:
             self.page.add(self._recorder.finish(_LAST_FRAME), about)
 
-    def write(self, path: Path) -> None:
-        with files.atomic_write(path) as partial:
-            partial.write_text(self.page.html(path.stem), encoding="utf-8")
 
-
-def _add_progress(about: dict[str, Any], reward: float, environment: Environment) -> None:
+def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None:
     """Adds the progress after a step: reward, return, tasks with the control steps of their completion, measures."""
-    task = environment.task
     about["returns"].append(reward + (about["returns"] or [0.0])[-1])
     about["rewards"].append(reward)
     if completions := task.episode_completions:
