@@ -3,7 +3,7 @@
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import gymnasium
 import mujoco
@@ -29,10 +29,8 @@ NUM_THREADS = (1, 2)
 class Case:
     """A simulation or environment whose speed is measured.
 
-    Attributes:
-      episode: runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised.
-      num_envs: number of environments stepped together; 0 if not vectorised.
-      num_threads: number of threads that step them.
+    `episode` runs one episode with actions `(steps, n)`, or `(steps, num_envs, n)` if vectorised; otherwise `num_envs`
+    is 0.
     """
 
     episode: Callable[[NDArray[np.float64]], None]
@@ -74,8 +72,7 @@ class BenchmarkDomain(abc.ABC):
 
     def adapter(self, **options: Any) -> SuiteEnv:
         """Builds the Gymnasium environment, without a time limit."""
-        adapter: SuiteEnv = self.domain.resolve("env")(**self.options, **options)
-        return adapter
+        return cast(SuiteEnv, self.domain.resolve("env")(**self.options, **options))
 
     @property
     def vector_names(self) -> tuple[str, ...]:
@@ -112,11 +109,7 @@ class BenchmarkDomain(abc.ABC):
         return {"Gymnasium adapter / suite.load": (ADAPTER, SUITE), "vectorised, two threads / one": (two, one)}
 
     def renderers(self, size: int) -> dict[str, MujocoRenderer]:
-        """Builds renderers of square images by name; the first is the denominator of every renderer's ratio.
-
-        Args:
-          size: width and height [pixels].
-        """
+        """Builds renderers of square images of a size [pixels]; the first is the denominator of every ratio."""
         return suite_renderers(lambda quality: self.load(render_quality=quality), size)
 
 
@@ -137,13 +130,9 @@ def bare_case(
     substeps: int,
     control: Callable[[mujoco.MjData, NDArray[np.float64]], None],
 ) -> Case:
-    """Returns the case of bare physics steps.
+    """Returns the case of bare physics steps, with generalised positions `qpos` at the start.
 
-    Args:
-      model: of the scene.
-      qpos: generalised positions at the start.
-      substeps: physics steps in a control step.
-      control: sets the controls for an action.
+    Each control step takes `substeps` physics steps, after `control` has set the controls for an action.
     """
     data = mujoco.MjData(model)
 

@@ -7,7 +7,7 @@ import contextlib
 import importlib.util
 import warnings
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 from unittest import mock
 
 import gymnasium
@@ -55,9 +55,7 @@ def patched_kitchen_env() -> Iterator[Any]:
         yield kitchen_env
 
 
-def _robot_get_obs(
-    model: mujoco.MjModel, data: mujoco.MjData, names: Any
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _robot_get_obs(model: Any, data: Any, names: Any) -> tuple[NDArray, NDArray]:
     """Returns the robot's joint positions (9,) and velocities (9,), as the helper did."""
     return data.qpos[:9].copy(), data.qvel[:9].copy()
 
@@ -120,10 +118,8 @@ class KitchenBenchmark(BenchmarkDomain):
             return super().vector_env(name, num_envs, num_threads)
         import envpool
 
-        environments: gymnasium.vector.VectorEnv = envpool.make_gymnasium(
-            "FrankaKitchen-v1", num_envs=num_envs, num_threads=num_threads, **self.options
-        )
-        return environments
+        sizes = {"num_envs": num_envs, "num_threads": num_threads}
+        return cast(gymnasium.vector.VectorEnv, envpool.make_gymnasium("FrankaKitchen-v1", **sizes, **self.options))
 
     def ratios(self, num_envs: int) -> dict[str, tuple[str, str]]:
         names = (*self.vector_options, ENVPOOL)
