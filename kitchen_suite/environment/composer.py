@@ -51,8 +51,7 @@ PRIVATE_NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def check_private_names(required: Mapping[str, Collection[str]] = PRIVATE_NAMES) -> None:
     """Raises an ImportError unless the installed dm_control has the required names, by class."""
-    missing = [f"{path}.{name}" for path, names in required.items() for name in sorted(set(names) - names_of(path))]
-    if missing:
+    if missing := [f"{path}.{name}" for path, names in required.items() for name in sorted({*names} - names_of(path))]:
         installed = importlib.metadata.version("dm-control")
         raise ImportError(f"dm-control {installed} has no {', '.join(missing)}; kitchen_suite needs {REQUIREMENT}")
 

@@ -34,9 +34,6 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # Keys of states: the physics, where it is not the exact one, and what sleeps, where objects may.
 _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
 
-# Applied forces and torques, six numbers for each body. MuJoCo concatenates the parts in the order of these flags.
-_BODY_FORCES = mujoco.mjtState.mjSTATE_XFRC_APPLIED
-
 
 class Physics(mjcf.Physics):
     """`mjcf.Physics` that keeps the scenes it renders.
@@ -91,7 +88,8 @@ class PhysicsState:
         """Finds the elements of MuJoCo's state vector that the scene has with and without visuals."""
         self._model = model
         self._is_shared = np.ones(mujoco.mj_stateSize(model, PHYSICS_STATE), bool)
-        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(_BODY_FORCES) - 1))
+        # Six numbers for each body, after the parts of the lower flags: MuJoCo concatenates in the flags' order.
+        start = mujoco.mj_stateSize(model, int(PHYSICS_STATE) & (int(mujoco.mjtState.mjSTATE_XFRC_APPLIED) - 1))
         forces = self._is_shared[start : start + 6 * model.nbody].reshape(model.nbody, 6)
         forces[:] = [[not model.body(i).name.endswith(VISUAL_BODY)] for i in range(model.nbody)]
 
@@ -120,10 +118,7 @@ def check_sleep(tree_asleep: NDArray[np.int32]) -> None:
 def write_sleep(model: mujoco.MjModel, data: mujoco.MjData, tree_asleep: NDArray[np.int32]) -> None:
     """Sets which kinematic trees sleep, and what MuJoCo derives from it; `mj_setState` wakes all.
 
-    Args:
-      model: of the scene.
-      data: whose state has been set.
-      tree_asleep: `(ntree,)`, as MuJoCo's field of this name: not negative where a tree sleeps.
+    `tree_asleep` `(ntree,)` is as MuJoCo's field of this name: not negative where a tree sleeps.
     """
     data.tree_asleep[:] = tree_asleep
     data.tree_awake[:] = tree_asleep < 0
@@ -156,18 +151,7 @@ class UnbufferedUpdater(observation.Updater):
     It then reads each observable once per control step. Observations and the draws of corruptors are the same.
     """
 
-    def __init__(
-        self,
-        observables: Mapping[str, observable.Observable],
-        physics_steps_per_control_step: int,
-        strip_singleton_buffer_dim: bool,
-        pad_with_initial_value: bool,
-    ) -> None:
-        """Builds the updater; arguments as of composer's, with the observables in a single dict."""
-        super().__init__(
-            observables, physics_steps_per_control_step, strip_singleton_buffer_dim, pad_with_initial_value
-        )
-        self._bypasses_buffers = False
+    _bypasses_buffers = False
 
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
@@ -258,9 +242,8 @@ class Environment(composer.Environment):
         self._plan_substeps()
 
     def __repr__(self) -> str:
-        return (
-            f"Environment({self._task!r}, control_timestep={self.control_timestep():g}, step_limit={self._step_limit})"
-        )
+        timestep = self.control_timestep()
+        return f"Environment({self._task!r}, control_timestep={timestep:g}, step_limit={self._step_limit})"
 
     @property
     def random_state(self) -> np.random.RandomState:
@@ -298,9 +281,9 @@ class Environment(composer.Environment):
         if timestep.mid() and self._step_count >= self._step_limit:
             self._reset_next_step = True
             timestep = timestep._replace(step_type=dm_env.StepType.LAST)
-        if not self._flat_observation:
-            return timestep
-        return timestep._replace(observation=self._flatten(timestep.observation))
+        return (
+            timestep._replace(observation=self._flatten(timestep.observation)) if self._flat_observation else timestep
+        )
 
     def observation_spec(self) -> collections.OrderedDict[str, specs.Array]:
         spec = super().observation_spec()

@@ -421,7 +421,7 @@ def play_many(
 
 
 class SingleRunner:
-    """Plays episodes one after the other; a `workers.worker.EpisodeRunner`."""
+    """Plays episodes one after the other; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec) -> None:
         self._rollout = SingleRollout(spec)
@@ -434,7 +434,7 @@ class SingleRunner:
 
 
 class VectorRunner:
-    """Plays many episodes at once; a `workers.worker.EpisodeRunner`."""
+    """Plays many episodes at once; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
         self._waiting: collections.deque[tuple[int, int]] = collections.deque()

@@ -14,7 +14,7 @@ from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
 from kitchen_suite import checks
-from kitchen_suite.workers.worker import ClusterError, RunnerFactory
+from kitchen_suite.workers.pool import ClusterError, Pool, RunnerFactory
 
 # Ray reads these when it is imported or started. The pool logs a worker's death itself; no usage statistics are sent.
 _RAY_VARIABLES = {
@@ -69,8 +69,6 @@ class RaySettings:
           Exception: raised by an episode.
         """
         with self._connected(self.workers * num_threads):
-            from kitchen_suite.workers.pool import Pool
-
             pool = Pool(build, workers=self.workers, capacity=capacity, num_threads=num_threads)
             with contextlib.closing(pool):
                 yield from pool.run(episodes)
