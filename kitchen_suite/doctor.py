@@ -34,8 +34,6 @@ _SIMULATING = ("dm-control", "mujoco", "numpy")
 # Episodes of random actions that are digested, and their control steps.
 _EPISODES, _STEPS = 5, 30
 
-_WIDTH = 28
-
 _MISSING = "not installed"
 _DIFFERS = "DIFFERS from that known for this kind of processor"
 
@@ -117,7 +115,7 @@ def _verdict(digest: str, known: str | None) -> str:
 
 
 def _print_fact(name: str, fact: str) -> None:
-    print_line(f"{name:<{_WIDTH}} {fact}")
+    print_line(f"{name:<28} {fact}")
 
 
 def _facts() -> dict[str, str]:
@@ -154,19 +152,15 @@ def _version(package: str) -> str:
 
 
 def _extras() -> dict[str, str]:
+    requirements: list[str] = []
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+        requirements = importlib.metadata.requires("kitchen-suite") or []
     needed: dict[str, list[str]] = {}
-    for requirement in _requirements():
+    for requirement in requirements:
         package, extra = re.match(r"[\w.-]+", requirement), re.search(r"extra == ['\"]([\w-]+)", requirement)
         if package and extra and package[0] != "kitchen-suite":
             needed.setdefault(extra[1], []).append(package[0])
     return {extra: _installed(packages) for extra, packages in needed.items()}
-
-
-def _requirements() -> list[str]:
-    try:
-        return importlib.metadata.requires("kitchen-suite") or []
-    except importlib.metadata.PackageNotFoundError:
-        return []
 
 
 def _installed(packages: list[str]) -> str:

@@ -56,11 +56,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
 def atomic_create(path: Path) -> Iterator[Path]:
     """Yields a temporary path as `atomic_write` does; of several processes that create one file, one succeeds.
 
-    On a file system without hard links, a process that is killed at the very end leaves an empty file, to be removed by
-    hand.
-
-    Raises:
-      FileExistsError: the file exists at the end.
+    Raises a FileExistsError if the file exists at the end. On a file system without hard links, a process that is
+    killed at the very end leaves an empty file, to be removed by hand.
     """
     with _partial(path) as partial:
         yield partial
@@ -77,8 +74,7 @@ def atomic_create(path: Path) -> Iterator[Path]:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yields the path of a folder to make, which is renamed to `path` unless an exception is raised.
 
-    Raises:
-      OSError: there is something at `path` at the end, an empty folder excepted.
+    Raises an OSError if there is something at `path` at the end, an empty folder excepted.
     """
     with temporary_folder(path) as partial:
         yield partial
@@ -105,11 +101,8 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 class DescribedFolder:
     """A kind of folder with a description of its contents as JSON; nothing of another description is added to them.
 
-    Attributes:
-      file: name of the description's file.
-      kind: contents in words, with the article.
-      contents: pattern of the names of what is described.
-      remedy: advice where such a folder exists already.
+    `file` is the name of the description's file, `contents` a pattern of the names of what is described. In messages,
+    `kind` are the contents with the article, and `remedy` is the advice where such a folder exists already.
     """
 
     file: str
@@ -120,9 +113,7 @@ class DescribedFolder:
     def create(self, folder: Path, description: Mapping[str, Any]) -> None:
         """Makes a folder without contents; of several processes that do so at the same time, one succeeds.
 
-        Raises:
-          FileExistsError: it has a description or contents already.
-          OSError: it cannot be made or written to.
+        Raises a FileExistsError if it has a description or contents already, an OSError if it cannot be written to.
         """
         folder.mkdir(parents=True, exist_ok=True)
         check_writable(folder)
@@ -142,10 +133,7 @@ class DescribedFolder:
         return load_json(path, f"the description of {self.kind}")
 
     def resume(self, folder: Path, present: Any, wanted: Mapping[str, Any]) -> None:
-        """Prepares a folder to be added to: removes unfinished files.
-
-        Raises a ValueError if its `present` description differs from the `wanted` one.
-        """
+        """Removes unfinished files of a folder; a ValueError if its `present` description is not the `wanted` one."""
         check_writable(folder)
         if found := first_difference(present, wanted):
             raise ValueError(f"{folder} holds {self.kind} with {found}: name another folder")
@@ -262,10 +250,7 @@ def pack_arrays(arrays: Mapping[str, NDArray]) -> bytes:
 
 
 def load_arrays(path: Path, what: str, max_bytes: int = MAX_ARRAY_BYTES) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Returns the arrays and the metadata that `save_arrays` wrote.
-
-    Raises an OSError unless the file holds `what`, in arrays of at most `max_bytes` together.
-    """
+    """Returns what `save_arrays` wrote; an OSError unless it is `what`, in arrays of at most `max_bytes` together."""
     with reading(path, what):
         arrays = unpack_arrays(path, max_bytes)
         return arrays, as_metadata(arrays.pop("metadata"))
@@ -306,10 +291,7 @@ def write_json(path: Path, value: Any, indent: int = 2) -> None:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Decodes JSON, which in bytes is UTF-8.
-
-    Raises a ValueError if it is not JSON, larger than 16 MiB, or nested deeper than 64 levels.
-    """
+    """Decodes JSON, in UTF-8; raises a ValueError for others, and those larger than 16 MiB or deeper than 64 levels."""
     if len(text) > _MAX_JSON_BYTES:
         raise ValueError(f"larger than {_MAX_JSON_BYTES / 2**20:.0f} MiB")
     deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"

@@ -37,12 +37,9 @@ _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Flag:
-    """The help of a flag, and the values that it accepts.
+    """The help of a flag, one or two sentences without the default, and the values that it accepts.
 
     Attributes:
-      help: one or two sentences, without the default.
-      minimum: least value of a number.
-      maximum: greatest value of a number.
       choices: values of a string; any when empty.
       unset: what applies without the flag, where it has no default; or a function that returns it for the help.
       check: raises a ValueError for a value that is refused.
@@ -95,12 +92,7 @@ control_mode_flag = functools.partial(
     "Meaning of the action, such as joint_position or ee_delta_pose; see docs/guide/control_modes.md.",
     unset="the domain's",
 )
-physics_flag = functools.partial(
-    flag,
-    "exact, or fast: longer steps, for training.",
-    choices=PHYSICS,
-    unset=EXACT,
-)
+physics_flag = functools.partial(flag, "exact, or fast: longer steps, for training.", choices=PHYSICS, unset=EXACT)
 variations_flag = functools.partial(
     flag,
     "Groups of parameters that vary from episode to episode, such as start,dynamics; or distributions by parameter, as "
@@ -172,14 +164,10 @@ class TaskSettings:
     @property
     def environment_kwargs(self) -> dict[str, Any]:
         """Arguments of the task's Gymnasium environment; a ValueError if one is given twice, with different values."""
-        variations = None if self.variations is None else parsed_variations(self.variations)
-        chosen = {
-            "physics": self.physics,
-            "control_mode": self.control_mode,
-            "variations": variations,
-            "variation_split": self.variation_split,
-        }
-        given = {name: value for name, value in chosen.items() if value is not None}
+        names = ("physics", "control_mode", "variations", "variation_split")
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if self.variations is not None:
+            given["variations"] = parsed_variations(self.variations)
         for name, value in given.items():
             if (other := self.task_kwargs.get(name, value)) != value:
                 raise ValueError(f"{name} is {checks.shown(value)}, but {checks.shown(other)} in the task_kwargs")
@@ -438,11 +426,9 @@ IMITATION = ("bc", "flow", "vqbet")
 OFFLINE = ("offline_bc", "iql", "idql", "td3bc", "gcbc", "gciql")
 ALGORITHMS = (PPO, *IMITATION, *OFFLINE)
 
-# Values of a `Schedule` by imitation and by offline learning, in every domain.
+# Values of a `Schedule` by imitation and by offline learning; by PPO, unless the domain's training recipe has others.
 _OFFLINE_SCHEDULE = {"num_steps": 40_000, "eval_interval": 10_000, "target_success": 1.1, "patience": 0}
 _IMITATION_SCHEDULE = {"num_steps": 8_000, "eval_interval": 4_000, "target_success": 1.1, "patience": 0}
-
-# Values by PPO, unless the domain's training recipe has others.
 _PPO_SCHEDULE = {"num_steps": 49_000_000, "eval_interval": 500_000, "target_success": 0.99, "patience": 8_000_000}
 
 
@@ -466,10 +452,7 @@ class TrainSettings(TaskSettings):
     """
 
     output: Path = output_flag()
-    algorithm: str = flag(
-        "ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.",
-        PPO,
-    )
+    algorithm: str = flag("ppo; bc, flow, vqbet; offline_bc, iql, idql, td3bc, gcbc or gciql.", PPO)
     training_kwargs: Mapping[str, Any] = flag(
         "Arguments of the environments trained in, not of those evaluated in, as a JSON object; they replace the "
         "domain's.",

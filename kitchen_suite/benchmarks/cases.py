@@ -41,11 +41,8 @@ class Case:
 class BenchmarkDomain(abc.ABC):
     """Environments of a domain whose speed is measured, and what they are compared with.
 
-    Attributes:
-      domain: of the suite.
-      task_name: one of the domain's tasks.
-      options: arguments of all environments, with which no episode terminates.
-      vector_options: further arguments of the suite's vectorised environments, by the name of each.
+    No episode terminates with the arguments `options` of all environments. `vector_options` are further ones of the
+    suite's vectorised environments, by the name of each.
     """
 
     domain: ClassVar[Domain]

@@ -307,25 +307,8 @@ one line on stderr; 130 after Ctrl-C, which ends the viewer.
     needs=(("viser", "mjviser"), "web"),
 )
 
-COMMANDS: Mapping[str, Command] = MappingProxyType(
-    {
-        command.name.removeprefix("kitchen-"): command
-        for command in (
-            rollout,
-            record,
-            replay,
-            play,
-            train,
-            evaluate,
-            verify,
-            doctor,
-            benchmark,
-            export,
-            convert,
-            view,
-        )
-    }
-)
+_ALL = (rollout, record, replay, play, train, evaluate, verify, doctor, benchmark, export, convert, view)
+COMMANDS: Mapping[str, Command] = MappingProxyType({each.name.removeprefix("kitchen-"): each for each in _ALL})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -144,10 +144,7 @@ def last_frames(
 ) -> dict[str, Any] | None:
     """Returns the options of a reset that ask for what a demonstration did: its tasks, and its last states.
 
-    Args:
-      states: `(T + 1, 30)`, of the demonstration.
-      completed: the tasks that it completed, in order; None is returned if there are none.
-      generator: not drawn from.
+    None is returned if it completed no tasks. `states` are `(T + 1, 30)`; `generator` is not drawn from.
     """
     if not completed:
         return None
@@ -159,10 +156,8 @@ def later_state(
 ) -> dict[str, Any] | None:
     """Returns the options of a reset that start in a state of an episode, and ask for the one `GOAL_OFFSET` later.
 
-    Args:
-      states: `(T + 1, 30)`, of the episode; None is returned if nothing moves far enough.
-      completed: not used.
-      generator: that the start is drawn from, of all in which the goal is not yet reached.
+    The start is drawn from all `states` `(T + 1, 30)` in which the goal is not yet reached; None is returned if nothing
+    moves far enough. `completed` is not used.
     """
     starts, goals = states[:-GOAL_OFFSET], states[GOAL_OFFSET:]
     firsts = np.flatnonzero(_distances(starts, goals) > _GOAL_DISTANCE)

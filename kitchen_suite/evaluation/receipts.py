@@ -192,14 +192,9 @@ class _Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Receipt:
-    """An evaluation with all its episodes.
+    """An evaluation, as `--json` writes it, with results and traces of all its episodes in order, by condition.
 
-    Attributes:
-      evaluation: its settings and scores, as `--json` writes them.
-      replaced: the values of the protocol that were replaced, see `EvaluationPlan.replaced`.
-      results: of the episodes in order, by condition.
-      traces: of the same episodes.
-      machine: kind of processor, see `versions.machine`.
+    `replaced` is `EvaluationPlan.replaced`, `machine` the kind of processor, see `versions.machine`.
     """
 
     evaluation: Mapping[str, Any]

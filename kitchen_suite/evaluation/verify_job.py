@@ -76,10 +76,7 @@ class VerifyJob:
         return f"after {self._finished} episodes"
 
     def run(self) -> bool | int:
-        """Checks what the receipt says against itself, then against a replay.
-
-        Returns whether all is equal, or `DIGITS_DIFFER`.
-        """
+        """Checks the receipt against itself and a replay; returns whether all is equal, or `DIGITS_DIFFER`."""
         receipt = Receipt.read(self._path)
         plan = checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))

@@ -26,10 +26,7 @@ from kitchen_suite.versions import installed_versions
 
 
 def convert_job(settings: ConvertSettings) -> "DatasetJob | RecordingJob | HumanDataJob":
-    """Returns the job of the direction that settings name: to a dataset, or to a recording.
-
-    Raises a ValueError unless they name exactly one.
-    """
+    """Returns the job of the direction that settings name, to a dataset or to a recording; a ValueError without one."""
     if (settings.output is None) == (settings.dataset is None):
         raise ValueError("name either --output=FOLDER, for a recording, or --dataset=OWNER/NAME, for a dataset")
     if settings.dataset is not None:

@@ -25,13 +25,9 @@ from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ExportRecord:
-    """Contents of the record beside a dataset.
+    """Contents of the record beside a dataset: the program that reads it, and the specification of the recording.
 
-    Attributes:
-      format: title of the program that reads it.
-      recording: specification of the recording.
-      num_episodes: number of episodes asked for.
-      seeds: of the episodes, in the order of the dataset.
+    `num_episodes` is the number asked for, `seeds` are in the order of the dataset.
     """
 
     format: str
@@ -118,10 +114,7 @@ class ExportPlan(DatasetPlan):
             self._move(elsewhere)
 
     def _move(self, elsewhere: Path) -> None:
-        """Moves what has been written to its place, the record last; after an error nothing is there.
-
-        Raises a FileExistsError if something has come there in the meantime.
-        """
+        """Moves what has been written to its place, the record last; nothing is there after an error."""
         moved: list[Path] = []
         try:
             if taken := self._taken:

@@ -24,20 +24,13 @@ _DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
 
 
 class DatasetPlan(abc.ABC):
-    """A dataset that will hold the first episodes of a recording.
-
-    Attributes:
-      dataset_id: its name.
-      spec: of the recording.
-      count: number of episodes.
-    """
+    """A dataset that will hold the first `count` episodes of a recording."""
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         """Checks that the dataset can be made in a folder, by default the library's own, or has been made already.
 
-        Raises:
-          ImportError: the library is not installed.
-          ValueError: the name is malformed or taken by another dataset, or the recording cannot be a dataset.
+        Raises an ImportError if the library is not installed, a ValueError if the name is malformed or taken by another
+        dataset, or the recording cannot be a dataset.
         """
         self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
 
@@ -127,12 +120,9 @@ class FolderSource(Source):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Format:
-    """A format of datasets.
+    """A format of datasets: its value of `--format`, the program that defines it, and the name of a dataset.
 
     Attributes:
-      name: value of `--format`.
-      title: name of the program that defines it.
-      example: name of a dataset.
       plan: entry point of its `DatasetPlan`.
       source: entry point of a function that opens the dataset of a name or in a folder, given that and the folder of
         all datasets (None: the program's own) as paths; it returns None where there is no such dataset. None for a
@@ -196,11 +186,7 @@ FORMATS: Mapping[str, Format] = MappingProxyType({each.name: each for each in (M
 
 
 def find_source(name: str, root: Path | None = None) -> Source:
-    """Returns the recording in a folder, or the dataset of a name or in a folder.
-
-    Args:
-      name: of the folder or the dataset.
-      root: folder of the datasets; that of their program when omitted.
+    """Returns the recording in a folder, or the dataset in a folder or of a name below `root`, or its program's folder.
 
     Raises:
       ImportError: it may be a dataset, but the library of its format is not installed.

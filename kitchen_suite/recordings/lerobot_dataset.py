@@ -73,11 +73,8 @@ class LeRobotObservations:
     """Lays observations of an environment out as LeRobot's environments do.
 
     `environment_state` is followed by the vectors that the suite observes beside it, such as `requested_tasks`, since
-    LeRobot's policies read no others.
-
-    Attributes:
-      space: of the observations of one environment.
-      features: the parts of the observation and the action.
+    LeRobot's policies read no others. `space` is that of one environment's observations, `features` are the parts of
+    the observation and the action.
     """
 
     def __init__(self, environment: SuiteEnv) -> None:
@@ -313,12 +310,9 @@ class LeRobotSource(Source):
     """A dataset that `LeRobotPlan` has made."""
 
     def __init__(self, folder: Path) -> None:
-        """Opens a dataset.
+        """Opens a dataset; raises an ImportError without LeRobot, and an OSError if the dataset cannot be read.
 
-        Raises:
-          ImportError: LeRobot is not installed.
-          OSError: the dataset cannot be read.
-          ValueError: another program has made it, so that the seeds of its episodes are not known.
+        Raises a ValueError if another program has made it, so that the seeds of its episodes are not known.
         """
         if not (folder / RECORDING_FILE).is_file():
             raise ValueError(f"{folder} is no dataset of kitchen-record, which writes the seeds to {RECORDING_FILE}")

@@ -52,15 +52,9 @@ def replay(
     Without a seed, noise cannot be drawn again: each of a kitchen's actions is then added to the recorded positions, as
     when it was recorded. An episode of a kitchen that began in another state than a reset begins in that state.
 
-    Args:
-      environment: made with the arguments of the recording.
-      recorded: the episode.
-      seeding: of the recording, see `rollouts.spec.SEEDINGS`.
-      watch: called after the reset and after every step.
-
-    Raises:
-      ValueError: the arrays do not fit the environment, or the episode has no seed, and its task's episodes start from
-        a seed only.
+    `environment` has the arguments of the recording, `seeding` is one of `rollouts.spec.SEEDINGS`, and `watch` is
+    called after the reset and after every step. Raises a ValueError if the arrays do not fit the environment, or the
+    episode has no seed, and its task's episodes start from a seed only.
     """
     _check_shape(recorded, "action", recorded.arrays["action"], environment.action_space.shape)
     states = _states(environment, recorded)
@@ -81,10 +75,7 @@ def replay(
 
 
 def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:
-    """Returns the flat observations `(T + 1, ...)` of a recording, without extra observables.
-
-    None if it does not hold them as a whole.
-    """
+    """Returns the flat observations `(T + 1, ...)` of a recording, if it has them, without extra observables."""
     inner = suite_env(environment)
     try:
         states = inner.observations.recover_flat(unflatten(recorded.arrays, "observation"))
@@ -138,10 +129,7 @@ class Comparison:
     """The differences between a recorded episode and its replay; steps count from 1, None without a difference.
 
     Attributes:
-      seed: of the episode.
       steps: number of control steps.
-      recorded_return: sum of the recorded rewards.
-      replayed_return: sum of the replayed rewards.
       rewards: first step with another reward.
       completions: first step after which other tasks are within their threshold (open_cabinet: with another success).
       tasks: those that differ there.

@@ -45,13 +45,10 @@ class RecordingFolder:
 
     @classmethod
     def claim(cls, folder: Path, spec: EpisodeSpec) -> "RecordingFolder":
-        """Starts a new recording, or continues an interrupted one of the same specification.
+        """Starts a new recording, or continues an interrupted one; a ValueError if its specification is another one.
 
-        Of several processes that start different recordings in one folder at the same time, one succeeds.
-
-        Raises:
-          OSError: the folder cannot be made or written to, or holds other episodes.
-          ValueError: it holds a recording of another specification.
+        Of several processes that start different recordings in one folder at the same time, one succeeds. Raises an
+        OSError if the folder cannot be made or written to, or holds other episodes.
         """
         try:
             _RECORDING.create(folder, spec.as_json())

@@ -54,9 +54,7 @@ class SingleRollout:
     def step(self) -> None:
         """Makes a control step with the policy's action.
 
-        Raises:
-          PhysicsError: the physics has diverged.
-          PolicyError: the policy raised an exception, or returned a bad action.
+        Raises a PhysicsError if the physics diverges, a PolicyError if the policy does, or its action is bad.
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
         action = clipped_action(self.policy, timestep, self.environment.action_space)
@@ -222,19 +220,25 @@ class EndedEpisode:
 
     def __init__(self, history: "_History", i: int, running: _Running, instruction: str, diverged: bool) -> None:
         self.i, self.diverged = i, diverged
-        self._history, self._running, self._instruction = history, running, instruction
+        self._rows, self._steps = history.since(running.first)
+        self._running, self._instruction = running, instruction
 
     @property
     def rewards(self) -> NDArray[np.float64]:
         """Rewards `(T,)` of its control steps."""
-        return self._history.rewards(self.i, self._running.first)
+        return np.array([step["reward"][self.i] for step in self._steps])
 
     @property
     def last_info(self) -> dict[str, NDArray]:
-        return self._history.last_info(self.i)
+        last = self._rows[-1].items()
+        return {name.removeprefix("info/"): rows[self.i] for name, rows in last if name.startswith("info/")}
 
     def collect(self) -> EpisodeArrays:
-        running, arrays = self._running, self._history.episode(self.i, self._running.first)
+        i, running = self.i, self._running
+        arrays = {
+            **{name: np.stack([row[name][i] for row in self._rows]) for name in self._rows[0]},
+            **{name: np.stack([step[name][i] for step in self._steps]) for name in self._steps[0]},
+        }
         return EpisodeArrays(
             index=running.index,
             seed=running.seed,
@@ -365,22 +369,10 @@ class _History:
             self._steps.popleft()
             self._forgotten += 1
 
-    def rewards(self, i: int, first: int) -> NDArray[np.float64]:
-        return np.array([step["reward"][i] for step in self._since(first, self._steps)])
-
-    def last_info(self, i: int) -> dict[str, NDArray]:
-        return {name.removeprefix("info/"): a[i] for name, a in self._rows[-1].items() if name.startswith("info/")}
-
-    def episode(self, i: int, first: int) -> dict[str, NDArray]:
-        """Returns the arrays of environment `i` since time `first`."""
-        rows, steps = self._since(first, self._rows), self._since(first, self._steps)
-        return {
-            **{name: np.stack([row[name][i] for row in rows]) for name in rows[0]},
-            **{name: np.stack([step[name][i] for step in steps]) for name in steps[0]},
-        }
-
-    def _since(self, first: int, column: collections.deque) -> list:
-        return list(itertools.islice(column, first - self._forgotten, None))
+    def since(self, first: int) -> tuple[list[dict[str, NDArray]], list[dict[str, NDArray]]]:
+        """Returns rows and steps since time `first`."""
+        skipped = first - self._forgotten
+        return [*itertools.islice(self._rows, skipped, None)], [*itertools.islice(self._steps, skipped, None)]
 
 
 def _named(observations: Any, infos: Mapping[str, NDArray]) -> dict[str, NDArray]:

@@ -36,13 +36,9 @@ SEEDINGS = ("gymnasium", "dm_control")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:
-    """How Gymnasium environments of a task are made.
+    """How Gymnasium environments of a task are made, with further arguments `task_kwargs`, which JSON can hold.
 
-    Attributes:
-      domain_name: a key of `suite.DOMAINS`.
-      task_name: one of the domain's tasks.
-      task_kwargs: further arguments of the Gymnasium environment, which JSON can hold.
-      max_episode_steps: control steps after which an episode is truncated.
+    An episode is truncated after `max_episode_steps` control steps.
     """
 
     domain_name: str
@@ -52,16 +48,9 @@ class EnvironmentSpec:
 
     @staticmethod
     def make(
-        *,
-        domain_name: str,
-        task_name: str | None,
-        task_kwargs: Mapping[str, Any],
-        max_episode_steps: int | None = None,
+        *, domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
     ) -> "EnvironmentSpec":
-        """Makes a specification of checked names.
-
-        Arguments are the attributes of their names; without a `task_name` or `max_episode_steps`, the domain's default.
-        """
+        """Makes a specification of checked arguments; None stands for the domain's default."""
         task_name = suite.default_task(domain_name) if task_name is None else task_name
         suite.check_not_fixed(domain_name, task_name, task_kwargs)
         if reserved := sorted(_RESERVED & task_kwargs.keys()):
@@ -163,7 +152,6 @@ class EpisodeSpec(EnvironmentSpec):
 
     Attributes:
       policy: name of the policy, as `policies.find` takes it.
-      seed: of the first episode.
       seeding: one of `SEEDINGS`.
       versions: by package.
       policy_sha256: SHA-256 of the file that the policy names, if it names one: another file is another policy.

@@ -29,10 +29,8 @@ _CONNECT_TIMEOUT = 5.0  # [s]
 class RaySettings:
     """Number of Ray workers and the cluster that they run on.
 
-    Attributes:
-      workers: number of worker processes.
-      address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its client server, `auto` for the cluster that this
-        machine belongs to; None starts Ray on this machine.
+    The address is `HOST:PORT` of a cluster's head, `ray://HOST:PORT` of its client server, or `auto` for the cluster
+    that this machine belongs to; None starts Ray on this machine.
     """
 
     workers: int
@@ -40,12 +38,9 @@ class RaySettings:
 
     @classmethod
     def of(cls, workers: int, address: str | None) -> "RaySettings":
-        """Returns settings of an installed Ray, with a server that accepts connections at the address.
+        """Returns settings with an address at which a server accepts connections.
 
-        Raises:
-          ImportError: Ray is not installed.
-          OSError: nothing answers at the address.
-          ValueError: the address is malformed.
+        Raises an ImportError if Ray is not installed, an OSError if nothing answers, a ValueError for a bad address.
         """
         if importlib.util.find_spec("ray") is None:
             raise ImportError(f"workers need Ray: {checks.install_command('ray')}")
@@ -56,17 +51,11 @@ class RaySettings:
     def run(
         self, build: RunnerFactory, episodes: Sequence[tuple[int, int]], *, capacity: int, num_threads: int
     ) -> Generator[tuple[int, Any], None, None]:
-        """Runs episodes on the workers and yields (index, result) as each finishes. Close the generator to stop early.
+        """Runs episodes (index, seed) on the workers and yields (index, result) as each finishes, until it is closed.
 
-        Args:
-          build: builds the episode runner in a worker process; must be picklable.
-          episodes: (index, seed) of each.
-          capacity: maximum number of episodes that a worker holds.
-          num_threads: processors that a worker uses.
-
-        Raises:
-          ClusterError: Ray cannot be used, or workers cannot start or die repeatedly.
-          Exception: raised by an episode.
+        A worker holds `capacity` episodes at most, and uses `num_threads` processors; `build`, which must be picklable,
+        builds its episode runner there. Raises a ClusterError if Ray cannot be used, or workers cannot start or die
+        repeatedly, and any exception that an episode raises.
         """
         with self._connected(self.workers * num_threads):
             pool = Pool(build, workers=self.workers, capacity=capacity, num_threads=num_threads)

@@ -97,12 +97,7 @@ class Pool:
             self._ray.kill(slot.actor)
 
     def run(self, episodes: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Any]]:
-        """Runs episodes, given as (index, seed), and yields (index, result) as each finishes.
-
-        Raises:
-          ClusterError: workers cannot start, or die repeatedly.
-          Exception: raised by an episode.
-        """
+        """Runs episodes, and yields results as each finishes; as `RaySettings.run`."""
         self._queue.extend(episodes)
         self._assign_episodes()
         self._wait_for_room()
