@@ -5,12 +5,15 @@ right, bottom left, top right and top left burner (9 to 16), light switch and li
 and right door of the hinge cabinet (20, 21), microwave (22), position and quaternion of the kettle (23 to 29) [rad, m].
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+States = NDArray[np.float64]
 
 # The state among the 59 numbers that the kitchen observes.
 STATE = np.r_[0:9, 18:39]
@@ -30,10 +33,7 @@ _LEXA_VALUES: Mapping[str, Mapping[int, float]] = MappingProxyType(
 # LEXA's twelve goals, by the objects that each moves: six single ones, of METRA too, and six pairs; lines 158 to 168.
 LEXA_SINGLES = tuple((name,) for name in _LEXA_VALUES)
 _PAIRED = ("light_switch", "slide_cabinet", "hinge_cabinet", "kettle")
-LEXA_GOALS = (
-    *LEXA_SINGLES,
-    *((one, other) for place, one in enumerate(_PAIRED) for other in _PAIRED[place + 1 :]),
-)
+LEXA_GOALS = (*LEXA_SINGLES, *itertools.combinations(_PAIRED, 2))
 
 # Below these positions a knob, or the switch, counts as turned on; lines 94 to 96.
 _KNOB_ON, _SWITCH_ON = -0.38, -0.25
@@ -78,7 +78,7 @@ COLUMNS: Mapping[str, slice] = MappingProxyType(
 )
 
 
-def lexa_goal(start: NDArray[np.float64], objects: tuple[str, ...]) -> NDArray[np.float64]:
+def lexa_goal(start: States, objects: tuple[str, ...]) -> States:
     """Returns the state of a goal of LEXA: a start `(30,)` with some objects elsewhere."""
     goal = start.copy()
     for name in objects:
@@ -87,7 +87,7 @@ def lexa_goal(start: NDArray[np.float64], objects: tuple[str, ...]) -> NDArray[n
     return goal
 
 
-def lexa_objects(states: NDArray[np.float64], goal: NDArray[np.float64]) -> dict[str, NDArray[np.bool_]]:
+def lexa_objects(states: States, goal: States) -> dict[str, NDArray[np.bool_]]:
     """Returns for each object of LEXA whether it is where a goal `(30,)` has it; lines 88 to 97."""
 
     def same_side(column: int, limit: float) -> NDArray[np.bool_]:
@@ -106,25 +106,25 @@ def lexa_objects(states: NDArray[np.float64], goal: NDArray[np.float64]) -> dict
     }
 
 
-def lexa_task_relevant(states: NDArray[np.float64], objects: tuple[str, ...]) -> bool:
+def lexa_task_relevant(states: States, objects: tuple[str, ...]) -> bool:
     """Returns whether in some state `(T, 30)` after the first, the start, the objects of a goal are all there."""
     found = lexa_objects(states[1:], lexa_goal(states[0], objects))
     return bool(np.all([found[name] for name in objects], axis=0).any())
 
 
-def lexa_all_objects(states: NDArray[np.float64], objects: tuple[str, ...]) -> bool:
+def lexa_all_objects(states: States, objects: tuple[str, ...]) -> bool:
     """Returns the same of all objects, those that a goal leaves where they start included."""
     found = lexa_objects(states[1:], lexa_goal(states[0], objects))
     return bool(np.all([*found.values()], axis=0).any())
 
 
-def earl_success(states: NDArray[np.float64]) -> bool:
+def earl_success(states: States) -> bool:
     """Returns whether in some state `(T, 30)` after the first everything is shut and off, as EARL measures it."""
     distances = np.linalg.norm(states[1:, _EARL_COLUMNS] - _EARL_GOAL, axis=-1)
     return bool((distances <= _EARL_DISTANCE).any())
 
 
-def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.float64]:
+def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
     Args:
@@ -139,9 +139,7 @@ def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> NDArray[np.f
     return goal
 
 
-def last_frames(
-    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
-) -> dict[str, Any] | None:
+def last_frames(states: States, completed: Sequence[str], generator: np.random.Generator) -> dict[str, Any] | None:
     """Returns the options of a reset that ask for what a demonstration did: its tasks, and its last states.
 
     None is returned if it completed no tasks. `states` are `(T + 1, 30)`; `generator` is not drawn from.
@@ -151,9 +149,7 @@ def last_frames(
     return {"requested_tasks": [*completed], "goal_states": states[-BESO_FRAMES:].tolist()}
 
 
-def later_state(
-    states: NDArray[np.float64], completed: Sequence[str], generator: np.random.Generator
-) -> dict[str, Any] | None:
+def later_state(states: States, completed: Sequence[str], generator: np.random.Generator) -> dict[str, Any] | None:
     """Returns the options of a reset that start in a state of an episode, and ask for the one `GOAL_OFFSET` later.
 
     The start is drawn from all `states` `(T + 1, 30)` in which the goal is not yet reached; None is returned if nothing
@@ -167,7 +163,7 @@ def later_state(
     return {"start_state": starts[first].tolist(), "goal_states": goals[[first]].tolist()}
 
 
-def goal_reached(states: NDArray[np.float64], goals: NDArray[np.float64]) -> bool:
+def goal_reached(states: States, goals: States) -> bool:
     """Returns whether in some state `(T, 30)` after the first all objects are where the last goal `(k, 30)` has them.
 
     The Euclidean distance of their 21 positions is at most 0.1.
@@ -175,6 +171,6 @@ def goal_reached(states: NDArray[np.float64], goals: NDArray[np.float64]) -> boo
     return bool((_distances(states[1:], goals[-1]) <= _GOAL_DISTANCE).any())
 
 
-def _distances(states: NDArray[np.float64], goals: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(states: States, goals: States) -> NDArray[np.float64]:
     distances: NDArray[np.float64] = np.linalg.norm(states[..., _OBJECTS] - goals[..., _OBJECTS], axis=-1)
     return distances

@@ -19,7 +19,7 @@ from kitchen_suite.evaluation.results import EpisodeResult, score_episodes
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import cameras
-from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.episode import EpisodeBuffer, Waiting
 from kitchen_suite.rollouts.report import EpisodeBar, counted, print_line, table
 from kitchen_suite.rollouts.rollout import Controller, EndedEpisode, PolicyController, SingleRollout, VectorRollout
 from kitchen_suite.rollouts.spec import EpisodeSpec, reset_to_seed
@@ -267,7 +267,7 @@ def play(
     plan: EvaluationPlan,
     environments: SuiteVectorEnv,
     controller: Controller,
-    waiting: collections.deque[tuple[int, int]],
+    waiting: Waiting,
     *,
     recorded: bool,
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:

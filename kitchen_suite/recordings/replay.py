@@ -5,7 +5,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import VARIATION_VALUES, suite_env
 from kitchen_suite.recordings.formats import find_source
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, unflatten
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Watch, unflatten
 from kitchen_suite.rollouts.report import print_line
 from kitchen_suite.rollouts.rollout import episode_name
 from kitchen_suite.rollouts.spec import reset_to_seed
@@ -42,10 +42,7 @@ _COLUMNS = {
 
 
 def replay(
-    environment: gymnasium.Env,
-    recorded: EpisodeArrays,
-    seeding: str,
-    watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
+    environment: gymnasium.Env, recorded: EpisodeArrays, seeding: str, watch: Watch = lambda buffer: None
 ) -> EpisodeArrays:
     """Plays the actions of a recorded episode again, from its seed.
 
@@ -266,7 +263,7 @@ class ReplayJob:
         print_line(f"\n{equal} of {len(self._indices)} episodes are equal")
         return equal == len(self._indices)
 
-    def _compare(self, index: int, watch: Callable[[EpisodeBuffer], None], exactly: bool) -> Comparison:
+    def _compare(self, index: int, watch: Watch, exactly: bool) -> Comparison:
         spec = self._source.spec
         recorded = self._source.load(index)
         replayed = replay(self._environment, recorded, spec.seeding if spec else "gymnasium", watch)

@@ -8,10 +8,11 @@ The names, for an episode of `T` control steps:
   `label/<key>`: `(T, ...)`, what the policy says of its actions, such as `is_intervention`; with most policies, none.
 """
 
+import collections
 import dataclasses
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -246,6 +247,13 @@ class EpisodeBuffer:
         common = [name for name in last if name in arrays and arrays[name].shape[1:] == last[name].shape]
         equal = (np.array_equal(last[name], arrays[name][self.steps], equal_nan=True) for name in common)
         return next((name for name, is_equal in zip(common, equal, strict=True) if not is_equal), "")
+
+
+# Numbers and seeds of episodes to play, taken from the left.
+Waiting = collections.deque[tuple[int, int]]
+
+# Called with an episode in progress after its reset and after every step.
+Watch = Callable[[EpisodeBuffer], None]
 
 
 def _row(observation: Any, info: Mapping[str, Any]) -> dict[str, NDArray]:

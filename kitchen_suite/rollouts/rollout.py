@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
 from kitchen_suite.policies import Policy, PolicyBuilder, PolicyError, labels_of
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, flatten
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, Step, Waiting, Watch, flatten
 from kitchen_suite.rollouts.spec import EpisodePolicies, EpisodeSpec, SeededPolicies, clipped_action, reset_to_seed
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
@@ -65,11 +65,7 @@ class SingleRollout:
         self.buffer.step(self.environment, action, labels)
 
     def play(
-        self,
-        index: int,
-        seed: int,
-        watch: Callable[[EpisodeBuffer], None] = lambda buffer: None,
-        options: Mapping[str, Any] | None = None,
+        self, index: int, seed: int, watch: Watch = lambda buffer: None, options: Mapping[str, Any] | None = None
     ) -> EpisodeArrays:
         """Plays an episode; `watch` is called after the reset and after every step."""
         started = time.perf_counter()
@@ -265,11 +261,8 @@ class VectorRollout:
         self._rewards, self._is_first = np.zeros(count), np.zeros(count, bool)
         self._history = _History()
 
-    def play(self, waiting: collections.deque[tuple[int, int]]) -> Iterator[tuple[int, EndedEpisode]]:
-        """Yields the number of each episode as it ends, and the episode.
-
-        `waiting` has numbers and seeds, taken from the left; it may grow while they are played.
-        """
+    def play(self, waiting: Waiting) -> Iterator[tuple[int, EndedEpisode]]:
+        """Yields the number of each episode as it ends, and the episode; more may be `waiting` in the meantime."""
         needs_reset = np.full(len(self._running), True)
         while True:
             if waiting:
@@ -289,7 +282,7 @@ class VectorRollout:
                     instruction = self._environments.instruction[i]
                     yield running.index, EndedEpisode(self._history, i, running, instruction, bool(diverged[i]))
 
-    def _next(self, i: int, waiting: collections.deque[tuple[int, int]]) -> _Running | None:
+    def _next(self, i: int, waiting: Waiting) -> _Running | None:
         if not waiting:
             return None
         index, seed = waiting.popleft()
@@ -403,7 +396,7 @@ def _merged(mask: NDArray[np.bool_], new: NDArray, old: NDArray) -> NDArray:
 
 
 def play_many(
-    spec: EpisodeSpec, waiting: collections.deque[tuple[int, int]], num_envs: int, num_threads: int | None
+    spec: EpisodeSpec, waiting: Waiting, num_envs: int, num_threads: int | None
 ) -> Generator[tuple[int, EpisodeArrays | None], None, None]:
     """Yields what `VectorRollout.play` does, with the arrays of an episode; None if its physics has diverged."""
     with contextlib.closing(spec.make_vector_env(num_envs, num_threads)) as environments:
@@ -416,8 +409,7 @@ class SingleRunner:
     """Plays episodes one after the other; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec) -> None:
-        self._rollout = SingleRollout(spec)
-        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+        self._rollout, self._waiting = SingleRollout(spec), Waiting()
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays]:
         self._waiting.extend(more)
@@ -429,7 +421,7 @@ class VectorRunner:
     """Plays many episodes at once; a `workers.pool.EpisodeRunner`."""
 
     def __init__(self, spec: EpisodeSpec, num_envs: int, num_threads: int) -> None:
-        self._waiting: collections.deque[tuple[int, int]] = collections.deque()
+        self._waiting = Waiting()
         self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:

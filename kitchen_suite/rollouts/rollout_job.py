@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from kitchen_suite.policies import PolicyError, load_policy
 from kitchen_suite.policies.trained import SHIPPED, shipped_as
 from kitchen_suite.rendering import gl, video
 from kitchen_suite.rendering.cameras import camera_names
-from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, check_file_size
+from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Watch, check_file_size
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.report import EpisodeBar, Report, print_line
 from kitchen_suite.rollouts.rollout import SingleRollout, SingleRunner
@@ -110,7 +110,7 @@ class RolloutJob:
         return bool(stats.metrics["success"])
 
     @contextlib.contextmanager
-    def _watch(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+    def _watch(self) -> Iterator[Watch]:
         """Yields the function to be called at every step: it moves the progress bar, and films the step."""
         settings, limit = self._settings, self._spec.max_episode_steps
         with (

@@ -14,7 +14,7 @@ from kitchen_suite.environment import Environment
 from kitchen_suite.rendering import cameras, video, viser_servers
 from kitchen_suite.rendering.web_page import WebPage
 from kitchen_suite.rendering.web_scenes import SceneRecorder
-from kitchen_suite.rollouts.episode import EpisodeBuffer
+from kitchen_suite.rollouts.episode import EpisodeBuffer, Watch
 from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
 from kitchen_suite.tasks.task import SuiteTask
@@ -45,7 +45,7 @@ class Film:
         self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+    def open(self) -> Iterator[Watch]:
         """Yields a function that films the present step; reports how long the film will take."""
         settings, episodes = self._settings, 0
         if settings.video is None:
@@ -179,7 +179,7 @@ class Views:
         self._page = Page(settings, num_episodes=settings.web_episodes)
 
     @contextlib.contextmanager
-    def open(self) -> Iterator[Callable[[EpisodeBuffer], None]]:
+    def open(self) -> Iterator[Watch]:
         """Yields a function that shows the present step."""
         with self._film.open() as film_step, self._page.open() as page_step:
 

@@ -65,7 +65,7 @@ class RaySettings:
     @contextlib.contextmanager
     def _connected(self, num_cpus: int) -> Iterator[None]:
         """Connects to Ray, and disconnects or stops it at the end; uses the connection that the program has, if any."""
-        with _environment_defaults(_RAY_VARIABLES):
+        with _environment_defaults():
             import ray
 
             if ray.is_initialized():
@@ -101,9 +101,9 @@ def _check_reachable(address: str) -> None:
 
 
 @contextlib.contextmanager
-def _environment_defaults(variables: dict[str, str]) -> Iterator[None]:
-    """Sets those of the environment variables that are unset, and unsets them at the end."""
-    added = {name: value for name, value in variables.items() if name not in os.environ}
+def _environment_defaults() -> Iterator[None]:
+    """Sets those of Ray's environment variables that are unset, and unsets them at the end."""
+    added = {name: value for name, value in _RAY_VARIABLES.items() if name not in os.environ}
     os.environ.update(added)
     try:
         yield
