@@ -28,19 +28,38 @@ class EvaluationPlan:
 
     Attributes:
       protocol: its name.
-      specs: specifications of the episodes; as `measures` and `resets` by the names of the conditions.
+      specs: specifications of the episodes by the names of the conditions.
       num_episodes: of each condition.
-      score: a published score; None if the protocol has none, or if it is for other tasks.
-      measures: further measures of episodes.
-      resets: options of the reset of each episode, as JSON; empty where the seeds say it all.
+      resets: options of the reset of each episode, as JSON, by condition; empty where the seeds say it all.
     """
 
     protocol: str
     specs: Mapping[str, EpisodeSpec]
     num_episodes: int
-    score: Score | None
-    measures: Mapping[str, Mapping[str, Measure]]
     resets: Mapping[str, Sequence[dict[str, Any]]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def conditions(self) -> dict[str, Condition]:
+        """The protocol's condition by each name; one of no further measures where its task was replaced.
+
+        Goals are those of the protocol for any task.
+        """
+        protocol = PROTOCOLS[self.protocol]
+        own = {(condition.name, condition.task_name): condition for condition in protocol.conditions}
+        replaced = Condition(goals=protocol.conditions[0].goals)
+        return {name: own.get((name, spec.task_name), replaced) for name, spec in self.specs.items()}
+
+    @property
+    def measures(self) -> dict[str, Mapping[str, Measure]]:
+        """Further measures of episodes, by condition."""
+        return {name: condition.measures for name, condition in self.conditions.items()}
+
+    @property
+    def score(self) -> Score | None:
+        """The published score of the protocol, if it has one, unless the episodes are of other tasks."""
+        protocol = PROTOCOLS[self.protocol]
+        own_tasks = {condition.task_name for condition in protocol.conditions}
+        return protocol.score if {spec.task_name for spec in self.specs.values()} <= own_tasks else None
 
     def reset_options(self, name: str, index: int) -> dict[str, Any]:
         return self.resets[name][index] if name in self.resets else {}
@@ -95,14 +114,25 @@ class EvaluationPlan:
             specs[name] = dataclasses.replace(
                 played, policy=record.policy, policy_sha256=condition.policy_sha256, versions=record.versions
             )
-        return cls(
-            protocol=protocol.name,
-            specs=specs,
-            num_episodes=record.num_episodes,
-            score=_score(protocol, specs),
-            measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
-            resets=_checked(resets or {}, protocol, specs, record.num_episodes),
-        )
+        return cls(protocol=protocol.name, specs=specs, num_episodes=record.num_episodes).with_resets(resets or {})
+
+    def with_resets(self, resets: Mapping[str, list[dict[str, Any]]]) -> "EvaluationPlan":
+        """Returns the plan with options of resets; a ValueError unless the conditions with goals have some that fit."""
+        wanted = {name for name, condition in self.conditions.items() if condition.goals}
+        if resets.keys() != wanted:
+            raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
+        for name, each in resets.items():
+            with contextlib.closing(self.specs[name].make_environment()) as environment:
+                requests = suite_env(environment).composer_task.requests
+            for options in each:
+                if not options or not options.keys() <= {*requests.options}:
+                    raise ValueError(
+                        f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}"
+                    )
+                requests.checked(options)
+            if len(each) != self.num_episodes:
+                raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {self.num_episodes}")
+        return dataclasses.replace(self, resets=dict(resets))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -133,45 +163,19 @@ def make_plan(settings: EvaluateSettings) -> EvaluationPlan:
     """Plans the evaluation that a command asks for, and builds the policy once in each condition."""
     plan = _unprepared(settings)
     prepared = {name: spec.prepared() for name, spec in plan.specs.items()}
-    return dataclasses.replace(plan, specs=prepared, resets=_resets(plan, settings.dataset))
-
-
-def _resets(plan: EvaluationPlan, dataset: Path | None) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of the resets of all episodes whose goals are taken from a recording, by condition."""
-    protocol = PROTOCOLS[plan.protocol]
-    goals = {name: condition.goals for name, condition in _own_conditions(protocol, plan.specs).items()}
-    taken = {name: take for name, take in goals.items() if take}
-    if dataset is None and taken:
-        raise ValueError(f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from")
-    if dataset is None:
-        return {}
+    taken = {name: condition.goals for name, condition in plan.conditions.items() if condition.goals}
+    if settings.dataset is None:
+        if taken:
+            raise ValueError(
+                f"protocol {plan.protocol!r} needs --dataset, the folder of a recording to take goals from"
+            )
+        return dataclasses.replace(plan, specs=prepared)
     if not taken:
         raise ValueError(f"protocol {plan.protocol!r} takes no goals from a --dataset")
-    recorded = _Recorded(dataset, plan.first.domain_name)
-    resets = {
-        name: [recorded.options(take, plan.first.seed + index) for index in range(plan.num_episodes)]
-        for name, take in taken.items()
-    }
-    return _checked(resets, protocol, plan.specs, plan.num_episodes)
-
-
-def _checked(
-    resets: Mapping[str, list[dict[str, Any]]], protocol: Protocol, specs: Mapping[str, EpisodeSpec], count: int
-) -> dict[str, list[dict[str, Any]]]:
-    """Returns the options of resets by condition; a ValueError unless `count` are of each with goals, and fit these."""
-    wanted = {name for name, condition in _own_conditions(protocol, specs).items() if condition.goals}
-    if resets.keys() != wanted:
-        raise ValueError(f"episodes of {sorted(resets)} have goals of their own, not of {sorted(wanted)}")
-    for name, each in resets.items():
-        with contextlib.closing(specs[name].make_environment()) as environment:
-            requests = suite_env(environment).composer_task.requests
-        for options in each:
-            if not options or not options.keys() <= {*requests.options}:
-                raise ValueError(f"options of the reset of an episode of {name} are no goals: {checks.shown(options)}")
-            requests.checked(options)
-        if len(each) != count:
-            raise ValueError(f"{len(each)} episodes of {name} have goals of their own, not {count}")
-    return dict(resets)
+    recorded = _Recorded(settings.dataset, plan.first.domain_name)
+    seeds = range(plan.first.seed, plan.first.seed + plan.num_episodes)
+    resets = {name: [recorded.options(take, seed) for seed in seeds] for name, take in taken.items()}
+    return dataclasses.replace(plan.with_resets(resets), specs=prepared)
 
 
 class _Recorded:
@@ -214,14 +218,8 @@ class _Recorded:
 def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
     """Returns the plan of an evaluation, without what the policy needs."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
-    specs = _specs(protocol, settings)
-    return EvaluationPlan(
-        protocol=protocol.name,
-        specs=specs,
-        num_episodes=protocol.num_episodes if settings.num_episodes is None else settings.num_episodes,
-        score=_score(protocol, specs),
-        measures={name: condition.measures for name, condition in _own_conditions(protocol, specs).items()},
-    )
+    count = protocol.num_episodes if settings.num_episodes is None else settings.num_episodes
+    return EvaluationPlan(protocol=protocol.name, specs=_specs(protocol, settings), num_episodes=count)
 
 
 def _values(plan: EvaluationPlan) -> dict[str, Any]:
@@ -232,25 +230,6 @@ def _values(plan: EvaluationPlan) -> dict[str, Any]:
         condition["task_kwargs"].pop("extra_observables", None)
         del condition["policy_sha256"]
     return {**single, "conditions": [*conditions.items()]}
-
-
-def _score(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> Score | None:
-    """Returns the published score of a protocol, unless the episodes are of other tasks."""
-    own_tasks = {condition.task_name for condition in protocol.conditions}
-    return protocol.score if {spec.task_name for spec in specs.values()} <= own_tasks else None
-
-
-def _own_conditions(protocol: Protocol, specs: Mapping[str, EpisodeSpec]) -> dict[str, Condition]:
-    """Returns the protocol's condition of each specification; one of no further measures where its task was replaced.
-
-    Goals are those of the protocol for any task.
-    """
-    by_name = {condition.name: condition for condition in protocol.conditions}
-    replaced = Condition(goals=protocol.conditions[0].goals)
-    return {
-        name: by_name[name] if name in by_name and by_name[name].task_name == spec.task_name else replaced
-        for name, spec in specs.items()
-    }
 
 
 def find_protocol(name: str, domain_name: str) -> Protocol:
