@@ -30,18 +30,11 @@ T = TypeVar("T")
 MAX_ARRAY_BYTES = 512 * 2**20
 _MAX_JSON_BYTES = 16 * 2**20
 
-# Methods of zip by which parts can be read alone, and the greatest part [bytes]: the sizes in the archive may be wrong.
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_PIECE = 2**20
-
 # Levels of arrays and objects in JSON that is read; what the suite writes has fewer than ten.
 _MAX_JSON_DEPTH = 64
 
 # Names of unfinished files and folders: machine, process, random number, and the name when finished.
 _PARTIAL = re.compile(r"\.kitchen-suite\.(?P<machine>[^.]+)\.(?P<process>\d{1,7})\.[0-9a-f]{8}\..+")
-
-# File systems without hard links refuse them with one of these.
-_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK)
 
 
 @contextlib.contextmanager
@@ -64,7 +57,8 @@ def atomic_create(path: Path) -> Iterator[Path]:
         try:
             os.link(partial, path)
         except OSError as error:
-            if error.errno not in _NO_LINKS:
+            # File systems without hard links refuse them with one of these.
+            if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
                 raise
             os.close(os.open(path, os.O_CREAT | os.O_EXCL))
             os.replace(partial, path)
@@ -363,13 +357,14 @@ def check_size(size: int, limit: int) -> None:
 
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     """Returns an array of an npz file, whose size has to be what its header says."""
-    if archive.getinfo(name).compress_type not in _METHODS:
+    # By these methods parts can be read alone, of a MiB at most: the sizes in the archive may be wrong.
+    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{name} is compressed by an unknown method")
     with archive.open(name) as member:
         version = np.lib.format.read_magic(member)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, is_fortran, dtype = read_header(member)
-        data = bytearray(b"".join(iter(functools.partial(member.read, _PIECE), b"")))
+        data = bytearray(b"".join(iter(functools.partial(member.read, 2**20), b"")))
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"{name} does not hold the array that its header declares")
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")

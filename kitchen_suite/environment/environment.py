@@ -162,9 +162,8 @@ class UnbufferedUpdater(observation.Updater):
         super().reset(physics, random_state)
         if is_compiling:
             self._cover_cameras(False)
-        enabled = [part for part in self._observables.values() if part.enabled]
         self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
-            is_unbuffered(part) and not part.aggregator for part in enabled
+            is_unbuffered(part) and not part.aggregator for part in self._observables.values() if part.enabled
         )
         self._readers = [
             (name, buffered.observation_callable, buffered.buffer.dtype)

@@ -188,21 +188,15 @@ class EvaluateJob:
             with files.atomic_write(self._settings.json) as partial:
                 files.write_json(partial, written, indent=1)
         if self._settings.receipt:
-            self._receipt(written).write(self._settings.receipt)
+            results = {name: self._results(name) for name in plan.specs}
+            traces = {name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()}
+            receipt = Receipt(evaluation=written, replaced=plan.replaced, results=results, traces=traces)
+            receipt.write(self._settings.receipt)
         self._page.write()
         return True
 
     def _results(self, name: str) -> list[EpisodeResult]:
         return [self._folder.results[name, index] for index in range(self._plan.num_episodes)]
-
-    def _receipt(self, evaluation: Mapping[str, Any]) -> Receipt:
-        results = {name: self._results(name) for name in self._plan.specs}
-        return Receipt(
-            evaluation=evaluation,
-            replaced=self._plan.replaced,
-            results=results,
-            traces={name: [Trace.from_text(result.trace) for result in each] for name, each in results.items()},
-        )
 
     def _open_folder(self) -> EvaluationFolder:
         settings = self._settings

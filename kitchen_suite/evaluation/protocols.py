@@ -66,17 +66,15 @@ class Score:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """A way to evaluate a policy.
+    """A way to evaluate a policy, by the value of the flag `--protocol`.
 
     Attributes:
-      name: value of the flag `--protocol`.
       follows: its source, and the values that it fixes, in a few words.
       conditions: of its episodes; each is played from the same seeds.
       seed: of the first episode of a condition; the others have the next ones.
       num_episodes: of each condition.
       max_episode_steps: control steps of an episode; the domain's when None.
       is_general: whether it is for every domain; otherwise for those that name it among their `protocols`.
-      score: a published score; None if there is none.
       overall: the protocol's scores over all conditions, from the scores by condition.
       differences: what is not as in the source, in a sentence; empty if nothing is known to be.
     """
@@ -117,10 +115,8 @@ _CHAIN_SETS, _CHAIN_STEPS = 8, 360
 # Without noise, and to the last control step, as environments of goals that are reached or not.
 _EXACTLY_SEEN = {"robot_noise_ratio": 0.0, "object_noise_ratio": 0.0, "terminate_on_tasks_completed": False}
 
-# Tasks of the suite that have the objects of LEXA's goals, and the goals that are not the suite's.
-_LEXA_TASKS = {"bottom_burner": "bottom right burner"}
+# Goals of LEXA that are not the suite's, and thresholds of the suite's own count, which LEXA's criteria are close to.
 _LEXA_VALUES = {"hinge cabinet": [0.0, 0.5], "microwave": [-0.5]}
-# Thresholds of the suite's own count of tasks, which LEXA's criteria are close to.
 _LEXA_THRESHOLDS = {"slide cabinet": 0.1, "hinge cabinet": 0.2, "microwave": 0.2, "kettle": 0.2}
 
 
@@ -137,7 +133,7 @@ def _of_states(function: Callable[..., bool], **arguments: Any) -> Measure:
 
 
 def _lexa_condition(objects: tuple[str, ...]) -> Condition:
-    tasks = [_LEXA_TASKS.get(name, name.replace("_", " ")) for name in objects]
+    tasks = ["bottom right burner" if name == "bottom_burner" else name.replace("_", " ") for name in objects]
     chosen: dict[str, Mapping[str, Any]] = {"goals": _LEXA_VALUES, "threshold": _LEXA_THRESHOLDS}
     own = {name: {task: values[task] for task in tasks if task in values} for name, values in chosen.items()}
     return Condition(
@@ -205,12 +201,7 @@ def _earl_condition(pair: tuple[str, str]) -> Condition:
     return Condition(
         name=" and ".join(pair),
         task_name="all",
-        task_kwargs={
-            "tasks_to_complete": [*pair],
-            "control_mode": "joint_velocity",
-            "threshold": 0.1,
-            **_EXACTLY_SEEN,
-        },
+        task_kwargs={"tasks_to_complete": [*pair], "control_mode": "joint_velocity", "threshold": 0.1, **_EXACTLY_SEEN},
         measures={"earl_success": _of_states(criteria.earl_success)},
     )
 

@@ -248,10 +248,8 @@ class Receipt:
 def _check_texts(value: Any) -> None:
     """Raises a ValueError unless all texts in decoded JSON can be printed, in a line of bounded length."""
     if isinstance(value, Mapping):
-        for key, part in value.items():
-            _check_texts(key)
-            _check_texts(part)
-    elif isinstance(value, list):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
         for part in value:
             _check_texts(part)
     elif isinstance(value, str) and not (value.isprintable() and len(value) <= _MAX_TEXT):

@@ -70,10 +70,7 @@ class DatasetJob:
 
     def run(self) -> bool:
         with contextlib.closing(self._environment):
-            if self._plan.is_missing:
-                self._plan.make(self._environment, self._folder, self._indices)
-            else:
-                self._plan.check_holds(self._folder, self._indices)
+            self._plan.complete(self._environment, self._folder, self._indices)
         print(f"{len(self._indices)} episodes of {self._source}")
         print(f"dataset {self._plan.dataset_id} in {self._plan.path}")
         return True

@@ -87,9 +87,9 @@ class ExportPlan(DatasetPlan):
     def is_missing(self) -> bool:
         return not self._record_file.exists()
 
-    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:
-        seeds = [folder.spec.seed_of(index) for index in indices]
-        if not self.is_missing and read_record(self._record_file).seeds != seeds:
+    def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        super().complete(environment, folder, indices)
+        if read_record(self._record_file).seeds != [folder.spec.seed_of(index) for index in indices]:
             raise FileExistsError(
                 f"dataset {self.dataset_id!r} was made of other episodes of this recording: name another one"
             )

@@ -48,8 +48,10 @@ class DatasetPlan(abc.ABC):
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         """Makes the dataset of episodes that were recorded in an environment; after an error there is none."""
 
-    def check_holds(self, folder: RecordingFolder, indices: Sequence[int]) -> None:  # noqa: B027
-        """Raises a FileExistsError if the dataset is there, but is not of these episodes."""
+    def complete(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
+        """Makes the dataset, unless it is there already; raises a FileExistsError if that one has other episodes."""
+        if self.is_missing:
+            self.make(environment, folder, indices)
 
     def _check_name(self, kind: str) -> None:
         """Raises a ValueError unless the dataset's name is `OWNER/NAME`."""

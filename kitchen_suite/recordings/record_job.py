@@ -102,10 +102,8 @@ class RecordJob:
         try:
             with contextlib.closing(self._template_env):
                 diverged = self._play()
-                if self._plan and self._plan.is_missing:
-                    self._plan.make(self._template_env, self._folder, self._present())
-                elif self._plan:
-                    self._plan.check_holds(self._folder, self._present())
+                if self._plan:
+                    self._plan.complete(self._template_env, self._folder, self._present())
         finally:
             print(f"\n{self._summary()}")
         if not diverged:

@@ -25,65 +25,6 @@ _LAST_FRAME = 1.0
 PageStep = Callable[[EpisodeBuffer, Environment], None]
 
 
-class Film:
-    """Films the first episodes of a command in real time; does nothing where no video is asked for."""
-
-    def __init__(
-        self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
-    ) -> None:
-        """Checks that the film of some episodes can be made; None as `max_steps` stands for no limit."""
-        self._settings, self._environment = settings, environment
-        self._camera = cameras.find_camera(environment.physics, settings.camera)
-        if settings.video:
-            video.check_ffmpeg()
-            cameras.check_size(environment.physics, settings.width, settings.height)
-        rate = 1.0 / environment.control_timestep()
-        # Control steps for each frame.
-        self._stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
-        self._frames_per_second = rate / self._stride
-        self._num_episodes = min(settings.video_episodes, num_episodes)
-        self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
-
-    @contextlib.contextmanager
-    def open(self) -> Iterator[Watch]:
-        """Yields a function that films the present step; reports how long the film will take."""
-        settings, episodes = self._settings, 0
-        if settings.video is None:
-            yield lambda buffer: None
-            return
-        self._announce()
-        with video.open_video(
-            settings.video,
-            width=settings.width,
-            height=settings.height,
-            frames_per_second=self._frames_per_second,
-            on_partial=lambda frames: print_line(f"video {settings.video} ends early, after {frames} frames"),
-        ) as add_frame:
-
-            def film(buffer: EpisodeBuffer) -> None:
-                nonlocal episodes
-                episodes += buffer.steps == 0
-                if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
-                    add_frame(self._render())
-
-            yield film
-
-    def _announce(self) -> None:
-        """Prints how much there is to film, and how long it takes by the time of one frame."""
-        self._render()  # The first frame takes longer: it makes the GL context.
-        started = time.perf_counter()
-        self._render()
-        seconds = time.perf_counter() - started
-        extent = f", about {seconds:.2f} s a frame"
-        if self._max_frames is not None:
-            extent = f": at most {self._max_frames} frames, about {self._max_frames * seconds:.0f} s"
-        print_line(f"filming {counted(self._num_episodes)}{extent}\n")
-
-    def _render(self) -> NDArray[np.uint8]:
-        settings = self._settings
-        return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)
-
-
 class Page:
     """Records the first episodes of a command for a web page; does nothing where none is asked for."""
 
@@ -146,7 +87,10 @@ class _Writer:
             "name": buffer.name or f"episode {len(self.page)}",
             "instruction": environment.task.instruction,
             "timestep": environment.control_timestep(),
-            **{"rewards": [], "returns": [], "tasks": [], "metrics": {}},
+            "rewards": [],
+            "returns": [],
+            "tasks": [],
+            "metrics": {},
         }
 
     def end_episode(self) -> None:
@@ -168,23 +112,71 @@ def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None
 
 
 class Views:
-    """The film and the web page of a command, each if it is asked for."""
+    """Films the first episodes of a command in real time, and makes a web page of them, each if it is asked for."""
 
     def __init__(
         self, settings: FilmSettings, environment: Environment, *, num_episodes: int, max_steps: int | None
     ) -> None:
-        """Checks that they can be made; arguments are those of `Film`."""
-        self._environment = environment
-        self._film = Film(settings, environment, num_episodes=num_episodes, max_steps=max_steps)
+        """Checks that film and page of some episodes can be made; None as `max_steps` stands for no limit."""
+        self._settings, self._environment = settings, environment
+        self._camera = cameras.find_camera(environment.physics, settings.camera)
+        if settings.video:
+            video.check_ffmpeg()
+            cameras.check_size(environment.physics, settings.width, settings.height)
+        rate = 1.0 / environment.control_timestep()
+        # Control steps for each frame.
+        self._stride = max(1, math.ceil(rate / settings.video_fps - 1e-6))
+        self._frames_per_second = rate / self._stride
+        self._num_episodes = min(settings.video_episodes, num_episodes)
+        self._max_frames = None if max_steps is None else self._num_episodes * (max_steps // self._stride + 1)
         self._page = Page(settings, num_episodes=settings.web_episodes)
 
     @contextlib.contextmanager
     def open(self) -> Iterator[Watch]:
         """Yields a function that shows the present step."""
-        with self._film.open() as film_step, self._page.open() as page_step:
+        with self._open_film() as film_step, self._page.open() as page_step:
 
             def show(buffer: EpisodeBuffer) -> None:
                 film_step(buffer)
                 page_step(buffer, self._environment)
 
             yield show
+
+    @contextlib.contextmanager
+    def _open_film(self) -> Iterator[Watch]:
+        """Yields a function that films the present step; reports how long the film will take."""
+        settings, episodes = self._settings, 0
+        if settings.video is None:
+            yield lambda buffer: None
+            return
+        self._announce()
+        with video.open_video(
+            settings.video,
+            width=settings.width,
+            height=settings.height,
+            frames_per_second=self._frames_per_second,
+            on_partial=lambda frames: print_line(f"video {settings.video} ends early, after {frames} frames"),
+        ) as add_frame:
+
+            def film(buffer: EpisodeBuffer) -> None:
+                nonlocal episodes
+                episodes += buffer.steps == 0
+                if buffer.steps % self._stride == 0 and episodes <= self._num_episodes:
+                    add_frame(self._render())
+
+            yield film
+
+    def _announce(self) -> None:
+        """Prints how much there is to film, and how long it takes by the time of one frame."""
+        self._render()  # The first frame takes longer: it makes the GL context.
+        started = time.perf_counter()
+        self._render()
+        seconds = time.perf_counter() - started
+        extent = f", about {seconds:.2f} s a frame"
+        if self._max_frames is not None:
+            extent = f": at most {self._max_frames} frames, about {self._max_frames * seconds:.0f} s"
+        print_line(f"filming {counted(self._num_episodes)}{extent}\n")
+
+    def _render(self) -> NDArray[np.uint8]:
+        settings = self._settings
+        return self._environment.physics.render(settings.height, settings.width, camera_id=self._camera)

@@ -21,8 +21,6 @@ _RAY_VARIABLES = {
     "RAY_DEDUP_LOGS_SKIP_REGEX": "A worker died or was killed|Raylet is terminated",
     "RAY_USAGE_STATS_ENABLED": "0",
 }
-_CLIENT_SCHEME = "ray://"
-_CONNECT_TIMEOUT = 5.0  # [s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,12 +88,12 @@ class RaySettings:
 
 def _check_reachable(address: str) -> None:
     """Raises a ValueError for a malformed address, an OSError if nothing answers; Ray itself would try for minutes."""
-    host, _, port = address.removeprefix(_CLIENT_SCHEME).rpartition(":")
+    host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        forms = f"HOST:PORT, {_CLIENT_SCHEME}HOST:PORT or auto"
+        forms = "HOST:PORT, ray://HOST:PORT or auto"
         raise ValueError(f"{checks.shown(address)} is not a Ray address: it must be {forms}")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT).close()
+        socket.create_connection((host.strip("[]"), int(port)), timeout=5.0).close()
     except OSError as error:
         raise OSError(f"no Ray answers at {address}: {error}") from error
 
