@@ -66,10 +66,7 @@ def atomic_create(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yields the path of a folder to make, which is renamed to `path` unless an exception is raised.
-
-    Raises an OSError if there is something at `path` at the end, an empty folder excepted.
-    """
+    """Yields the path of a folder to make, renamed to `path` at the end; an OSError if what is there is not empty."""
     with temporary_folder(path) as partial:
         yield partial
         os.rename(partial, path)
@@ -77,10 +74,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """Yields the hidden path of a folder to make beside `path`; the folder is removed if it is still there at the end.
-
-    Folders that killed processes have left there are removed first.
-    """
+    """Yields a hidden path beside `path` for a folder, removed at the end, as those that killed processes have left."""
     path = path.absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_stale_partials(path.parent)

@@ -283,10 +283,7 @@ class PlaySettings(FilmSettings):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RecordSettings(WorkerSettings):
-    """Settings of `kitchen-record`.
-
-    A preset sets those that have their default: task, policy, episodes and some of the `task_kwargs`.
-    """
+    """Settings of `kitchen-record`; a preset sets task, policy, episodes and some `task_kwargs`, if not given."""
 
     output: Path = output_flag()
     preset: str | None = flag(
@@ -374,10 +371,7 @@ _OF_PROTOCOL = "the protocol's"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EvaluateSettings(TaskSettings, PageSettings):
-    """Settings of `kitchen-evaluate`.
-
-    Those that are None, and `task_kwargs` that are not given, are the protocol's.
-    """
+    """Settings of `kitchen-evaluate`; those that are None, and `task_kwargs` that are not given, are the protocol's."""
 
     protocol: str = flag(
         "Protocol of the evaluation: it sets task, variations, seeds and number of episodes.", "default"
@@ -445,10 +439,9 @@ def _by_domain(name: str) -> str:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainSettings(TaskSettings):
-    """Settings of `kitchen-train`.
+    """Settings of `kitchen-train`; those that are None are the domain's or the algorithm's, see `schedule`.
 
-    Steps are control steps over all environments, and steps of the optimiser in imitation. Those that are None are the
-    domain's or the algorithm's, see `schedule`.
+    Steps are control steps over all environments, and steps of the optimiser in imitation.
     """
 
     output: Path = output_flag()

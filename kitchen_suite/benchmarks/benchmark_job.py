@@ -38,7 +38,6 @@ class BenchmarkJob:
             self._num_steps = checks.integer(settings.num_steps, "num_steps", minimum=1)
 
     def run(self) -> bool:
-        """Measures and prints the results; returns True."""
         if not self._settings.json:
             # Not among the results.
             print(f"{command_line(self._settings)} takes minutes", file=sys.stderr, flush=True)

@@ -77,7 +77,6 @@ class BenchmarkDomain(abc.ABC):
         return tuple(self.vector_options)
 
     def vector_env(self, name: str, num_envs: int, num_threads: int) -> gymnasium.vector.VectorEnv:
-        """Builds one of the vectorised environments."""
         options = {**self.options, **self.vector_options[name]}
         build: Callable[..., gymnasium.vector.VectorEnv] = self.domain.resolve("vector_env")
         return build(num_envs, num_threads=num_threads, max_episode_steps=self.domain.episode_steps, **options)

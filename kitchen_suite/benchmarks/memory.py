@@ -48,13 +48,10 @@ def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) ->
 
 
 def _in_new_process(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
-    executor = concurrent.futures.ProcessPoolExecutor(
-        1,
-        mp_context=multiprocessing.get_context("spawn"),
-        # Before dm_control is imported with the function that is submitted.
-        initializer=functools.partial(gl.prepare, rendering=False),
-    )
-    with executor:
+    # Before dm_control is imported with the function that is submitted.
+    prepare = functools.partial(gl.prepare, rendering=False)
+    spawn = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(1, spawn, prepare) as executor:
         return executor.submit(memory_in_use, domain, name, num_envs).result()
 
 

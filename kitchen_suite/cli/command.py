@@ -78,7 +78,6 @@ class Command:
     needs: tuple[tuple[str, ...], str] = ((), "")
 
     def __call__(self) -> int:
-        """Runs the command as a process of its own; returns the exit status."""
         return run_process(self.name, self.main)
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
@@ -101,10 +100,7 @@ class Command:
         return ended
 
     def parse(self, arguments: Sequence[str]) -> Any:
-        """Returns the settings, or the text that `--help` or `--version` prints.
-
-        Raises an `absl.flags.Error` for unknown and missing flags, bad values, and too many other arguments.
-        """
+        """Returns the settings, or the text of `--help` or `--version`; an `absl.flags.Error` for bad arguments."""
         settings = settings_of(self.settings)
         values = define([setting for setting in settings if setting.name != self.positional])
         _, *others = values([self.name, *arguments], known_only=True)
@@ -192,10 +188,8 @@ def settings_of(dataclass: type) -> list[Setting]:
 
 
 def define(settings: Sequence[Setting]) -> flags.FlagValues:
-    """Defines the flags of settings, `--help` and `--version`.
-
-    They are not absl's global flags, so that a command can be called from other programs, any number of times.
-    """
+    """Defines the flags of settings, `--help` and `--version`."""
+    # Not absl's global flags, so that a command can be called from other programs, any number of times.
     values = _Flags()
     for setting in (*settings, _HELP, _VERSION):
         default = None if setting.is_required else setting.default
@@ -327,10 +321,8 @@ def run_process(name: str, main: Callable[[], int]) -> int:
 
 
 def _raise_interrupts() -> None:
-    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors.
-
-    SIGINT stays ignored where it is, as in a shell's background jobs.
-    """
+    """Lets SIGINT and SIGTERM, with which batch systems stop a job, raise KeyboardInterrupt, also in destructors."""
+    # SIGINT stays ignored where it is, as in a shell's background jobs.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         if number is not signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)

@@ -333,7 +333,6 @@ def console_main() -> int:
 
 
 def _listing() -> str:
-    """Returns a line on each command: its name, and the first sentence of its description."""
     sentences = {name: command.description.partition("\n")[0].partition(". ")[0] for name, command in COMMANDS.items()}
     rows = [f"  {name:<10} {sentence.rstrip('.')}." for name, sentence in sentences.items()]
     return "\n".join(["kitchen-suite COMMAND [--help] runs one of the commands:\n", *rows])

@@ -36,10 +36,7 @@ _PHYSICS_NAME, _ASLEEP = "physics_name", "asleep"
 
 
 class Physics(mjcf.Physics):
-    """`mjcf.Physics` that keeps the scenes it renders.
-
-    Where nothing can be rendered, `render` raises a RuntimeError that names the remedy.
-    """
+    """`mjcf.Physics` that keeps the scenes it renders; where it can render none, a RuntimeError names the remedy."""
 
     def render(
         self, height: int = 240, width: int = 320, camera_id: int | str = -1, *arguments: Any, **options: Any
@@ -304,10 +301,7 @@ class Environment(composer.Environment):
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """Returns the state on which later steps depend: physics, task, random state, step count.
-
-        It is the same with and without visuals.
-        """
+        """Returns what later steps depend on, with or without visuals: physics, task, random state, step count."""
         scene = self._task.scene
         return {
             "physics": self._physics_state.read(self._physics.data.ptr),

@@ -107,10 +107,7 @@ def _percent(value: float) -> str:
 
 
 class EpisodePage:
-    """Plays the first episodes of each condition again, one by one, for a web page, if one is asked for.
-
-    An episode depends on nothing but its seed: these are the episodes that were evaluated.
-    """
+    """Plays the first episodes of each condition again, as they were evaluated, for a web page, if one is asked for."""
 
     def __init__(self, settings: EvaluateSettings, plan: EvaluationPlan) -> None:
         self._settings, self._plan = settings, plan
@@ -121,7 +118,6 @@ class EpisodePage:
                 cameras.find_camera(suite_env(environment).environment.physics, settings.camera)
 
     def write(self) -> None:
-        """Plays the episodes, and writes the page."""
         if self._settings.web is None:
             return
         with self._page.open() as show:

@@ -44,7 +44,6 @@ class EvaluationFolder:
         return opened
 
     def add(self, result: EpisodeResult) -> None:
-        """Adds the result of an episode, a line at the end of the file."""
         if self._path:
             with self._path.open("ab") as file:
                 file.write(result.as_line(self._evaluation) + b"\n")

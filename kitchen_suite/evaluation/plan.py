@@ -95,10 +95,7 @@ class EvaluationPlan:
     def of(
         cls, description: Mapping[str, Any], resets: Mapping[str, list[dict[str, Any]]] | None = None
     ) -> "EvaluationPlan":
-        """Returns the plan of a description, with what the policy has observed, but not prepared for the policy.
-
-        Raises a TypeError or ValueError if it is of another version of the suite, or no description.
-        """
+        """Returns the plan of a description, unprepared; a TypeError or ValueError for one of another version."""
         record = files.parse(description, _Description, "not the description of an evaluation")
         domain = suite.DOMAINS[checks.choice(record.domain_name, suite.DOMAINS, "domain")]
         protocol = find_protocol(record.protocol, domain.name)
@@ -216,7 +213,6 @@ class _Recorded:
 
 
 def _unprepared(settings: EvaluateSettings) -> EvaluationPlan:
-    """Returns the plan of an evaluation, without what the policy needs."""
     protocol = find_protocol(settings.protocol, settings.domain_name)
     count = protocol.num_episodes if settings.num_episodes is None else settings.num_episodes
     return EvaluationPlan(protocol=protocol.name, specs=_specs(protocol, settings), num_episodes=count)
@@ -267,6 +263,5 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
 
 
 def _described(spec: EpisodeSpec) -> dict[str, Any]:
-    """Returns the task of a condition, and the policy's file, as JSON represents them."""
     described = {"task_name": spec.task_name, "task_kwargs": dict(spec.task_kwargs)}
     return json.loads(json.dumps({**described, "policy_sha256": spec.policy_sha256}))

@@ -128,7 +128,6 @@ def _velocity_conditions(*tasks: str, **task_kwargs: Any) -> tuple[Condition, ..
 
 
 def _of_states(function: Callable[..., bool], **arguments: Any) -> Measure:
-    """Returns the measure that is a function of states alone."""
     return lambda states, goals: function(states, **arguments)
 
 

@@ -55,7 +55,6 @@ class Trace:
     last: NDArray[np.float32]
 
     def as_text(self) -> str:
-        """Returns the trace in letters, for a line of JSON."""
         arrays = {**vars(self), "actions": _planes(self.actions)}
         return base64.b64encode(files.pack_arrays(arrays)).decode()
 
@@ -204,7 +203,6 @@ class Receipt:
     machine: str = dataclasses.field(default_factory=machine)
 
     def write(self, path: Path) -> None:
-        """Writes the file, in place of an existing one."""
         record = {
             "format": FORMAT,
             "evaluation": dict(self.evaluation),

@@ -150,10 +150,7 @@ class ExportPlan(DatasetPlan):
     @classmethod
     @abc.abstractmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
-        """Yields the actions `(T, n)` and all `columns` of each episode of a dataset, in order.
-
-        Raises any exception where the dataset is damaged, or has not `count` episodes.
-        """
+        """Yields actions `(T, n)` and all `columns` of each of `count` episodes; any exception for damaged ones."""
 
 
 def record_file(path: Path) -> Path:

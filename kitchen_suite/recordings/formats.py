@@ -54,7 +54,6 @@ class DatasetPlan(abc.ABC):
             self.make(environment, folder, indices)
 
     def _check_name(self, kind: str) -> None:
-        """Raises a ValueError unless the dataset's name is `OWNER/NAME`."""
         if not _DATASET_ID.fullmatch(self.dataset_id):
             raise ValueError(f"{checks.shown(self.dataset_id)} is no name of {kind}, such as me/kettle")
 

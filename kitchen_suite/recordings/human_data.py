@@ -94,7 +94,6 @@ class D4RLData:
         return len(self._rows)
 
     def read(self) -> Iterator[Demonstration]:
-        """Yields the episodes in order."""
         for start, stop in self._rows:
             recorded = self._observations[start:stop]
             observations = np.full((stop - start, SIZE), np.nan)
@@ -261,7 +260,6 @@ class HumanDataJob:
         return f"after {self._finished} of {len(self._data)} episodes; the same command completes the recording"
 
     def run(self) -> bool:
-        """Converts the episodes; prints how many there are, and which tasks they complete."""
         tasks, numbers = collections.Counter[str](), collections.Counter[int]()
         goals, steps = set[str](), 0
         demonstrations = tqdm(self._data.read(), total=len(self._data), disable=None, leave=False)

@@ -224,10 +224,7 @@ class D4RLPlan(ExportPlan):
 
 
 def relay_observations(environment: SuiteEnv, episode: EpisodeArrays) -> NDArray[np.float64]:
-    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and the goals in the same layout.
-
-    Where no task is requested, goals are 0.
-    """
+    """Returns observations of the kitchen `(T + 1, 60)`: 30 positions, and their goals, 0 where none is requested."""
     task, arrays = environment.composer_task, episode.arrays
     requested = arrays.get("observation/requested_tasks")
     observations = arrays["observation/observation"]

@@ -222,10 +222,7 @@ def dataset_features(features: list[Feature]) -> dict[str, dict[str, Any]]:
 
 
 def frames_per_second(environment: SuiteEnv) -> int:
-    """Returns the frequency of an environment's control steps [Hz], rounded down.
-
-    LeRobot's datasets and videos have a whole number of frames per second: 12 for the kitchen's 12.5.
-    """
+    """Returns the frequency of control steps [Hz] in whole numbers, as LeRobot has it: 12 for the kitchen's 12.5."""
     return int(environment.metadata["render_fps"])
 
 

@@ -196,10 +196,7 @@ class MinariSource(Source):
 
 
 def _with_reset(labels: NDArray) -> NDArray:
-    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they have made; zero at the reset.
-
-    So gym-hil's infos `is_intervention` and `teleop_action` stand beside those of the same step.
-    """
+    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they make, as in gym-hil; 0 first."""
     return np.concatenate([np.zeros_like(labels[:1]), labels])
 
 

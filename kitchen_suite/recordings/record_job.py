@@ -71,7 +71,6 @@ class RecordJob:
     usage_errors = (PolicyError,)
 
     def __init__(self, settings: RecordSettings) -> None:
-        """Prepares the recording, so that bad settings are refused before the first episode."""
         self._ray = settings.ray()
         self._settings = settings = _with_format(settings.resolved)
         self._spec = EpisodeSpec.of(settings, seeding="gymnasium")
@@ -166,7 +165,6 @@ class RecordJob:
 
 
 def _with_format(settings: RecordSettings) -> RecordSettings:
-    """Returns settings with an observation type of the dataset's format."""
     if settings.format is None:
         return settings
     chosen = FORMATS[checks.choice(settings.format, FORMATS, "format")]

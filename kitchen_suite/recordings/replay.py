@@ -154,10 +154,7 @@ class Comparison:
 
 
 def compare(task: SuiteTask, recorded: EpisodeArrays, replayed: EpisodeArrays, *, truncations: bool) -> Comparison:
-    """Compares an episode with its replay.
-
-    Without `truncations` only terminations are compared: other recorders truncate where they stop.
-    """
+    """Compares an episode with its replay; truncations only if told to: other recorders truncate where they stop."""
     one, other = recorded.arrays, replayed.arrays
     ends = one["termination"] != other["termination"]
     if truncations:
@@ -235,7 +232,6 @@ class ReplayJob:
     usage_errors = ()
 
     def __init__(self, settings: ReplaySettings) -> None:
-        """Prepares the replay, so that bad settings are refused before the first episode."""
         self._settings = settings
         self._source = find_source(settings.source, settings.data_path)
         self._indices = choose(self._source.indices, settings.episodes, settings.num_episodes)
@@ -270,7 +266,6 @@ class ReplayJob:
         return compare(self._inner.task, recorded, self._source.projected(replayed), truncations=exactly)
 
     def _heading(self) -> str:
-        """Returns the name of the recording, and the known differences to the environment here."""
         text = f"{self._settings.source}: {len(self._indices)} of {len(self._source.indices)} episodes"
         if self._source.spec is None:
             return f"{text}; recorded by another program, so that observations and truncations are not compared"

@@ -129,10 +129,8 @@ def _check_array(name: str, array: NDArray, rewards: NDArray) -> None:
 
 
 def flatten(nested: Any, name: str) -> dict[str, Any]:
-    """Returns the leaves of nested dicts by their path, which begins with `name`, in the order of the dicts.
-
-    dm-tree would sort the keys, but goals by task are in the configured order.
-    """
+    """Returns the leaves of nested dicts by their path, which begins with `name`, in the order of the dicts."""
+    # dm-tree would sort the keys, but goals by task are in the configured order.
     if not isinstance(nested, Mapping):
         return {name: nested}
     return {path: leaf for key, part in nested.items() for path, leaf in flatten(part, f"{name}/{key}").items()}
@@ -178,7 +176,6 @@ class EpisodeBuffer:
     def add(
         self, step: Step, observation: Any, info: Mapping[str, Any], labels: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Adds a step with the policy's labels, and the observation and the info after it."""
         self.observation = observation
         self._rows.append(_row(observation, info))
         self._steps.append(step)
@@ -187,12 +184,10 @@ class EpisodeBuffer:
     def step(
         self, environment: gymnasium.Env, action: NDArray, labels: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Makes a control step, and adds it with the policy's labels."""
         observation, reward, termination, truncation, info = environment.step(action)
         self.add(Step(action, float(reward), termination, truncation), observation, info, labels)
 
     def truncate(self) -> None:
-        """Makes the last step truncate the episode."""
         self._steps[-1] = self._steps[-1]._replace(truncation=True)
 
     def cut(self, steps: int, observation: Any) -> None:

@@ -77,10 +77,7 @@ class RecordingFolder:
         return sorted(int(number) for number in numbers if number.isdecimal())
 
     def save(self, episode: EpisodeArrays, stats: EpisodeStats) -> None:
-        """Writes an episode as a compressed npz that `numpy.load` reads without pickle.
-
-        Beside its arrays it holds `metadata`, a string of JSON with the fields of `_Metadata`.
-        """
+        """Writes an episode as a compressed npz that `numpy.load` reads without pickle, with its metadata as JSON."""
         metadata = _Metadata(
             episode=episode.index,
             seed=episode.seed,

@@ -54,14 +54,13 @@ class SingleRollout:
     def step(self) -> None:
         """Makes a control step with the policy's action.
 
-        Raises a PhysicsError if the physics diverges, a PolicyError if the policy does, or its action is bad.
+        Raises a PhysicsError if the physics diverges, a PolicyError for an exception or a bad action of the policy.
         """
         timestep = self.buffer.timestep(suite_env(self.environment))
         action = clipped_action(self.policy, timestep, self.environment.action_space)
         self.repeat(action, labels_of(self.policy))
 
     def repeat(self, action: NDArray, labels: Mapping[str, Any]) -> None:
-        """Makes a control step with an action, and the labels of the policy that has chosen it."""
         self.buffer.step(self.environment, action, labels)
 
     def play(
@@ -363,7 +362,6 @@ class _History:
             self._forgotten += 1
 
     def since(self, first: int) -> tuple[list[dict[str, NDArray]], list[dict[str, NDArray]]]:
-        """Returns rows and steps since time `first`."""
         skipped = first - self._forgotten
         return [*itertools.islice(self._rows, skipped, None)], [*itertools.islice(self._steps, skipped, None)]
 
@@ -425,6 +423,5 @@ class VectorRunner:
         self._episodes = play_many(spec, self._waiting, num_envs, num_threads)
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, EpisodeArrays | None]:
-        """Returns the next episode to end, None if its physics has diverged."""
         self._waiting.extend(more)
         return next(self._episodes)

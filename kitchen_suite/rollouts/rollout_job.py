@@ -102,7 +102,6 @@ class RolloutJob:
         return [(index, self._settings.seed + index) for index in range(self._settings.num_episodes)]
 
     def _add(self, episode: EpisodeArrays) -> bool:
-        """Writes an episode, and prints its row; returns whether it succeeded."""
         stats = EpisodeStats.of(episode, self._environment.task.metrics(episode.last_info))
         if self._folder:
             self._folder.save(episode, stats)

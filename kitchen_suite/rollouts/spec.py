@@ -203,7 +203,6 @@ class EpisodeSpec(EnvironmentSpec):
         return policies.find(self.policy, digest=self.policy_sha256)
 
     def episode_policies(self) -> "EpisodePolicies":
-        """Returns what builds the policy of each episode."""
         player = policies.player_of(self.policy)
         return player(self) if player else SeededPolicies(self.find_policy())
 

@@ -94,7 +94,6 @@ class _Writer:
         }
 
     def end_episode(self) -> None:
-        """Adds the episode in progress, if there is one, to the page."""
         about, self._about = self._about, None
         if about:
             self.page.add(self._recorder.finish(_LAST_FRAME), about)

@@ -100,7 +100,6 @@ def _check_reachable(address: str) -> None:
 
 @contextlib.contextmanager
 def _environment_defaults() -> Iterator[None]:
-    """Sets those of Ray's environment variables that are unset, and unsets them at the end."""
     added = {name: value for name, value in _RAY_VARIABLES.items() if name not in os.environ}
     os.environ.update(added)
     try:

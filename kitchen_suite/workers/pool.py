@@ -35,10 +35,7 @@ class EpisodeRunner(Protocol):
     """Runs episodes in a worker process, one or several at a time."""
 
     def run(self, more: Sequence[tuple[int, int]]) -> tuple[int, Any]:
-        """Runs until a pending episode has ended, and returns its index and result.
-
-        `more` has (index, seed) of further episodes, which become pending first.
-        """
+        """Runs until an episode, of `more` (index, seed) or given before, has ended; returns its index and result."""
 
 
 RunnerFactory = Callable[[], EpisodeRunner]
@@ -97,7 +94,6 @@ class Pool:
             self._ray.kill(slot.actor)
 
     def run(self, episodes: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Any]]:
-        """Runs episodes, and yields results as each finishes; as `RaySettings.run`."""
         self._queue.extend(episodes)
         self._assign_episodes()
         self._wait_for_room()
@@ -176,7 +172,6 @@ def waiting_line(num_threads: int, *, free: float, machines: Sequence[float]) ->
 
 
 def _check_versions(expected: Mapping[str, str]) -> None:
-    """Raises a ValueError that lists the packages of which another version is installed here."""
     here = installed_versions()
     if differing := [
         f"{name} {here[name]} instead of {there}" for name, there in expected.items() if here[name] != there
