@@ -217,7 +217,7 @@ def cache_folder() -> Path | None:
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray], metadata: Mapping[str, Any]) -> Path:
     """Writes a compressed npz of `arrays` and, as a string of JSON, `metadata`; returns the file."""
-    packed = pack_arrays({**arrays, "metadata": as_text_array(metadata)})
+    packed = pack_arrays({**arrays, "metadata": np.array(json.dumps(metadata))})
     with atomic_write(path) as partial:
         partial.write_bytes(packed)
     return path
@@ -362,11 +362,6 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray:
     if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"{name} does not hold the array that its header declares")
     return np.ndarray(shape, dtype, data, order="F" if is_fortran else "C")
-
-
-def as_text_array(metadata: Mapping[str, Any]) -> NDArray:
-    """Returns an array of one string, the JSON of metadata."""
-    return np.array(json.dumps(metadata))
 
 
 def as_metadata(array: NDArray) -> dict[str, Any]:

@@ -377,7 +377,8 @@ class Environment(composer.Environment):
 
         Without substep hooks and buffered observables only the last state matters. The loop then runs once.
         """
-        needs_each = self._has_substep_hooks() or self._has_buffered_observables()
+        observables = self._task.observables.values()
+        needs_each = any(part.enabled and not is_unbuffered(part) for part in observables) or self._has_substep_hooks()
         self._steps_per_call = 1 if needs_each else self._physics_steps
         self._n_sub_steps = self._physics_steps // self._steps_per_call
 
@@ -390,10 +391,6 @@ class Environment(composer.Environment):
             or cls.after_substep is not composer.Task.after_substep
             or any(hook.entity_hooks or hook.extra_hooks for hook in hooks)
         )
-
-    def _has_buffered_observables(self) -> bool:
-        """Whether an enabled observable has a delay, a buffer or an update interval of its own."""
-        return any(part.enabled and not is_unbuffered(part) for part in self._task.observables.values())
 
     def _substep(self, action: ArrayLike) -> None:
         if self._steps_per_call == 1:

@@ -28,17 +28,8 @@ from kitchen_suite.settings import EvaluateSettings
 from kitchen_suite.tasks.kitchen.requests import GOAL_STATES
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
-# Scores that are means in a unit of their own; all others are rates.
-_MEANS = {
-    "mean_tasks": "mean tasks",
-    "mean_progress": "mean progress",
-    "control_steps": "control steps",
-    "score": "score",
-    "d4rl_score": "D4RL score",
-    "subtasks": "subtasks",
-    "mean_reward": "mean reward",
-    "mean_length": "mean length",
-}
+# Beginnings of the names of scores that are means in a unit of their own; all others are rates.
+_MEANS = ("mean_", "control_steps", "score", "d4rl_score", "subtasks")
 _ENTROPY = "order entropy [bit]"
 
 
@@ -63,7 +54,12 @@ def format_scores(name: str, task_name: str, num_episodes: int, scores: Mapping[
     parts = [table((title, counted(num_episodes), "95 % interval"), rows)]
     if "task_rates" in scores:
         tasks = [
-            (task, _percent(row["rate"]), _interval("rate", row["interval"]), f"{row['completed']} of {row['asked']}")
+            (
+                task,
+                _text("rate", row["rate"]),
+                _interval("rate", row["interval"]),
+                f"{row['completed']} of {row['asked']}",
+            )
             for task, row in scores["task_rates"].items()
         ]
         parts.append(table(("task", "completed", "95 % interval", "where asked"), tasks))
@@ -88,11 +84,11 @@ def _entropy(scores: Mapping[str, Any]) -> str:
 
 
 def _label(key: str) -> str:
-    return _MEANS.get(key, key).replace("_", " ")
+    return key.replace("_", " ").replace("d4rl", "D4RL")
 
 
 def _text(key: str, value: float) -> str:
-    return f"{value:.4g}" if key in _MEANS else _percent(value)
+    return f"{value:.4g}" if key.startswith(_MEANS) else f"{100 * value:.1f} %"
 
 
 def _interval(key: str, interval: list[float] | None) -> str:
@@ -100,10 +96,6 @@ def _interval(key: str, interval: list[float] | None) -> str:
         return "none"
     low, high = (_text(key, bound) for bound in interval)
     return f"{low} to {high}"
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
 
 
 class EpisodePage:

@@ -19,6 +19,7 @@ import base64
 import dataclasses
 import hashlib
 import io
+import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -214,7 +215,7 @@ class Receipt:
             f"{name}/{part}": array for name, traces in self.traces.items() for part, array in _stacked(traces).items()
         }
         with files.atomic_write(path) as partial:
-            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": files.as_text_array(record)})))
+            partial.write_bytes(sealed(files.pack_arrays({**arrays, "metadata": np.array(json.dumps(record))})))
 
     @classmethod
     def read(cls, path: Path) -> "Receipt":

@@ -141,12 +141,7 @@ class RecordingJob:
             if buffer.has_ended:
                 raise OSError(f"{where} goes on after its end: it was changed, or made elsewhere")
             buffer.step(environment, action)
-        episode = EpisodeArrays(
-            index=seed - self._spec.seed,
-            seed=seed,
-            arrays=buffer.arrays(),
-            instruction=suite_env(environment).instruction,
-        )
+        episode = buffer.episode(environment, seed - self._spec.seed, seed)
         if differing := _differing(columns, self._layout.columns(environment, self._spec, episode)):
             raise OSError(
                 f"{where} plays otherwise here, with another {differing}: it was changed, made elsewhere, or did not "

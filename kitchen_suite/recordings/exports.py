@@ -59,8 +59,7 @@ class ExportPlan(DatasetPlan):
             raise ValueError(f"a dataset for {self.title} needs a folder to be in: --data_path")
         if not self.holds_pictures and has_pictures(spec.env_class.find_obs_type(spec.argument("obs_type"))):
             raise ValueError(f"a dataset for {self.title} holds no pictures: record other observations")
-        self.folder = root / Path(dataset_id).parent
-        self.name = Path(dataset_id).name
+        self.path = root / f"{dataset_id}{self.suffix}"
         self._record_file = record_file(self.path)
         if self._record_file.exists():
             record = read_record(self._record_file)
@@ -78,10 +77,6 @@ class ExportPlan(DatasetPlan):
         if cls.package:
             name, extra = cls.package
             checks.installed([name], f"a dataset for {cls.title}", extra)
-
-    @property
-    def path(self) -> Path:
-        return self.folder / f"{self.name}{self.suffix}"
 
     @property
     def is_missing(self) -> bool:
@@ -104,7 +99,7 @@ class ExportPlan(DatasetPlan):
                 seeds.append(episode.seed)
                 yield episode
 
-        with files.temporary_folder(self.folder / self.name) as elsewhere:
+        with files.temporary_folder(self.path) as elsewhere:
             elsewhere.mkdir()
             self.write(elsewhere, environment, episodes(), len(indices))
             record = ExportRecord(
@@ -120,8 +115,8 @@ class ExportPlan(DatasetPlan):
             if taken := self._taken:
                 raise FileExistsError(taken)
             for made in sorted(elsewhere.iterdir(), key=lambda path: path.name == self._record_file.name):
-                os.rename(made, self.folder / made.name)
-                moved.append(self.folder / made.name)
+                os.rename(made, self.path.with_name(made.name))
+                moved.append(self.path.with_name(made.name))
         except BaseException:
             for path in moved:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()

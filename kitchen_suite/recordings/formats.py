@@ -24,7 +24,9 @@ _DATASET_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
 
 
 class DatasetPlan(abc.ABC):
-    """A dataset that will hold the first `count` episodes of a recording."""
+    """A dataset that will hold the first `count` episodes of a recording, in the folder or file `path`."""
+
+    path: Path
 
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         """Checks that the dataset can be made in a folder, by default the library's own, or has been made already.
@@ -33,11 +35,6 @@ class DatasetPlan(abc.ABC):
         dataset, or the recording cannot be a dataset.
         """
         self.dataset_id, self.spec, self.count, self._root = dataset_id, spec, count, root
-
-    @property
-    @abc.abstractmethod
-    def path(self) -> Path:
-        """Folder of the dataset."""
 
     @property
     def is_missing(self) -> bool:
@@ -71,17 +68,15 @@ class DatasetPlan(abc.ABC):
 
 
 class Source(abc.ABC):
-    """Episodes, and the environment that they were recorded in."""
+    """Episodes, and the environment that they were recorded in.
 
-    @property
-    @abc.abstractmethod
-    def spec(self) -> EpisodeSpec | None:
-        """The specification of the episodes; None where another program recorded them."""
+    Attributes:
+      spec: the specification of the episodes; None where another program recorded them.
+      indices: numbers of the episodes, in order.
+    """
 
-    @property
-    @abc.abstractmethod
-    def indices(self) -> Sequence[int]:
-        """Numbers of the episodes, in order."""
+    spec: EpisodeSpec | None
+    indices: Sequence[int]
 
     @abc.abstractmethod
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
@@ -100,20 +95,13 @@ class FolderSource(Source):
     """A folder of `kitchen-record` or `kitchen-rollout`."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = RecordingFolder.open(folder)
-        if self.spec.origin is not None:
+        self._folder = recording = RecordingFolder.open(folder)
+        if recording.spec.origin is not None:
             raise ValueError(f"{folder} was made by kitchen-convert, and holds no states from which to replay")
-
-    @property
-    def spec(self) -> EpisodeSpec:
-        return self._folder.spec
-
-    @property
-    def indices(self) -> Sequence[int]:
-        return self._folder.indices
+        self.spec, self.indices = recording.spec, recording.indices
 
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
-        return self.spec.make_environment(**rendering)
+        return self._folder.spec.make_environment(**rendering)
 
     def load(self, index: int) -> EpisodeArrays:
         return self._folder.load(index)

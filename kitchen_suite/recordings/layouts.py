@@ -341,7 +341,7 @@ class BeTPlan(ExportPlan):
         parts = [self.columns(environment, self.spec, episode) for episode in episodes]
         columns = {name: _side_by_side([part[name] for part in parts]) for name in parts[0]}
         check_room(folder, sum(rows.nbytes for rows in columns.values()))
-        target = folder / self.name
+        target = folder / self.path.name
         target.mkdir()
         for name in _ARRAYS:
             np.save(target / f"{name}.npy", columns[name])

@@ -52,14 +52,11 @@ DIGEST = "digest"
 
 @dataclasses.dataclass(frozen=True)
 class Feature:
-    """A part of the observation, or the action.
+    """A part of the observation, or the action: LeRobot's kind `STATE`, `ENV`, `VISUAL` or `ACTION`.
 
-    Attributes:
-      key: name in the environment's observation; that of the column for a picture and for the action.
-      column: name in datasets and for policies.
-      kind: LeRobot's type of the feature: `STATE`, `ENV`, `VISUAL` or `ACTION`.
-      shape: of one step.
-      names: of the elements, or of the dimensions of a picture; None if they have none.
+    `key` is the name in the environment's observation, that of the column for a picture and for the action, `column`
+    the name in datasets and for policies. `names` are of the elements, or of the dimensions of a picture, if they have
+    some, and `shape` is of one step.
     """
 
     key: str
@@ -254,14 +251,11 @@ class LeRobotPlan(DatasetPlan):
     def __init__(self, dataset_id: str, spec: EpisodeSpec, count: int, root: Path | None = None) -> None:
         super().__init__(dataset_id, spec, count, root)
         self._library = import_lerobot()
+        self.path = home(root) / dataset_id
         self._check_name("a LeRobot dataset")
         if not self.is_missing:
             record = load_record(self.path)
             self._check_same(record.recording, record.num_episodes)
-
-    @property
-    def path(self) -> Path:
-        return home(self._root) / self.dataset_id
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         inner = suite_env(environment)
@@ -315,26 +309,19 @@ class LeRobotSource(Source):
             raise ValueError(f"{folder} is no dataset of kitchen-record, which writes the seeds to {RECORDING_FILE}")
         self._record, self._folder = load_record(folder), folder
         with self._reading("the specification of a recording"):
-            self._spec = EpisodeSpec.from_json(self._record.recording)
+            self.spec = self._spec = EpisodeSpec.from_json(self._record.recording)
         library = import_lerobot()
         with self._reading("a LeRobot dataset"), _quietly():
             self._dataset = library.LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
             self._rows = self._dataset.hf_dataset.with_format("numpy")
         if self._dataset.num_episodes != len(self._record.episodes):
             raise ValueError(f"{folder} has other episodes than its {RECORDING_FILE}: it was changed after recording")
-
-    @property
-    def spec(self) -> EpisodeSpec:
-        return self._spec
+        self.indices = range(len(self._record.episodes))
 
     def make_environment(self, **rendering: Any) -> gymnasium.Env:
         environment = self._spec.make_environment(**rendering)
         self._observations = LeRobotObservations(suite_env(environment))
         return environment
-
-    @property
-    def indices(self) -> Sequence[int]:
-        return range(len(self._record.episodes))
 
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode, with the arrays of `LeRobotObservations.arrays`."""

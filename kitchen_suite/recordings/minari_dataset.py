@@ -52,17 +52,14 @@ class MinariPlan(DatasetPlan):
         super().__init__(dataset_id, spec, count, root)
         self._minari = import_minari()
         check_id(dataset_id)
+        with minari_root(root):
+            self.path = absolute_root() / dataset_id
         if spec.seed + count - 1 > _MAX_SEED:
             raise ValueError(f"seeds in a dataset may not exceed {_MAX_SEED}, got {spec.seed + count - 1}")
         if not self.is_missing:
             with minari_root(root), files.reading(self.path, "a Minari dataset"):
                 metadata = self._minari.load_dataset(dataset_id).storage.metadata
             self._check_same(metadata.get(SPEC_KEY), metadata.get(_COUNT_KEY))
-
-    @property
-    def path(self) -> Path:
-        with minari_root(self._root):
-            return absolute_root() / self.dataset_id
 
     def make(self, environment: gymnasium.Env, folder: RecordingFolder, indices: Sequence[int]) -> None:
         has_pictures = suite_env(environment).observations.has_pictures
@@ -141,19 +138,11 @@ class MinariSource(Source):
         self._dataset = dataset
         with self._reading("the metadata of a dataset"):
             spec = dataset.storage.metadata.get(SPEC_KEY)
-            self._spec = None if spec is None else EpisodeSpec.from_json(spec)
-            self._env_spec = dataset.env_spec
+            self.spec = None if spec is None else EpisodeSpec.from_json(spec)
+            self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
         found = self._env_spec and self._env_spec.id
         if found not in (_ORIGINAL_ID, *gymnasium_env.IDS.values(), *gymnasium_env.TASK_IDS.values()):
             raise ValueError(f"dataset {dataset.id} is not of a domain of the suite, but of {found}")
-
-    @property
-    def spec(self) -> EpisodeSpec | None:
-        return self._spec
-
-    @property
-    def indices(self) -> Sequence[int]:
-        return range(self._dataset.total_episodes)
 
     @property
     def is_original(self) -> bool:
@@ -196,7 +185,7 @@ class MinariSource(Source):
 
 
 def _with_reset(labels: NDArray) -> NDArray:
-    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they make, as in gym-hil; 0 first."""
+    """Returns labels `(T, ...)` of actions as infos `(T + 1, ...)` of the steps that they make, 0 first, as gym-hil."""
     return np.concatenate([np.zeros_like(labels[:1]), labels])
 
 

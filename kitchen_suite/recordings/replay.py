@@ -63,12 +63,9 @@ def replay(
             suite_env(environment).composer_task.set_observed_positions(states[step])
         buffer.step(environment, action)
         watch(buffer)
-    return EpisodeArrays(
-        index=recorded.index,
-        seed=recorded.seed,
-        arrays={**buffer.arrays(), "action": recorded.arrays["action"], **recorded.labels},
-        instruction=suite_env(environment).instruction,
-    )
+    episode = buffer.episode(environment, recorded.index, recorded.seed)
+    own = {"action": recorded.arrays["action"], **recorded.labels}
+    return dataclasses.replace(episode, arrays={**episode.arrays, **own})
 
 
 def _states(environment: gymnasium.Env, recorded: EpisodeArrays) -> NDArray | None:

@@ -23,7 +23,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from kitchen_suite import files
-from kitchen_suite.gymnasium_env.base import SuiteEnv
+from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.tasks.task import Metrics
 
 
@@ -229,6 +229,11 @@ class EpisodeBuffer:
             **{name: np.array(column) for name, column in zip(Step._fields, columns, strict=True)},
             **{name: np.array([labels[name] for labels in self._labels]) for name in self._labels[0]},
         }
+
+    def episode(self, environment: gymnasium.Env, index: int, seed: int | None, seconds: float = 0.0) -> EpisodeArrays:
+        """Returns the episode so far, with the sentence of the environment's present episode."""
+        arrays, instruction = self.arrays(), suite_env(environment).instruction
+        return EpisodeArrays(index=index, seed=seed, arrays=arrays, seconds=seconds, instruction=instruction)
 
     def differing(self, arrays: Mapping[str, NDArray]) -> str:
         """Returns the name of an array of an episode of which the present steps are not the first ones, or nothing.

@@ -73,13 +73,7 @@ class SingleRollout:
         while not self.buffer.has_ended:
             self.step()
             watch(self.buffer)
-        return EpisodeArrays(
-            index=index,
-            seed=seed,
-            arrays=self.buffer.arrays(),
-            seconds=time.perf_counter() - started,
-            instruction=suite_env(self.environment).instruction,
-        )
+        return self.buffer.episode(self.environment, index, seed, time.perf_counter() - started)
 
 
 class RewindableRollout(SingleRollout):
