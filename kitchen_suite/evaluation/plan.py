@@ -101,12 +101,8 @@ class EvaluationPlan:
         protocol = find_protocol(record.protocol, domain.name)
         specs = {}
         for name, condition in record.conditions.items():
-            environments = EnvironmentSpec.make(
-                domain_name=domain.name,
-                task_name=condition.task_name,
-                task_kwargs=condition.task_kwargs,
-                max_episode_steps=record.max_episode_steps,
-            )
+            task_name, kwargs = condition.task_name, condition.task_kwargs
+            environments = EnvironmentSpec.make(domain.name, task_name, kwargs, record.max_episode_steps)
             played = environments.episodes(policy="zero", seed=record.seed, seeding="gymnasium")
             specs[name] = dataclasses.replace(
                 played, policy=record.policy, policy_sha256=condition.policy_sha256, versions=record.versions
@@ -246,15 +242,13 @@ def _specs(protocol: Protocol, settings: EvaluateSettings) -> dict[str, EpisodeS
     if clash := sorted(differing & given.keys()):
         raise ValueError(f"the conditions of protocol {protocol.name!r} differ in {clash}, which cannot be replaced")
     seed = protocol.seed if settings.seed is None else settings.seed
+    max_episode_steps = settings.max_episode_steps or protocol.max_episode_steps
     default_task = domain_protocols(settings.domain_name).task_name
     specs: dict[str, EpisodeSpec] = {}
     for condition in protocol.conditions:
-        environments = EnvironmentSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name or condition.task_name or default_task,
-            task_kwargs={**condition.task_kwargs, **given},
-            max_episode_steps=settings.max_episode_steps or protocol.max_episode_steps,
-        )
+        task_name = settings.task_name or condition.task_name or default_task
+        kwargs = {**condition.task_kwargs, **given}
+        environments = EnvironmentSpec.make(settings.domain_name, task_name, kwargs, max_episode_steps)
         spec = environments.episodes(policy=settings.policy, seed=seed, seeding="gymnasium")
         if spec not in specs.values():
             replaced = condition.task_name not in (None, spec.task_name)

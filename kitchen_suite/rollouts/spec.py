@@ -48,7 +48,7 @@ class EnvironmentSpec:
 
     @staticmethod
     def make(
-        *, domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
+        domain_name: str, task_name: str | None, task_kwargs: Mapping[str, Any], max_episode_steps: int | None = None
     ) -> "EnvironmentSpec":
         """Makes a specification of checked arguments; None stands for the domain's default."""
         task_name = suite.default_task(domain_name) if task_name is None else task_name
@@ -167,12 +167,8 @@ class EpisodeSpec(EnvironmentSpec):
 
     @classmethod
     def of(cls, settings: EpisodeSettings, *, seeding: str) -> "EpisodeSpec":
-        environments = EnvironmentSpec.make(
-            domain_name=settings.domain_name,
-            task_name=settings.task_name,
-            task_kwargs=settings.environment_kwargs,
-            max_episode_steps=settings.max_episode_steps,
-        )
+        kwargs, steps = settings.environment_kwargs, settings.max_episode_steps
+        environments = EnvironmentSpec.make(settings.domain_name, settings.task_name, kwargs, steps)
         return environments.episodes(policy=settings.policy, seed=settings.seed, seeding=seeding)
 
     @classmethod
