@@ -18,16 +18,8 @@ from numpy.typing import NDArray
 from kitchen_suite import files, suite
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
 from kitchen_suite.names import DEFAULT_TASKS
-from kitchen_suite.recordings.exports import (
-    ExportPlan,
-    check_count,
-    check_room,
-    episodes_between,
-    further_observations,
-    key_of,
-    physics_states,
-    state_observations,
-)
+from kitchen_suite.recordings import exports
+from kitchen_suite.recordings.exports import ExportPlan
 from kitchen_suite.rollouts.episode import EpisodeArrays
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks import GOALS
@@ -95,8 +87,8 @@ class RobomimicPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, physics_states(environment, spec, episode)
-        observed = {key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
+        arrays, states = episode.arrays, exports.physics_states(environment, spec, episode)
+        observed = {exports.key_of(name): rows for name, rows in arrays.items() if name.startswith("observation")}
         return {
             "actions": arrays["action"],
             "rewards": arrays["reward"],
@@ -112,7 +104,7 @@ class RobomimicPlan(ExportPlan):
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         with importlib.import_module("h5py").File(path, "r") as file:
             data = file["data"]
-            check_count(len(data), count)
+            exports.check_count(len(data), count)
             for number in range(count):
                 datasets = _datasets_of(data[f"demo_{number}"])
                 files.check_size(sum(rows.nbytes for rows in datasets.values()), files.MAX_ARRAY_BYTES)
@@ -148,26 +140,26 @@ class OGBenchPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, states = episode.arrays, physics_states(environment, spec, episode)
+        arrays, states = episode.arrays, exports.physics_states(environment, spec, episode)
         size = suite_env(environment).environment.physics.model.nq
         terminals = np.zeros(episode.steps + 1, np.float32)
         terminals[-1] = 1.0
         return {
-            "observations": state_observations(episode),
+            "observations": exports.state_observations(episode),
             "actions": np.concatenate([arrays["action"], arrays["action"][-1:]]),
             "terminals": terminals,
             "qpos": states[:, 1 : 1 + size],
             "qvel": states[:, 1 + size :],
             "rewards": np.concatenate([[0.0], arrays["reward"]]),
             "completions": np.concatenate([[False], arrays["termination"]]),
-            **further_observations(episode),
+            **exports.further_observations(episode),
         }
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         present = [each for each in (path, _validation_file(path)) if each.exists()]
         columns = _joined([files.unpack_arrays(each, count * files.MAX_ARRAY_BYTES) for each in present])
-        for rows in episodes_between(columns, np.flatnonzero(columns["terminals"]) + 1, count):
+        for rows in exports.episodes_between(columns, np.flatnonzero(columns["terminals"]) + 1, count):
             yield rows["actions"][:-1], rows
 
 
@@ -198,7 +190,7 @@ class D4RLPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, observed = episode.arrays, state_observations(episode)
+        arrays, observed = episode.arrays, exports.state_observations(episode)
         is_relay = any(name.startswith("observation/desired_goal/") for name in arrays)
         observations = relay_observations(suite_env(environment), episode) if is_relay else observed
         ends = arrays["truncation"].copy()
@@ -212,14 +204,14 @@ class D4RLPlan(ExportPlan):
             "terminals": arrays["termination"],
             "timeouts": ends & ~arrays["termination"],
         }
-        further = {f"infos/{key}": each[:-1] for key, each in further_observations(episode).items()}
+        further = {f"infos/{key}": each[:-1] for key, each in exports.further_observations(episode).items()}
         return {**rows, **({"infos/observations": observed[:-1]} if is_relay else {}), **further}
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         with importlib.import_module("h5py").File(path, "r") as file:
             ends = np.flatnonzero(file["terminals"][()] | file["timeouts"][()]) + 1
-            for rows in episodes_between(_datasets_of(file), ends, count):
+            for rows in exports.episodes_between(_datasets_of(file), ends, count):
                 yield rows["actions"], rows
 
 
@@ -241,7 +233,7 @@ class GrowingFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        check_room(path.parent, _OVERHEAD)
+        exports.check_room(path.parent, _OVERHEAD)
         self.file: Any = importlib.import_module("h5py").File(path, "w")
 
     def __enter__(self) -> "GrowingFile":
@@ -253,7 +245,7 @@ class GrowingFile:
     def reserve(self, size: int) -> None:
         """Raises an OSError unless the disk has room for `size` bytes more: HDF5 fails late, and with other errors."""
         self.file.flush()
-        check_room(self.path.parent, _OVERHEAD + size)
+        exports.check_room(self.path.parent, _OVERHEAD + size)
 
     def append(self, arrays: Mapping[str, NDArray]) -> None:
         """Adds rows to datasets by name, which are made where they are missing."""
@@ -294,7 +286,7 @@ class DiffusionPolicyPlan(ExportPlan):
         data, ends = root.create_group("data"), list[int]()
         for episode in episodes:
             rows = self.columns(environment, self.spec, episode)
-            check_room(folder, sum(2 * each.nbytes for each in rows.values()))
+            exports.check_room(folder, sum(2 * each.nbytes for each in rows.values()))
             for name, each in rows.items():
                 if name not in data:
                     chunk = max(1, min(_CHUNK, 2**22 // max(1, each[:1].nbytes)))
@@ -306,17 +298,17 @@ class DiffusionPolicyPlan(ExportPlan):
 
     @classmethod
     def columns(cls, environment: gymnasium.Env, spec: EpisodeSpec, episode: EpisodeArrays) -> dict[str, NDArray]:
-        arrays, observed = episode.arrays, state_observations(episode)[:-1]
+        arrays, observed = episode.arrays, exports.state_observations(episode)[:-1]
         names = (name for name in arrays if name.startswith("observation"))
-        pictures = {key_of(name): arrays[name][:-1] for name in names if arrays[name].ndim == 4}
-        further = {key: each[:-1] for key, each in further_observations(episode).items()}
+        pictures = {exports.key_of(name): arrays[name][:-1] for name in names if arrays[name].ndim == 4}
+        further = {key: each[:-1] for key, each in exports.further_observations(episode).items()}
         numbers = {"obs": observed} if observed.shape[1] else {}
         return {**numbers, "action": arrays["action"], "reward": arrays["reward"], **further, **pictures}
 
     @classmethod
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         root = importlib.import_module("zarr").open_group(str(path), mode="r")
-        for rows in episodes_between(dict(root["data"].arrays()), root["meta/episode_ends"][:], count):
+        for rows in exports.episodes_between(dict(root["data"].arrays()), root["meta/episode_ends"][:], count):
             yield rows["action"], rows
 
 
@@ -340,7 +332,7 @@ class BeTPlan(ExportPlan):
     def write(self, folder: Path, environment: gymnasium.Env, episodes: Iterable[EpisodeArrays], count: int) -> None:
         parts = [self.columns(environment, self.spec, episode) for episode in episodes]
         columns = {name: _side_by_side([part[name] for part in parts]) for name in parts[0]}
-        check_room(folder, sum(rows.nbytes for rows in columns.values()))
+        exports.check_room(folder, sum(rows.nbytes for rows in columns.values()))
         target = folder / self.path.name
         target.mkdir()
         for name in _ARRAYS:
@@ -361,7 +353,7 @@ class BeTPlan(ExportPlan):
     def read(cls, path: Path, count: int) -> Iterator[tuple[NDArray, dict[str, NDArray]]]:
         arrays = {name: np.load(path / f"{name}.npy", mmap_mode="r") for name in _ARRAYS}
         mask = arrays["existence_mask"]
-        check_count(mask.shape[1], count)
+        exports.check_count(mask.shape[1], count)
         with zipfile.ZipFile(path / _GOALS_FILE) as archive:
             goals = np.frombuffer(archive.read(_NUMBERS), "<f4")
         arrays["onehot_goals"] = goals.reshape(*mask.shape, len(TASKS))

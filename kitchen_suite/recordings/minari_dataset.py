@@ -21,13 +21,10 @@ from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.tasks.task import PICTURE_AXES
 
-# Keys of the dataset's metadata: the specification of the recording, and the number of episodes asked for.
-SPEC_KEY = "kitchen_suite_recording"
-_COUNT_KEY = "kitchen_suite_num_episodes"
-
-# Keys of the task's sentence, and of the digest of the actions, in the metadata of an episode.
-INSTRUCTION_KEY = "instruction"
-_ACTIONS_KEY = "actions_sha256"
+# Keys of the metadata of a dataset, the specification of the recording and the number of episodes asked for; and of
+# those of an episode, the task's sentence and the digest of the actions.
+SPEC_KEY, _COUNT_KEY = "kitchen_suite_recording", "kitchen_suite_num_episodes"
+INSTRUCTION_KEY, _ACTIONS_KEY = "instruction", "actions_sha256"
 
 # HDF5 keeps seeds in attributes of 64 bits.
 _MAX_SEED = 2**63 - 1
