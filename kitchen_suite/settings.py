@@ -437,6 +437,10 @@ def _by_domain(name: str) -> str:
     return f"{of_ppo}; {others}"
 
 
+def _schedule_flag(name: str, help: str, **accepted: Any) -> Any:
+    return flag(help, None, unset=functools.partial(_by_domain, name), **accepted)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainSettings(TaskSettings):
     """Settings of `kitchen-train`; those that are None are the domain's or the algorithm's, see `schedule`.
@@ -459,33 +463,21 @@ class TrainSettings(TaskSettings):
         "Episodes to learn from; or a number for each folder.", (), minimum=1, maximum=10**9, unset="all"
     )
     initial_policy: Path | None = flag("File of a trained policy to start from.", None, unset="from scratch")
-    num_steps: int | None = flag(
-        "Control steps of all environments, at most: see --target_success.",
-        None,
-        minimum=0,
-        maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "num_steps"),
+    num_steps: int | None = _schedule_flag(
+        "num_steps", "Control steps of all environments, at most: see --target_success.", minimum=0, maximum=_MAX_STEPS
     )
-    eval_interval: int | None = flag(
-        "Control steps between evaluations and checkpoints.",
-        None,
-        minimum=1,
-        maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "eval_interval"),
+    eval_interval: int | None = _schedule_flag(
+        "eval_interval", "Control steps between evaluations and checkpoints.", minimum=1, maximum=_MAX_STEPS
     )
     eval_episodes: int = flag("Episodes of an evaluation, on seeds held out.", 100, minimum=1, maximum=checks.MAX_ENVS)
-    target_success: float | None = flag(
-        "Success rate of two evaluations in a row that ends training; above 1: never.",
-        None,
-        minimum=0,
-        unset=functools.partial(_by_domain, "target_success"),
+    target_success: float | None = _schedule_flag(
+        "target_success", "Success rate of two evaluations in a row that ends training; above 1: never.", minimum=0
     )
-    patience: int | None = flag(
+    patience: int | None = _schedule_flag(
+        "patience",
         "Control steps without --min_progress after which a seed is given up; 0: never.",
-        None,
         minimum=0,
         maximum=_MAX_STEPS,
-        unset=functools.partial(_by_domain, "patience"),
     )
     min_progress: float = flag("Mean opening [m], or tasks completed, that is progress.", 0.05, minimum=0)
     seed: int = seed_flag(0)

@@ -81,7 +81,7 @@ class VerifyJob:
         plan = checked_plan(receipt)
         print_line("\n".join([format_heading(plan), *_circumstances(receipt)]))
         compared: dict[str, list[Comparison]] = {name: [] for name in plan.specs}
-        with EpisodeBar(plan.num_episodes * len(plan.specs), 0, 0) as bar:
+        with EpisodeBar(plan.num_episodes * len(plan.specs)) as bar:
             for comparison in compare(receipt, plan, self._settings.num_envs, self._settings.num_threads):
                 compared[comparison.recorded.condition].append(comparison)
                 self._finished += 1

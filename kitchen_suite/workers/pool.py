@@ -62,16 +62,12 @@ class Worker:
 
 @dataclasses.dataclass(eq=False)
 class _WorkerSlot:
-    """A worker by Ray's handle, replaced in the same slot if it dies.
-
-    `in_flight` are the episodes that it holds, seed by index, `deaths` counts since an episode ended, and `busy` says
-    whether a call is pending.
-    """
+    """A worker, replaced in the same slot if it dies."""
 
     actor: Any
-    in_flight: dict[int, int] = dataclasses.field(default_factory=dict)
-    deaths: int = 0
-    busy: bool = False
+    in_flight: dict[int, int] = dataclasses.field(default_factory=dict)  # Seed by index, of the episodes that it holds.
+    deaths: int = 0  # Since an episode ended.
+    busy: bool = False  # Whether a call is pending.
 
 
 class Pool:
