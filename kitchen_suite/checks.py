@@ -24,9 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 MAX_ENVS = 2**16
 MAX_THREADS = 2**10
 
-# The suite as pip finds it: the checkout that pip runs in, until a release is on a package index.
-_REQUIREMENT = "."
-
 # Names in other libraries of what the suite calls otherwise.
 _SYNONYMS = {"seed": "random", "controller": "control_mode", "horizon": "max_episode_steps", "resolution": "image_size"}
 
@@ -82,7 +79,8 @@ def installed(packages: Iterable[str], what: str, extra: str) -> None:
 
 def install_command(extra: str) -> str:
     """Returns the pip command that installs an extra."""
-    return f"pip install '{_REQUIREMENT}[{extra}]'"
+    # Of the checkout that pip runs in, until a release is on a package index.
+    return f"pip install '.[{extra}]'"
 
 
 def imported(name: str, what: str) -> Any:

@@ -24,6 +24,8 @@ ADAPTER = "Gymnasium adapter, without visuals"
 
 NUM_THREADS = (1, 2)
 
+Control = Callable[[mujoco.MjData, NDArray[np.float64]], None]
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Case:
@@ -120,12 +122,7 @@ def environment_case(environment: Any, *, num_envs: int = 0, num_threads: int = 
     return Case(episode=episode, num_envs=num_envs, num_threads=num_threads)
 
 
-def bare_case(
-    model: mujoco.MjModel,
-    qpos: NDArray[np.float64],
-    substeps: int,
-    control: Callable[[mujoco.MjData, NDArray[np.float64]], None],
-) -> Case:
+def bare_case(model: mujoco.MjModel, qpos: NDArray[np.float64], substeps: int, control: Control) -> Case:
     """Returns the case of bare physics steps, with generalised positions `qpos` at the start.
 
     Each control step takes `substeps` physics steps, after `control` has set the controls for an action.

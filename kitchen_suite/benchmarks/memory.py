@@ -43,16 +43,13 @@ def memory_in_use(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
 
 def memory_per_environment(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     """Measures the memory of each environment beyond the first [MiB], in new processes with one and all of them."""
-    one, many = (_in_new_process(domain, name, count) for count in (1, num_envs))
-    return (many - one) / (num_envs - 1)
-
-
-def _in_new_process(domain: BenchmarkDomain, name: str, num_envs: int) -> float:
     # Before dm_control is imported with the function that is submitted.
     prepare = functools.partial(gl.prepare, rendering=False)
-    spawn = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(1, spawn, prepare) as executor:
-        return executor.submit(memory_in_use, domain, name, num_envs).result()
+    memory = []
+    for count in (1, num_envs):
+        with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), prepare) as executor:
+            memory.append(executor.submit(memory_in_use, domain, name, count).result())
+    return (memory[1] - memory[0]) / (num_envs - 1)
 
 
 def scaling(domain: BenchmarkDomain, num_envs: Sequence[int], num_steps: int) -> list[dict[str, Any]]:

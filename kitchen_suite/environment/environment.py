@@ -153,12 +153,12 @@ class UnbufferedUpdater(observation.Updater):
     def reset(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         # composer reads the observation once when it has compiled the model, and again when an episode starts. Only the
         # latter is returned: an environment is built without a GL context, so that a process can build one and fork.
-        is_compiling = self._enabled_structure is None
-        if is_compiling:
-            self._cover_cameras(True)
+        cameras = [part for part in self._observables.values() if isinstance(part, PictureCamera)]
+        for camera in cameras:
+            camera.is_covered = self._enabled_structure is None
         super().reset(physics, random_state)
-        if is_compiling:
-            self._cover_cameras(False)
+        for camera in cameras:
+            camera.is_covered = False
         self._bypasses_buffers = self._strip_singleton_buffer_dim and all(
             is_unbuffered(part) and not part.aggregator for part in self._observables.values() if part.enabled
         )
@@ -167,11 +167,6 @@ class UnbufferedUpdater(observation.Updater):
             for name, buffered in self._enabled_structure.items()
         ]
         self._observation: collections.OrderedDict[str, np.ndarray] = super().get_observation()
-
-    def _cover_cameras(self, is_covered: bool) -> None:
-        for part in self._observables.values():
-            if isinstance(part, PictureCamera):
-                part.is_covered = is_covered
 
     def skip(self, steps: int) -> None:
         """Counts physics steps of the present control step without updating the observables."""

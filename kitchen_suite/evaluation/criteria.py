@@ -42,8 +42,6 @@ _KNOB_ON, _SWITCH_ON = -0.38, -0.25
 _EARL_GOAL = np.array(
     [2.456005e-05, 2.9547007e-07, *[2.4559975e-05, 2.954692e-07] * 3, 2.161876e-05, 5.0806757e-06, 0.0, 0.0, 0.0, 0.0]
 )
-_EARL_COLUMNS = slice(9, 23)
-_EARL_DISTANCE = 0.3
 
 # Positions of the robot's joints in the goal that GAS gives its policy; `D_utils/kitchen_utils.py` of
 # qortmdgh4141/GAS, line 43.
@@ -119,18 +117,16 @@ def lexa_all_objects(states: States, objects: tuple[str, ...]) -> bool:
 
 
 def earl_success(states: States) -> bool:
-    """Returns whether in some state `(T, 30)` after the first everything is shut and off, as EARL measures it."""
-    distances = np.linalg.norm(states[1:, _EARL_COLUMNS] - _EARL_GOAL, axis=-1)
-    return bool((distances <= _EARL_DISTANCE).any())
+    """Returns whether in some state `(T, 30)` after the first everything is shut and off, by EARL's distance of 0.3."""
+    return bool((np.linalg.norm(states[1:, 9:23] - _EARL_GOAL, axis=-1) <= 0.3).any())
 
 
 def goal_state(goals: Mapping[str, ArrayLike], robot: ArrayLike) -> States:
     """Returns the goal `(30,)` that goal-conditioned policies of D4RL's kitchen are given.
 
-    Args:
-      goals: of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
-      robot: `(9,)`, positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
-        data; D4RL's own are 0.
+    `goals` are of D4RL's tasks, such as the `desired_goal` of an observation; the other objects are at 0, as in D4RL.
+    `robot` `(9,)` are positions of the robot's joints: `GAS_ROBOT`, or for HIQL those of the first observation of its
+    data; D4RL's own are 0.
     """
     goal = np.zeros(30)
     goal[:9] = robot

@@ -13,9 +13,6 @@ _EVALUATION = files.DescribedFolder(
     DESCRIPTION_FILE, "an evaluation", EPISODES_FILE, "continue it with --resume, or name another folder"
 )
 
-# Bound of the lines together [bytes]: a hundred thousand episodes take less.
-_MAX_BYTES = 2**30
-
 # Name of the condition, and number of the episode in it.
 Key = tuple[str, int]
 
@@ -54,7 +51,8 @@ class EvaluationFolder:
         if not path.exists():
             return
         with files.reading(path, "the episodes of an evaluation"):
-            files.check_size(path.stat().st_size, _MAX_BYTES)
+            # A hundred thousand episodes take less.
+            files.check_size(path.stat().st_size, 2**30)
             *lines, torn = path.read_bytes().split(b"\n")
             for number, line in enumerate(lines, start=1):
                 try:

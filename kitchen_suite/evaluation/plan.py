@@ -130,8 +130,6 @@ class EvaluationPlan:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Condition:
-    """A condition in a description."""
-
     task_name: str
     task_kwargs: dict[str, Any]
     policy_sha256: str | None

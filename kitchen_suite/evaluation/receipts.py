@@ -21,7 +21,7 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -163,19 +163,16 @@ class Replay:
         """Takes the actions `(T, k)` of the episodes by their seeds."""
         self._by_seed = actions
         self._size = next(iter(actions.values())).shape[1:]
-        self._actions: dict[int, NDArray] = {}
-        self._steps: dict[int, int] = {}
+        self._remaining: dict[int, Iterator[NDArray]] = {}
         self.labels: Mapping[str, NDArray] = {}
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
-        self._actions[i], self._steps[i] = self._by_seed[seed], 0
+        self._remaining[i] = iter(self._by_seed[seed])
 
     def act(self, step: BatchStep) -> NDArray:
         actions = np.zeros((step.rewards.size, *self._size), np.float32)
         for i in np.flatnonzero(step.is_playing).tolist():
-            if self._steps[i] < len(self._actions[i]):
-                actions[i] = self._actions[i][self._steps[i]]
-            self._steps[i] += 1
+            actions[i] = next(self._remaining[i], 0.0)
         return actions
 
 

@@ -105,8 +105,8 @@ class RecordingJob:
         self._finished = 0
 
     def progress(self) -> str:
-        finished = f"after {self._finished} of {len(self._record.seeds)} episodes"
-        return f"{finished}; the same command completes the recording"
+        count = len(self._record.seeds)
+        return f"after {self._finished} of {count} episodes; the same command completes the recording"
 
     def run(self) -> bool:
         """Plays the episodes, compares and writes them; none is written before the first one has been compared."""

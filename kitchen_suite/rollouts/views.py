@@ -19,9 +19,6 @@ from kitchen_suite.rollouts.report import counted, print_line
 from kitchen_suite.settings import FilmSettings, PageSettings
 from kitchen_suite.tasks.task import SuiteTask
 
-# Time that the end of an episode is shown before its player begins again [s].
-_LAST_FRAME = 1.0
-
 PageStep = Callable[[EpisodeBuffer, Environment], None]
 
 
@@ -96,7 +93,8 @@ class _Writer:
     def end_episode(self) -> None:
         about, self._about = self._about, None
         if about:
-            self.page.add(self._recorder.finish(_LAST_FRAME), about)
+            # The end is shown for a second before the player begins again.
+            self.page.add(self._recorder.finish(1.0), about)
 
 
 def _add_progress(about: dict[str, Any], reward: float, task: SuiteTask) -> None:
