@@ -66,7 +66,10 @@ def atomic_create(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yields the path of a folder to make, renamed to `path` at the end; an OSError if what is there is not empty."""
+    """Yields the path of a folder to make, which is renamed to `path` unless an exception is raised.
+
+    Raises an OSError if there is something at `path` at the end, an empty folder excepted.
+    """
     with temporary_folder(path) as partial:
         yield partial
         os.rename(partial, path)
@@ -279,7 +282,7 @@ def write_json(path: Path, value: Any, indent: int = 2) -> None:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Decodes JSON, in UTF-8; raises a ValueError for others, and those larger than 16 MiB or deeper than 64 levels."""
+    """Decodes JSON, in bytes of UTF-8; raises a ValueError if it is none, above 16 MiB, or deeper than 64 levels."""
     if len(text) > _MAX_JSON_BYTES:
         raise ValueError(f"larger than {_MAX_JSON_BYTES / 2**20:.0f} MiB")
     deep = f"nested deeper than {_MAX_JSON_DEPTH} levels"

@@ -250,6 +250,7 @@ def play(
     environments: SuiteVectorEnv,
     controller: Controller,
     waiting: Waiting,
+    *,
     recorded: bool,
 ) -> Iterator[tuple[EpisodeResult, Trace | None]]:
     """Yields result and trace of each episode of the condition of a name as it ends.

@@ -308,10 +308,10 @@ class LeRobotSource(Source):
         if not (folder / RECORDING_FILE).is_file():
             raise ValueError(f"{folder} is no dataset of kitchen-record, which writes the seeds to {RECORDING_FILE}")
         self._record, self._folder = load_record(folder), folder
-        with self._reading("the specification of a recording"):
+        with files.reading(self._folder, "the specification of a recording"):
             self.spec = self._spec = EpisodeSpec.from_json(self._record.recording)
         library = import_lerobot()
-        with self._reading("a LeRobot dataset"), _quietly():
+        with files.reading(self._folder, "a LeRobot dataset"), _quietly():
             self._dataset = library.LeRobotDataset(folder.name, root=folder, video_backend=_VIDEO_BACKEND)
             self._rows = self._dataset.hf_dataset.with_format("numpy")
         if self._dataset.num_episodes != len(self._record.episodes):
@@ -326,7 +326,7 @@ class LeRobotSource(Source):
     def load(self, index: int) -> EpisodeArrays:
         """Reads an episode, with the arrays of `LeRobotObservations.arrays`."""
         recorded = self._record.episodes[index]
-        with self._reading(f"episode {index}"):
+        with files.reading(self._folder, f"episode {index}"):
             bounds = self._dataset.meta.episodes[index]
             rows = self._rows[bounds["dataset_from_index"] : bounds["dataset_to_index"]]
             columns = {name: np.asarray(array) for name, array in rows.items() if name not in _OWN_COLUMNS}
@@ -339,9 +339,6 @@ class LeRobotSource(Source):
 
     def projected(self, replayed: EpisodeArrays) -> EpisodeArrays:
         return self._observations.projected(replayed)
-
-    def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
-        return files.reading(self._folder, what)
 
 
 def find(name: str, root: Path | None) -> LeRobotSource | None:

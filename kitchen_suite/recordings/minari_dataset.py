@@ -133,7 +133,7 @@ class MinariSource(Source):
     def __init__(self, dataset: Any) -> None:
         """Takes a dataset that Minari has loaded; raises a ValueError if it is of another environment."""
         self._dataset = dataset
-        with self._reading("the metadata of a dataset"):
+        with files.reading(self._dataset.storage.data_path, "the metadata of a dataset"):
             spec = dataset.storage.metadata.get(SPEC_KEY)
             self.spec = None if spec is None else EpisodeSpec.from_json(spec)
             self._env_spec, self.indices = dataset.env_spec, range(dataset.total_episodes)
@@ -155,7 +155,7 @@ class MinariSource(Source):
         return gymnasium.make(env_id, max_episode_steps=limit, **{**rendering, **arguments})
 
     def load(self, index: int) -> EpisodeArrays:
-        with self._reading(f"episode {index}"):
+        with files.reading(self._dataset.storage.data_path, f"episode {index}"):
             _check_episode_size(self._dataset.storage.data_path, index)
             (data,) = self._dataset.iterate_episodes([index])
             (metadata,) = self._dataset.storage.get_episode_metadata([index])
@@ -176,9 +176,6 @@ class MinariSource(Source):
             )
             episode.check(metadata.get(_ACTIONS_KEY))
         return episode
-
-    def _reading(self, what: str) -> contextlib.AbstractContextManager[None]:
-        return files.reading(self._dataset.storage.data_path, what)
 
 
 def _with_reset(labels: NDArray) -> NDArray:
