@@ -296,7 +296,7 @@ class Environment(composer.Environment):
         self._reset_next_step = False
 
     def get_state(self) -> dict[str, Any]:
-        """Returns what later steps depend on, alike with and without visuals: physics, task, random state, step count."""
+        """Returns physics, task, random state and step count, on which later steps depend, alike without visuals."""
         scene = self._task.scene
         return {
             "physics": self._physics_state.read(self._physics.data.ptr),

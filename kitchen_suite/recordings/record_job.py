@@ -23,10 +23,10 @@ from kitchen_suite.settings import RecordSettings
 from kitchen_suite.tasks.task import Metrics
 
 _DEMONSTRATOR = "expert(action_noise=0.1, jitter=0.01)"
-
 _UNDIRECTED = "undirected(action_noise=0.1, jitter=0.01{})"
 
-_RANDOM_ORDER = {"num_episodes": 1_000, "max_episode_steps": 140}
+# Size of the sets that are made as D4RL's `partial` and `mixed`.
+_D4RL = {"num_episodes": 1_000, "max_episode_steps": 140}
 
 # As many steps as OGBench's sets of play have.
 _PLAY = {
@@ -49,9 +49,9 @@ KITCHEN_PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         # The four tasks of D4RL's `complete`, always in the same order, in about as many episodes.
         "complete": {"task_name": "complete", "policy": _DEMONSTRATOR, "num_episodes": 20},
         # Tasks in random order; some episodes do the four that are rewarded, and no others.
-        "partial": {"task_name": "partial", "policy": _UNDIRECTED.format(", directed=0.1"), **_RANDOM_ORDER},
+        "partial": {"task_name": "partial", "policy": _UNDIRECTED.format(", directed=0.1"), **_D4RL},
         # Tasks in random order; no episode does all four that are rewarded.
-        "mixed": {"task_name": "mixed", "policy": _UNDIRECTED.format(", spare_last=True"), **_RANDOM_ORDER},
+        "mixed": {"task_name": "mixed", "policy": _UNDIRECTED.format(", spare_last=True"), **_D4RL},
         # All twenty tasks, without end: what has been done is undone.
         "play": {**_PLAY, "policy": _UNDIRECTED.format(", repertoire='twenty'")},
         # The same with large noise, and one uniform action in ten.
