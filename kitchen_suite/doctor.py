@@ -131,7 +131,6 @@ def _facts() -> dict[str, str]:
 
 
 def _gl() -> str:
-    """Returns which library renders, or why none does."""
     try:
         return f"{gl.find_library()} renders"
     except OSError as error:

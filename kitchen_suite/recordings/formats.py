@@ -38,7 +38,6 @@ class DatasetPlan(abc.ABC):
 
     @property
     def is_missing(self) -> bool:
-        """Whether the dataset has still to be made."""
         return not self.path.exists()
 
     @abc.abstractmethod

@@ -248,7 +248,6 @@ class GrowingFile:
         exports.check_room(self.path.parent, _OVERHEAD + size)
 
     def append(self, arrays: Mapping[str, NDArray]) -> None:
-        """Adds rows to datasets by name, which are made where they are missing."""
         self.reserve(sum(_OVERHEAD + 2 * rows.nbytes for rows in arrays.values()))
         for name, rows in arrays.items():
             if name not in self.file:

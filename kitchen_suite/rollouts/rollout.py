@@ -312,7 +312,6 @@ class VectorRollout:
         return terminations | truncations, diverged
 
     def _share(self, seconds: float) -> None:
-        """Adds its share of some time to each episode in progress."""
         playing = [running for running in self._running if running]
         for running in playing:
             running.seconds += seconds / len(playing)

@@ -65,7 +65,6 @@ class _Writer:
         self._about: dict[str, Any] | None = None
 
     def add(self, buffer: EpisodeBuffer, environment: Environment) -> None:
-        """Adds the present step, of the episode in progress or of a new one."""
         if buffer.steps == 0:
             self.end_episode()
             if len(self.page) < self._num_episodes:
@@ -130,7 +129,6 @@ class Views:
 
     @contextlib.contextmanager
     def open(self) -> Iterator[Watch]:
-        """Yields a function that shows the present step."""
         with self._open_film() as film_step, self._page.open() as page_step:
 
             def show(buffer: EpisodeBuffer) -> None:
