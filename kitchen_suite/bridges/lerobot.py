@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite.gymnasium_env.base import suite_env
-from kitchen_suite.recordings.lerobot_columns import Feature, LeRobotObservations, frames_per_second
+from kitchen_suite.recordings.lerobot_dataset import Feature, LeRobotObservations, frames_per_second
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.base import SuiteVectorEnv

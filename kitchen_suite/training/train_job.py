@@ -13,9 +13,8 @@ from gymnasium.vector import AutoresetMode
 from kitchen_suite import checks, files
 from kitchen_suite.policies import PolicyError
 from kitchen_suite.rendering import video
-from kitchen_suite.rollouts.play_job import policy_rollout
 from kitchen_suite.rollouts.report import print_line
-from kitchen_suite.rollouts.rollout_job import RolloutJob
+from kitchen_suite.rollouts.rollout_job import RolloutJob, policy_rollout
 from kitchen_suite.rollouts.spec import EnvironmentSpec
 from kitchen_suite.settings import ALGORITHMS, OFFLINE, PPO, PlaySettings, TrainSettings
 from kitchen_suite.training.checkpoints import CheckpointError
