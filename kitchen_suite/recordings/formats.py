@@ -159,13 +159,13 @@ LEROBOT = Format(
 
 # Files of other programs, below the folder `--data_path`; kitchen-convert makes recordings of them again.
 EXPORTS = tuple(
-    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.layouts:{plan}")
+    Format(name=name, title=title, example="me/kitchen", plan=f"kitchen_suite.recordings.{plan}")
     for name, title, plan in (
-        ("robomimic", "robomimic", "RobomimicPlan"),
-        ("ogbench", "OGBench", "OGBenchPlan"),
-        ("d4rl", "D4RL", "D4RLPlan"),
-        ("diffusion_policy", "Diffusion Policy", "DiffusionPolicyPlan"),
-        ("bet", "BeT", "BeTPlan"),
+        ("robomimic", "robomimic", "robomimic_file:RobomimicPlan"),
+        ("ogbench", "OGBench", "ogbench_file:OGBenchPlan"),
+        ("d4rl", "D4RL", "d4rl_file:D4RLPlan"),
+        ("diffusion_policy", "Diffusion Policy", "diffusion_policy_store:DiffusionPolicyPlan"),
+        ("bet", "BeT", "bet_folder:BeTPlan"),
     )
 )
 

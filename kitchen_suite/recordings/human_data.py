@@ -20,9 +20,9 @@ from tqdm import tqdm
 from kitchen_suite import checks, files
 from kitchen_suite.entities import Scene
 from kitchen_suite.gymnasium_env.base import SuiteEnv, suite_env
+from kitchen_suite.recordings.d4rl_file import POSITIONS
 from kitchen_suite.recordings.exports import record_file
 from kitchen_suite.recordings.formats import find_source
-from kitchen_suite.recordings.layouts import POSITIONS
 from kitchen_suite.recordings.minari_dataset import MinariSource
 from kitchen_suite.rollouts.episode import EpisodeArrays, EpisodeBuffer, EpisodeStats, Step
 from kitchen_suite.rollouts.folder import RecordingFolder

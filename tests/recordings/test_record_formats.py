@@ -17,8 +17,8 @@ from helpers.errors import refused
 
 from kitchen_suite.cli.commands import convert, record
 from kitchen_suite.gymnasium_env.base import suite_env
+from kitchen_suite.recordings.bet_folder import TASKS, as_torch_file
 from kitchen_suite.recordings.formats import FORMATS
-from kitchen_suite.recordings.layouts import TASKS, as_torch_file
 from kitchen_suite.rollouts.folder import RecordingFolder
 from kitchen_suite.rollouts.spec import EpisodeSpec
 from kitchen_suite.settings import EpisodeSettings
