@@ -294,7 +294,7 @@ class OfflineTraining(RecordingTraining):
         )
         goals = {"goal_size": len(elements)} if reaches else {}
         metadata = {"state_size": inputs.state_size, "tasks": [*tasks], **goals, **self._extras}
-        options = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}
+        options: dict[str, Any] = {"num_steps": self._num_steps, "goal_elements": elements, "metadata": metadata}
         self._build = functools.partial(OfflineLearner, found, self._method, self.config, **options)
 
 
