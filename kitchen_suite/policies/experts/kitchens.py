@@ -72,7 +72,7 @@ _BESIDE, _ALONG = 0.05, BAR_RADIUS + 0.02
 # Distances of the site from a bar: far, near, at the grasp [m].
 _DISTANCES = (0.15, 0.08, 0.015)
 
-# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad], that are tried,
+# Pitches and yaws of the hand [rad], pitches at knobs [degrees], and turns of the kitchen's skills [rad] that are tried,
 # the usual ones first.
 _PITCHES = tuple(np.radians([-10.0, 15.0, -35.0, 40.0, -60.0]).tolist())
 _YAWS = tuple(np.radians([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
