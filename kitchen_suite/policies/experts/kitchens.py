@@ -198,7 +198,7 @@ class PartExpert(Expert):
             return trajectory
         self._present = target = min(pending, key=lambda each: self._failures.get(each, 0))
         opening = float(openings[self._targets.index(target)])
-        motions = self._kitchen.motions(target, round(opening, 1), self._encoder.turns_hand, self._limits)
+        motions = self._kitchen.motions(target, round(opening, 1), self.encoder.turns_hand, self._limits)
         motion = motions[self._failures.get(target, 0) % len(motions)]
         self._skill = motion.skill
         count = sum(isinstance(move, Move) and move.in_free_space for move in motion.skill.moves)
