@@ -12,12 +12,13 @@ CEILINGS = {
     # Raised for teleoperation: episodes that are live, the page, the page in other programs, LeRobot's teleoperator.
     # Raised for datasets in the files of five other programs, and for kitchen-convert in both directions.
     # Raised for offline learning: an undirected expert, transitions, methods, their learner.
-    "files of source": 186,
+    "files of source": 179,
     # 27,500 when the house was built. Hard trials of files, arguments and rendering, and an expert, took more; so did
     # an expert that takes over from a policy, pushes, and policies from pictures.
     # Raised for receipts, their verification, the doctor and the protocols of the literature.
-    # Raised for teleoperation, for kitchen-convert in both directions, for light in web scenes, for offline learning.
-    "lines of source": 35_300,
+    # Raised for teleoperation, for kitchen-convert in both directions, for light in web scenes, for offline learning;
+    # lowered where these were made shorter.
+    "lines of source": 33_300,
 }
 
 
