@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
+import tree
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from kitchen_suite.tasks.episode import map_arrays
 from kitchen_suite.tasks.mdp import BatchSimulation, Columns, Simulation
 
 _batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
@@ -137,7 +137,8 @@ class JoinedSensors:
     def read(self, simulation: JoinedSimulation) -> Any:
         """Returns the values of all simulations, in fresh arrays `(n, ...)`."""
         readings = [each.read(part) for each, part in zip(self._sensors, simulation.parts, strict=True)]
-        return map_arrays(lambda *parts: simulation.batch.join(parts), *readings)
+        arrays = zip(*(tree.flatten(reading) for reading in readings), strict=True)
+        return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
 
 
 def make_simulations(models: Sequence[mujoco.MjModel], threads: int) -> tuple[Any, Simulation]:
