@@ -4,7 +4,6 @@ import ctypes
 import os
 import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
 import mujoco
@@ -52,16 +51,14 @@ class JoinedBatch:
 
         Args:
           models: model of each simulation.
-          threads: number of threads that step them, including the calling one.
+          threads: number of threads that step them, including the calling one. The batches are stepped one after
+            another, as MuJoCo keeps Python's global lock meanwhile, so a thread more than a batch is large is idle.
         """
         distinct = {id(model): model for model in models}
         numbers = np.array([id(model) for model in models])
         self.rows = [np.flatnonzero(numbers == number) for number in distinct]
-        # Small batches keep few threads busy, so several of them step at the same time.
-        workers = min(threads, len(distinct))
-        sizes = zip(distinct.values(), self.rows, strict=True)
-        self.batches = [make_batch(model, rows.size, threads // workers) for model, rows in sizes]
-        self._map: Any = map if workers == 1 else ThreadPoolExecutor(workers).map
+        parts = zip(distinct.values(), self.rows, strict=True)
+        self.batches = [make_batch(model, rows.size, min(threads, rows.size)) for model, rows in parts]
         self._order = np.argsort(np.concatenate(self.rows))
         self.state = self._split([batch.state for batch in self.batches])
 
@@ -98,10 +95,9 @@ class JoinedBatch:
         chosen = np.full(self._order.size, ids is None)
         if ids is not None:
             chosen[ids] = True
-        each = ((batch, chosen[rows]) for batch, rows in zip(self.batches, self.rows, strict=True))
-        called = [(batch, None if mask.all() else mask) for batch, mask in each if mask.any()]
-        # The list waits for all of them.
-        list(self._map(lambda part: method(*part, **options), called))
+        for batch, rows in zip(self.batches, self.rows, strict=True):
+            if (mask := chosen[rows]).any():
+                method(batch, None if mask.all() else mask, **options)
 
 
 class JoinedSimulation:
