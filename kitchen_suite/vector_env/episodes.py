@@ -13,7 +13,7 @@ from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
 from kitchen_suite.tasks.mdp import MEDIAN
-from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies
+from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
 
@@ -130,7 +130,7 @@ class BatchEpisodes:
             self.batch.forward(indices, self._stage)
 
     def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
-        """Computes the poses of all bodies in some simulations, as `place_fixed_bodies` does in one."""
+        """Computes the poses of all bodies in some simulations, as `Variations.place_fixed` does in one."""
         flags = self.batch.expand("opt.enableflags")
         kept = flags[indices]
         flags[indices] = kept & ~SLEEP
@@ -217,13 +217,12 @@ class BatchEpisodes:
 
     def show(self, i: int) -> None:
         """Copies simulation `i` to its environment, to render it; the next `start` overwrites it."""
-        physics = self._environments[i].physics
-        model, data = physics.model.ptr, physics.data.ptr
+        environment = self._environments[i]
+        model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for name, values in self._model_fields.items():
             getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
-        if self._task.variations.moves_sleepers:
-            place_fixed_bodies(model, data)
+        environment.task.variations.place_fixed()
         mujoco.mj_forward(model, data)
 
 

@@ -15,7 +15,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
-from kitchen_suite.entities.fixtures import KINDS, PART_KINDS
+from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
