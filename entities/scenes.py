@@ -251,6 +251,12 @@ class GeneratedKitchenArena(KitchenArena):
         quat = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
         self._mjcf_root.worldbody.add("site", name=name, pos=position, quat=quat, group=5)
 
+    def attach_at_site(self, entity: composer.Entity, *, free: bool = False) -> mjcf.Element:
+        """Attaches an entity as `SiteArena` does, and removes the site: those of the robot come after the world's."""
+        frame = super().attach_at_site(entity, free=free)
+        self._mjcf_root.find("site", entity.mjcf_model.model).remove()
+        return frame
+
     def add_wall(self, name: str, low: Sequence[float], high: Sequence[float]) -> None:
         """Adds a wall between two corners [m], which only pictures show."""
         pos, size = (np.add(low, high) / 2, np.subtract(high, low) / 2)

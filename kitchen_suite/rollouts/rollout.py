@@ -149,7 +149,7 @@ class PolicyController:
         self.labels: Mapping[str, NDArray] = {}
 
     def start(self, i: int, seed: int, options: Mapping[str, Any]) -> None:
-        environment = self._environments.template_env.environment
+        environment = self._environments.template_of(i).environment
         self._policies[i] = self._episode_policies.start(environment, seed, options)
 
     def act(self, step: BatchStep) -> NDArray:

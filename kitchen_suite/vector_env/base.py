@@ -1,6 +1,7 @@
 """The base of the suite's vectorised environments: many episodes in one call of MuJoCo's batched stepping."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, cast
@@ -18,12 +19,14 @@ from kitchen_suite.rendering.cameras import CameraParameters
 from kitchen_suite.vector_env import checks as vector_checks
 from kitchen_suite.vector_env.episodes import BatchEpisodes, BatchPictures
 
+# Attributes of the single environment that depend on what an episode asks for.
+_WORDS = ("instruction", "instructions", "task", "task_description")
+
 # Attributes of the single environment that are the same throughout an episode. LeRobot reads `_max_episode_steps`,
 # `task` and `task_description`.
 SHARED_ATTRIBUTES = (
+    *_WORDS,
     "action_space",
-    "instruction",
-    "instructions",
     "max_episode_steps",
     "metadata",
     "observation_space",
@@ -31,16 +34,15 @@ SHARED_ATTRIBUTES = (
     "_max_episode_steps",
     "variation_space",
     "variation_split",
-    "task",
-    "task_description",
 )
 
 
 class SuiteVectorEnv(gymnasium.vector.VectorEnv):
     """A vector of environments, each equal to the single environment: the same numbers for the same seed and actions.
 
-    One single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
-    batch steps them on several threads. Everything else is computed by the task's MDP, on arrays with a leading axis.
+    A single environment, the template, starts every episode; its state is then copied to a batch of simulations. The
+    batch steps them on several threads. Where environments differ, each starts from one of several templates, and there
+    is a batch for each of these. Everything else is computed by the task's MDP, on arrays with a leading axis.
 
     Infos are arrays with a leading axis, and a mask `_key` for each `key`, as Gymnasium's are. If a simulation
     diverges, its episode ends with reward 0 and the next one starts in the same step; the infos then have a mask
@@ -80,18 +82,26 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         # Gymnasium's `make` accepts -1 for no limit.
         limit = None if max_episode_steps == -1 else max_episode_steps
         self._step_limit = np.iinfo(np.int64).max if limit is None else limit
-        self._template_env = self.env_class(max_episode_steps=limit, **settings)
-        # The first reset compiles the model, which stays the same from then on.
-        self._template_env.reset()
+        self._templates = self._make_templates(max_episode_steps=limit, **settings)
+        for template in dict.fromkeys(self._templates):
+            # The first reset compiles the model, which stays the same from then on.
+            template.reset()
+        self._template_env = self._templates[0]
         self._task = self._template_env.composer_task
         self._mdp, self._observations = self._task.mdp, self._template_env.observations
         self._copy_spaces()
-        self._episodes = BatchEpisodes(self._template_env.environment, self.num_envs, threads)
-        self._pictures = BatchPictures(self._template_env.environment, self._episodes)
+        environments = [self.template_of(i).environment for i in range(self.num_envs)]
+        self._tasks = [environment.task for environment in environments]
+        self._episodes = BatchEpisodes(environments, threads)
+        self._pictures = BatchPictures(environments, self._episodes)
         self._ended = np.zeros(self.num_envs, bool)
         self._everyone, self._no_one = np.full(self.num_envs, True), np.full(self.num_envs, False)
         self._needs_reset = True
         self._process = os.getpid()
+
+    def _make_templates(self, **settings: Any) -> Sequence[SuiteEnv]:
+        """Returns the single environments that start the episodes, in turn those of environments 0, 1, ..."""
+        return (self.env_class(**settings),)
 
     def _copy_spaces(self) -> None:
         """Takes spaces, metadata and render mode from the template."""
@@ -109,8 +119,12 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     @property
     def template_env(self) -> SuiteEnv:
-        """The single environment that starts the episodes; not to be stepped."""
+        """The single environment that starts the episodes, or the first of several; not to be stepped."""
         return self._template_env
+
+    def template_of(self, i: int) -> SuiteEnv:
+        """Returns the single environment that starts the episodes of environment `i`; not to be stepped."""
+        return self._templates[i % len(self._templates)]
 
     @property
     def composer_task(self) -> Any:
@@ -143,7 +157,14 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
 
     def _each(self, name: str) -> tuple[Any, ...]:
         """Returns one of `SHARED_ATTRIBUTES` of every single environment."""
-        return (getattr(self._template_env, name),) * self.num_envs
+        if name in _WORDS and (each := self._instructions_of_episodes()) is not None:
+            return tuple(each if name == "instructions" else (next(iter(sentences), "") for sentences in each))
+        values = [getattr(template, name) for template in self._templates]
+        return tuple(itertools.islice(itertools.cycle(values), self.num_envs))
+
+    def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]] | None:
+        """Returns the instructions of each environment where they depend on the episode; None where they do not."""
+        return None
 
     def call(self, name: str) -> tuple[Any, ...]:
         """Returns the same as `get_attr`: LeRobot calls attributes. Methods cannot be called."""
@@ -179,7 +200,7 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         each = []
         for i in range(self.num_envs):
             self._episodes.show(i)
-            each.append(self._template_env.camera_parameters(camera, width, height))
+            each.append(self.template_of(i).camera_parameters(camera, width, height))
         return CameraParameters(*map(np.stack, zip(*each, strict=True)))
 
     def _parts(self) -> tuple[NDArray, Any, dict[str, NDArray]]:
@@ -227,8 +248,8 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
             mask = vector_checks.checked_mask(chosen[RESET_MASK], self.num_envs, RESET_MASK)
         if self._needs_reset and not mask.all():
             raise gymnasium.error.ResetNeeded("some environments have no episode; call reset() for all of them first")
-        variation_requests = vector_checks.variation_requests(chosen, task.variations, mask)
-        task_requests = vector_checks.task_requests(chosen, task, mask)
+        variation_requests = vector_checks.variation_requests(chosen, self._tasks, mask)
+        task_requests = vector_checks.task_requests(chosen, self._tasks, mask)
         self._template_env.check_pictures(vector_checks.options_of(chosen, task, mask))
         with self._all_or_nothing():
             self._episodes.request(variation_requests, task_requests)
@@ -376,12 +397,13 @@ class SuiteVectorEnv(gymnasium.vector.VectorEnv):
         return tuple(self._render_one(range(self.num_envs)[i]) for i in indices)
 
     def _render_one(self, i: int) -> NDArray:
-        """Renders environment `i` with the template."""
+        """Renders environment `i` with its template."""
         self._episodes.show(i)
-        return cast(NDArray, self._template_env.render())
+        return cast(NDArray, self.template_of(i).render())
 
     def close_extras(self, **kwargs: Any) -> None:
-        self._template_env.close()
+        for template in self._templates:
+            template.close()
         # The batch's threads end with the last reference to it.
         del self._episodes, self._pictures
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kitchen_suite import checks
 from kitchen_suite.gymnasium_env.base import VARIATION, VARIATION_VALUES
 from kitchen_suite.tasks.task import SuiteTask
-from kitchen_suite.tasks.variations.variations import VariationRequest, Variations, flat_values
+from kitchen_suite.tasks.variations.variations import VariationRequest, flat_values
 
 
 def actions(value: ArrayLike, space: gymnasium.Space) -> NDArray[np.float64]:
@@ -73,19 +73,19 @@ def checked_mask(value: Any, count: int, name: str) -> NDArray[np.bool_]:
     return value
 
 
-def task_requests(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.bool_]) -> dict[int, Any]:
-    """Returns the task's own requests of a reset's options for the environments of its mask, by index.
+def task_requests(options: Mapping[str, Any], tasks: Sequence[SuiteTask], mask: NDArray[np.bool_]) -> dict[int, Any]:
+    """Returns the tasks' own requests of a reset's options for the environments of its mask, by index.
 
     Each option is a sequence with an element for each environment, None for none; see `ResetRequests.checked`.
     """
-    each = {name: options[name] for name in task.requests.options if options.get(name) is not None}
+    each = {name: options[name] for name in tasks[0].requests.options if options.get(name) is not None}
     for name, rows in each.items():
         if not isinstance(rows, list | tuple | np.ndarray):
             raise TypeError(f"{name} must be a sequence of one element for each environment, got {checks.shown(rows)}")
         if len(rows) != mask.size:
             raise ValueError(f"{name} must have one element for each of {mask.size} environments, got {len(rows)}")
     indices = mask.nonzero()[0].tolist() if each else ()
-    return {i: task.requests.checked({name: rows[i] for name, rows in each.items()}) for i in indices}
+    return {i: tasks[i].requests.checked({name: rows[i] for name, rows in each.items()}) for i in indices}
 
 
 def options_of(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.bool_]) -> dict[str, list[Any]]:
@@ -95,7 +95,7 @@ def options_of(options: Mapping[str, Any], task: SuiteTask, mask: NDArray[np.boo
 
 
 def variation_requests(
-    options: Mapping[str, Any], variations: Variations, mask: NDArray[np.bool_]
+    options: Mapping[str, Any], tasks: Sequence[SuiteTask], mask: NDArray[np.bool_]
 ) -> dict[int, VariationRequest]:
     """Returns the requests of a reset's options for the environments of its mask, by index.
 
@@ -109,7 +109,7 @@ def variation_requests(
         if array.shape[:1] != mask.shape:
             raise ValueError(f"variation_values of {name!r} must have {mask.size} rows, got shape {array.shape}")
     return {
-        i: variations.request(names, {name: array[i] for name, array in rows.items()})
+        i: tasks[i].variations.request(names, {name: array[i] for name, array in rows.items()})
         for i in mask.nonzero()[0].tolist()
     }
 

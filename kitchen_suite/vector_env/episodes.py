@@ -1,44 +1,21 @@
 """Many episodes of one task, stepped in one call of MuJoCo's batched stepping."""
 
-import ctypes
-import os
-import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from kitchen_suite.environment import PHYSICS_STATE, Environment
 from kitchen_suite.gymnasium_env.base import PHYSICS
 from kitchen_suite.names import EXACT
 from kitchen_suite.tasks.episode import EpisodeState, Stepper
-from kitchen_suite.tasks.mdp import MEDIAN, BatchSimulation
-from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest, place_fixed_bodies
+from kitchen_suite.tasks.mdp import MEDIAN
+from kitchen_suite.tasks.variations.variations import SLEEP, VariationRequest
 from kitchen_suite.vector_env import checks as vector_checks
-
-_batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
-
-
-def keep_alive_across_fork(batch: Batch) -> None:
-    """Keeps a batch alive in every process forked from now on.
-
-    Its destructor joins its threads, which do not survive a fork: a forked process that destroyed it would never end.
-    """
-    _batches.add(batch)
-
-
-def _keep_batches() -> None:
-    for batch in _batches:
-        # Module globals are destroyed when the interpreter ends, so no Python reference lasts for ever.
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_keep_batches)
+from kitchen_suite.vector_env.batches import JoinedSensors, make_simulations
 
 
 class Stream:
@@ -57,9 +34,9 @@ class Stream:
 
 
 class BatchEpisodes:
-    """Episodes in a batch of simulations, each equal to the environment's own with the same random stream.
+    """Episodes in a batch of simulations, each equal to its environment's own with the same random stream.
 
-    The environment starts every episode; its state is then copied to the batch.
+    An environment starts every episode; its state is then copied to the batch.
 
     Attributes:
       batch: the simulations.
@@ -69,30 +46,31 @@ class BatchEpisodes:
       has_moved: `(n,)`, whether an episode has been started or stepped since a reader of this set it to False.
     """
 
-    def __init__(self, environment: Environment, count: int, threads: int) -> None:
+    def __init__(self, environments: Sequence[Environment], threads: int) -> None:
         """Builds the simulations; `start` starts the episodes.
 
         Args:
-          environment: single environment, whose model is compiled; nothing else may step it.
-          count: number of episodes.
-          threads: number of threads that step them, including the calling one.
+          environments: the single environment that starts each of the `n` episodes, the same for many; their models are
+            compiled, and their tasks differ in what is part of states and sensors alone. Nothing else may step them.
+          threads: number of threads that step the episodes, including the calling one.
         """
-        self._environment = environment
-        self._task = environment.task
-        self._mdp = environment.task.mdp
-        self._physics_steps = environment.task.physics_steps_per_control_step
-        self._extras = environment.task.extras
-        self._extra_values = np.zeros((count, environment.task.extra_size))
-        stages = (self._mdp.sensors.stage, self._mdp.action_mode.stage, *([self._extras.stage] if self._extras else []))
+        count, distinct = len(environments), [*dict.fromkeys(environments)]
+        _check_robots(distinct)
+        self._environments, self._task = environments, distinct[0].task
+        self._mdp = self._task.mdp
+        self._physics_steps = self._task.physics_steps_per_control_step
+        self._sensors = _joined([each.task.mdp.sensors for each in distinct])
+        self._extras = _joined([each.task.extras for each in distinct])
+        self._extra_values = np.zeros((count, self._task.extra_size))
+        stages = (self._sensors.stage, self._mdp.action_mode.stage, *([self._extras.stage] if self._extras else []))
         self._stage = max(map(int, stages))
-        self.batch = Batch(environment.physics.model.ptr, count, threads, persistent=True)
-        keep_alive_across_fork(self.batch)
-        self._simulation = BatchSimulation(self.batch)
+        models = [each.physics.model.ptr for each in environments]
+        self.batch, self._simulation = make_simulations(models, threads)
         self._stepper = Stepper(self._mdp, self._simulation, self._task.pusher)
-        model, randomizer = environment.physics.model.ptr, self._task.variations.randomizer
+        randomizer = self._task.variations.randomizer
         self._model_fields = {name: self.batch.expand(name) for name in randomizer.model_fields}
         for name in randomizer.visual_fields:
-            self._model_fields[name] = np.repeat(getattr(model, name)[np.newaxis], count, axis=0)
+            self._model_fields[name] = [np.array(getattr(model, name)) for model in models]
         self.streams = [Stream(None) for _ in range(count)]
         self.state: EpisodeState = self._task.episode.repeated(count)
         self._masked_variation_info: dict[str, Any] | None = None
@@ -121,26 +99,27 @@ class BatchEpisodes:
         (indices,) = mask.nonzero()
         if not indices.size:
             return
-        environment, self._masked_variation_info = self._environment, None
+        self._masked_variation_info = None
         self.batch.reset(indices, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        model, data = environment.physics.model.ptr, environment.physics.data.ptr
         kept = {name: getattr(self.state.mdp_state, name)[indices] for name in self._mdp.persistent}
         arrays = self.state.arrays()
         for i in indices.tolist():
-            environment.random_state = self.streams[i].random_state
+            environment = self._environments[i]
+            environment.random_state, task = self.streams[i].random_state, environment.task
             if i in self._variation_requests:
-                self._task.variations.follow(self._variation_requests.pop(i))
+                task.variations.follow(self._variation_requests.pop(i))
             if i in self._task_requests:
-                self._task.requests.follow(self._task_requests.pop(i))
+                task.requests.follow(self._task_requests.pop(i))
             environment.start_episode()
+            model, data = environment.physics.model.ptr, environment.physics.data.ptr
             mujoco.mj_getState(model, data, self.batch.state[i], PHYSICS_STATE)
             for name, values in self._model_fields.items():
-                values[i] = getattr(model, name)
-            for rows, started in zip(arrays, self._task.episode.arrays(), strict=True):
+                values[i][:] = getattr(model, name)
+            for rows, started in zip(arrays, task.episode.arrays(), strict=True):
                 if started is not None:
                     rows[i] = started
-            if self._extras:
-                self._extra_values[i] = self._extras.values
+            if task.extras:
+                self._extra_values[i] = task.extras.values
         for name, values in kept.items():
             getattr(self.state.mdp_state, name)[indices] = values
         self.steps[mask] = 0
@@ -151,7 +130,7 @@ class BatchEpisodes:
             self.batch.forward(indices, self._stage)
 
     def _place_fixed_bodies(self, indices: NDArray[np.int64]) -> None:
-        """Computes the poses of all bodies in some simulations, as `place_fixed_bodies` does in one."""
+        """Computes the poses of all bodies in some simulations, as `Variations.place_fixed` does in one."""
         flags = self.batch.expand("opt.enableflags")
         kept = flags[indices]
         flags[indices] = kept & ~SLEEP
@@ -183,7 +162,7 @@ class BatchEpisodes:
         self._draw_noise(alive)
         if self._extras:
             self._extra_values = self._extras.read(self._simulation)
-        after = self._stepper.observe(acting, mdp.sensors.read(self._simulation), self._draws)
+        after = self._stepper.observe(acting, self._sensors.read(self._simulation), self._draws)
         self.state = after if everyone else after.persisting(mdp.persistent, self.state.mdp_state, ~alive)
         self.steps += stepping
         self.has_moved |= stepping
@@ -237,38 +216,58 @@ class BatchEpisodes:
         return vector_checks.fresh_dicts(self._masked_variation_info)
 
     def show(self, i: int) -> None:
-        """Copies simulation `i` to the environment, to render it; the next `start` overwrites it."""
-        model, data = self._environment.physics.model.ptr, self._environment.physics.data.ptr
+        """Copies simulation `i` to its environment, to render it; the next `start` overwrites it."""
+        environment = self._environments[i]
+        model, data = environment.physics.model.ptr, environment.physics.data.ptr
         for name, values in self._model_fields.items():
             getattr(model, name)[:] = values[i]
         mujoco.mj_setState(model, data, self.batch.state[i], PHYSICS_STATE)
-        if self._task.variations.moves_sleepers:
-            place_fixed_bodies(model, data)
+        environment.task.variations.place_fixed()
         mujoco.mj_forward(model, data)
 
 
+def _joined(sensors: Sequence[Any]) -> Any:
+    """Returns the sensors of one model as they are, those of several joined; None for None."""
+    return sensors[0] if len(sensors) == 1 or sensors[0] is None else JoinedSensors(sensors)
+
+
+def _check_robots(environments: Sequence[Environment]) -> None:
+    """Raises a ValueError unless the robots of different environments have the same indices in MuJoCo's arrays."""
+    if len(environments) == 1:
+        return
+    indices = []
+    for environment in environments:
+        physics, robot = environment.physics, environment.task.robot
+        found = [physics.bind(robot.mjcf_model.find_all(kind)).element_id for kind in ("body", "site", "actuator")]
+        joints = physics.bind(robot.joints)
+        indices.append([array.tolist() for array in (*found, joints.element_id, joints.qposadr, joints.dofadr)])
+    if any(each != indices[0] for each in indices):
+        raise ValueError("the robot must be attached before anything that differs between environments of a vector")
+
+
 class BatchPictures:
-    """The pictures of many episodes, rendered one after the other by the environment that starts them.
+    """The pictures of many episodes, rendered one after the other by the environments that start them.
 
     An episode is rendered again only after it has moved.
     """
 
-    def __init__(self, environment: Environment, episodes: BatchEpisodes) -> None:
-        """Prepares to show episodes in an environment with their compiled model, which nothing else may step."""
-        self._episodes, count = episodes, episodes.steps.size
-        pictures = environment.task.pictures
-        self._takers = pictures.takers(environment.physics)
+    def __init__(self, environments: Sequence[Environment], episodes: BatchEpisodes) -> None:
+        """Prepares to show episodes in the environments that start them, which nothing else may step."""
+        self._episodes, count = episodes, len(environments)
+        pictures = environments[0].task.pictures
+        takers = {each: each.task.pictures.takers(each.physics) for each in dict.fromkeys(environments)}
+        self._takers = [takers[each] for each in environments]
         specs = {key: taker.array_spec for key, taker in pictures.by_name.items()}
         self._present = {key: np.zeros((count, *spec.shape), spec.dtype) for key, spec in specs.items()}
 
     def take(self) -> dict[str, NDArray]:
         """Returns the present pictures `(n, height, width, channels)` by observation key, in fresh arrays."""
-        if not self._takers:
+        if not self._present:
             return {}
         moved = self._episodes.has_moved
         for i in np.flatnonzero(moved).tolist():
             self._episodes.show(i)
-            for key, take in self._takers.items():
+            for key, take in self._takers[i].items():
                 self._present[key][i] = take()
         moved[:] = False
         return {key: array.copy() for key, array in self._present.items()}

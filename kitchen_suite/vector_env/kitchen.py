@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -18,9 +18,6 @@ from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 # Masks and steps of completion whose names are kept in memory.
 _REMEMBERED = 4096
-
-# Attributes that depend on the requested tasks.
-_WORDS = ("instruction", "instructions", "task", "task_description")
 
 
 # VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
@@ -87,12 +84,11 @@ class FrankaKitchenVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
         """Places `(n, m)` of the tasks in the order that each environment asks for; with `tasks_per_episode` only."""
         return self._episodes.state.mdp_state.requested_order
 
-    def _each(self, name: str) -> tuple[Any, ...]:
-        if name not in _WORDS or self._mdp.task_draw is None:
-            return super()._each(name)
+    def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]] | None:
+        if self._mdp.task_draw is None:
+            return None
         orders = self._mdp.current_order(self._episodes.state.mdp_state)
-        instructions = [self._task.requests.instructions_in(order) for order in orders]
-        return tuple(instructions if name == "instructions" else (next(iter(each), "") for each in instructions))
+        return [self._task.requests.instructions_in(order) for order in orders]
 
     @functools.cached_property
     def _selected(self) -> Callable[[bytes], tuple[str, ...]]:

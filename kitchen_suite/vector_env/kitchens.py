@@ -1,12 +1,45 @@
-"""Vectorised generated kitchens."""
+"""Vectorised generated kitchens, of one design or of several."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import gymnasium
+import numpy as np
 
+from kitchen_suite.entities.designs import Design, KitchenDesign
 from kitchen_suite.gymnasium_env.cabinets import KitchensEnv
 from kitchen_suite.vector_env.base import SuiteVectorEnv
 
 
+# VectorEnv is named again because some libraries recognise vectorised environments by their direct bases.
 class KitchensVectorEnv(SuiteVectorEnv, gymnasium.vector.VectorEnv):
-    """A vector of `KitchensEnv`s."""
+    """A vector of `KitchensEnv`s. Accepts the arguments of `SuiteVectorEnv` and of `KitchensEnv`.
+
+    `design` may also be a sequence of designs, such as `range(16)`: environment `i` then has `design[i % len(design)]`.
+    """
 
     env_class = KitchensEnv
+
+    def _make_templates(  # type: ignore[override]
+        self, *, design: Design | Sequence[Design] = 0, split: str = "train", **settings: Any
+    ) -> Sequence[KitchensEnv]:
+        if isinstance(design, str) or not isinstance(design, Sequence | np.ndarray):
+            return (KitchensEnv(design, split, **settings),)
+        if not len(design):
+            raise ValueError("design must have at least one design, got an empty sequence")
+        made: dict[KitchenDesign, KitchensEnv] = {}
+        templates = []
+        for i, each in enumerate(design[: self.num_envs]):
+            try:
+                checked = KitchenDesign.make(each, split)
+                if checked not in made:
+                    made[checked] = KitchensEnv(checked, split, **settings)
+            except (TypeError, ValueError) as error:
+                raise (ValueError if isinstance(error, ValueError) else TypeError)(f"design[{i}]: {error}") from error
+            templates.append(made[checked])
+        return templates
+
+    def _instructions_of_episodes(self) -> Sequence[tuple[str, ...]]:
+        state = self._episodes.state.mdp_state
+        episodes = zip(self._tasks, state.order, state.goal, strict=True)
+        return [task.instructions_of(order, goal) for task, order, goal in episodes]

@@ -15,7 +15,7 @@ from dm_control import mjcf
 from numpy.typing import NDArray
 
 from kitchen_suite.entities.designs import MAX_PARTS, GeneratedKitchen, Placed
-from kitchen_suite.entities.fixtures import KINDS, PART_KINDS
+from kitchen_suite.entities.fixtures import PART_KINDS
 from kitchen_suite.tasks import rotations
 from kitchen_suite.tasks.goals import Progress
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER
@@ -70,6 +70,7 @@ class Slots(NamedTuple):
     Attributes:
       kind: `(..., K, 6)`, 1 at the index of its kind in `PART_KINDS`.
       opened: `(..., K)`, joint position at an opening of 1 [rad, m]; 1 in empty slots.
+      has_joint: `(..., K)`, whether the part has a joint, as all but the kettle have.
       is_hinge: `(..., K)`, whether the joint is a hinge.
       is_free: `(..., K)`, whether the part has no joint: the kettle.
       position: `(..., K, 3)`, of the handle while the joint is at 0 [m].
@@ -78,10 +79,12 @@ class Slots(NamedTuple):
       axis: `(..., K, 3)`, of the joint.
       anchor: `(..., K, 3)`, a point on the axis of a hinge [m].
       target: `(..., K, 3)`, where a free part is to be [m].
+      lift: `(..., 3)`, position of the kettle's handle in the frame of the kettle [m].
     """
 
     kind: NDArray[np.float64]
     opened: NDArray[np.float64]
+    has_joint: NDArray[np.bool_]
     is_hinge: NDArray[np.bool_]
     is_free: NDArray[np.bool_]
     position: NDArray[np.float64]
@@ -90,6 +93,7 @@ class Slots(NamedTuple):
     axis: NDArray[np.float64]
     anchor: NDArray[np.float64]
     target: NDArray[np.float64]
+    lift: NDArray[np.float64]
 
     @classmethod
     def of(cls, scene: GeneratedKitchen, physics: mjcf.Physics) -> Self:
@@ -97,9 +101,11 @@ class Slots(NamedTuple):
         arrays = cls(
             kind=np.zeros((MAX_PARTS, len(PART_KINDS))),
             opened=np.ones(MAX_PARTS),
+            has_joint=np.zeros(MAX_PARTS, bool),
             is_hinge=np.zeros(MAX_PARTS, bool),
             is_free=np.zeros(MAX_PARTS, bool),
             **{name: np.zeros((MAX_PARTS, 3)) for name in ("position", "into", "along", "axis", "anchor", "target")},
+            lift=np.zeros(3),
         )
         model, data = physics.model.ptr, mujoco.MjData(physics.model.ptr)
         mujoco.mj_kinematics(model, data)
@@ -111,15 +117,18 @@ class Slots(NamedTuple):
             where: Placed = placed.get(name) or oven  # type: ignore[assignment]
             arrays.kind[k, PART_KINDS.index(part.kind)] = 1.0
             arrays.opened[k] = part.opened
-            arrays.position[k] = data.site_xpos[physics.bind(prop.find("site", part.handle)).element_id]
+            handle = physics.bind(prop.find("site", part.handle))
+            arrays.position[k] = data.site_xpos[handle.element_id]
             arrays.into[k] = where.in_world(np.array([0.0, 1.0, 0.0])) - where.position
             upright = part.kind in ("door", "sliding door", "knob")
             arrays.along[k] = (0.0, 0.0, 1.0) if upright else where.in_world(np.array([1.0, 0.0, 0.0])) - where.position
             if part.joint is None:
                 arrays.is_free[k] = True
                 arrays.target[k] = arrays.position[k] + part.opened * arrays.into[k]
+                arrays.lift[:] = handle.pos
                 continue
             joint = physics.bind(prop.find("joint", part.joint)).element_id
+            arrays.has_joint[k] = True
             arrays.is_hinge[k] = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
             arrays.axis[k], arrays.anchor[k] = data.xaxis[joint], data.xanchor[joint]
         return arrays
@@ -171,8 +180,8 @@ class SlotReading(NamedTuple):
       velocities: `(..., 9)` [rad/s, m/s].
       hand: `(..., 3)`, position of the end effector [m].
       frame: `(..., 9)`, its rotation matrix, row by row.
-      joints: `(..., K)`, positions of the parts' joints [rad, m].
-      kettle: `(..., 3)`, position of the kettle's handle [m].
+      joints: `(..., K)`, positions of the parts' joints [rad, m]; without meaning for parts that have none.
+      kettle: `(..., 7)`, pose of the kettle [m, quaternion]; without meaning where there is none.
     """
 
     positions: NDArray[np.float64]
@@ -210,18 +219,15 @@ class SlotSensors:
         self._qpos, self._qvel = as_columns(robot.qposadr), as_columns(robot.dofadr)
         self._ctrl = as_columns(physics.bind(scene.robot.actuators).element_id)
         self._hand = np.array([physics.bind(scene.robot.end_effector).element_id])
-        # Empty slots read the first joint, and are masked.
-        self.columns, self._has_joint = np.zeros(MAX_PARTS, np.int64), np.zeros(MAX_PARTS)
-        self._kettle, self._lift = np.zeros(7, np.int64), np.zeros(3)
+        # Empty slots read the first joint.
+        self.columns, self._kettle = np.zeros(MAX_PARTS, np.int64), np.zeros(7, np.int64)
         for k, (name, part) in enumerate(scene.parts):
             prop = scene.props[name]
             if part.joint is None:
                 (free,) = prop.joints
                 self._kettle = int(physics.bind(free).qposadr) + np.arange(7)
-                self._lift = np.array(physics.bind(prop.mjcf_model.find("site", part.handle)).pos)
             else:
                 self.columns[k] = physics.bind(prop.mjcf_model.find("joint", part.joint)).qposadr
-                self._has_joint[k] = 1.0
 
     def refresh(self, physics: mjcf.Physics) -> None:
         """Updates the positions of bodies from those of the joints."""
@@ -229,14 +235,13 @@ class SlotSensors:
 
     def read(self, simulation: Simulation) -> SlotReading:
         """Returns the present values, in fresh arrays."""
-        kettle = np.ascontiguousarray(simulation.read("qpos", self._kettle))
         return SlotReading(
             positions=np.array(simulation.read("qpos", self._qpos)),
             velocities=np.array(simulation.read("qvel", self._qvel)),
             hand=simulation.read("site_xpos", self._hand)[..., 0, :],
             frame=simulation.read("site_xmat", self._hand)[..., 0, :],
-            joints=simulation.read("qpos", self.columns) * self._has_joint,
-            kettle=kettle[..., :3] + rotations.rotated(kettle[..., 3:], self._lift),
+            joints=simulation.read("qpos", self.columns),
+            kettle=simulation.read("qpos", self._kettle),
         )
 
 
@@ -467,13 +472,15 @@ def noise_scale(*, robot_ratio: float, object_ratio: float) -> NDArray[np.float6
 
 def _measured(slots: Slots, reading: SlotReading) -> dict[str, Any]:
     """Returns the fields of a state that follow from a reading."""
-    positions, into, along = slots.moved(reading.joints, reading.kettle)
+    joints = reading.joints * slots.has_joint
+    kettle = reading.kettle[..., :3] + rotations.rotated(reading.kettle[..., 3:], slots.lift)
+    positions, into, along = slots.moved(joints, kettle)
     return {
         "positions": reading.positions,
         "velocities": reading.velocities,
         "hand": np.concatenate([reading.hand, reading.frame], axis=-1),
         "handles": np.concatenate([positions, into, along], axis=-1),
-        "openings": slots.openings(reading.joints, positions),
+        "openings": slots.openings(joints, positions),
     }
 
 

@@ -268,16 +268,24 @@ class Variations:
     def _apply(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """Sets values in the physics, and moves the furniture with them."""
         self.randomizer.set(values)
-        if self.moves_sleepers:
-            place_fixed_bodies(self._physics.model.ptr, self._physics.data.ptr)
+        self.place_fixed()
+
+    def place_fixed(self) -> None:
+        """Moves what is fixed to where the current values have it, as MuJoCo does by itself where nothing sleeps."""
+        if self.moves_sleepers or (self._scene.sleeps and self.randomizer.visual_fields):
+            _place_fixed(self._physics.model.ptr, self._physics.data.ptr)
 
 
-def place_fixed_bodies(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes the poses of all bodies; with `SLEEP`, MuJoCo does not look whether fixed ones have been moved."""
+def _place_fixed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Computes the poses of all bodies, cameras and lights.
+
+    With `SLEEP`, MuJoCo does not look whether those that are fixed, or on fixed bodies, have been moved.
+    """
     flags = model.opt.enableflags
     model.opt.enableflags = flags & ~SLEEP
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
     model.opt.enableflags = flags
 
 

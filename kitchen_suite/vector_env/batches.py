@@ -1,0 +1,146 @@
+"""Batches of simulations of one model, or of several side by side."""
+
+import ctypes
+import os
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+import tree
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from kitchen_suite.tasks.mdp import BatchSimulation, Columns, Simulation
+
+_batches: "weakref.WeakSet[Batch]" = weakref.WeakSet()
+
+
+def make_batch(model: mujoco.MjModel, count: int, threads: int) -> Batch:
+    """Returns a batch that stays alive in every process forked from now on.
+
+    Its destructor joins its threads, which do not survive a fork: a forked process that destroyed it would never end.
+    """
+    batch = Batch(model, count, threads, persistent=True)
+    _batches.add(batch)
+    return batch
+
+
+def _keep_batches() -> None:
+    for batch in _batches:
+        # Module globals are destroyed when the interpreter ends, so no Python reference lasts for ever.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_keep_batches)
+
+
+class JoinedBatch:
+    """Simulations of several models, with the methods and attributes of one batch.
+
+    Attributes:
+      batches: the batches, one for each model.
+      rows: indices `(k,)` of the simulations of each.
+      state: live rows of the states, whose sizes depend on the model.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel], threads: int) -> None:
+        """Builds the batches.
+
+        Args:
+          models: model of each simulation.
+          threads: number of threads that step them, including the calling one. The batches are stepped one after
+            another, as MuJoCo keeps Python's global lock meanwhile, so a thread more than a batch is large is idle.
+        """
+        distinct = {id(model): model for model in models}
+        numbers = np.array([id(model) for model in models])
+        self.rows = [np.flatnonzero(numbers == number) for number in distinct]
+        parts = zip(distinct.values(), self.rows, strict=True)
+        self.batches = [make_batch(model, rows.size, min(threads, rows.size)) for model, rows in parts]
+        self._order = np.argsort(np.concatenate(self.rows))
+        self.state = self._split([batch.state for batch in self.batches])
+
+    def join(self, parts: Sequence[NDArray]) -> NDArray:
+        """Returns the rows `(n, ...)` of all simulations in a fresh array, given those of each model."""
+        return np.concatenate(parts).take(self._order, axis=0)
+
+    def _split(self, parts: Sequence[NDArray]) -> list[NDArray]:
+        """Returns views of the rows of all simulations, given those of each model."""
+        rows = [row for part in parts for row in part]
+        return [rows[place] for place in self._order.tolist()]
+
+    @property
+    def warning(self) -> NDArray:
+        """Warnings of MuJoCo, as those of a batch."""
+        return self.join([batch.warning for batch in self.batches])
+
+    def expand(self, name: str) -> list[NDArray]:
+        """Returns live rows of a field of the model, which each simulation then has for itself."""
+        return self._split([batch.expand(name) for batch in self.batches])
+
+    def reset(self, ids: NDArray, **options: Any) -> None:
+        """Resets some simulations; arguments as of a batch, here and below."""
+        self._call(Batch.reset, ids, **options)
+
+    def forward(self, ids: NDArray, stage: int) -> None:
+        self._call(Batch.forward, ids, stage=stage)
+
+    def step(self, ids: NDArray | None, nstep: int, stage: int) -> None:
+        self._call(Batch.step, ids, nstep=nstep, stage=stage)
+
+    def _call(self, method: Callable[..., None], ids: NDArray | None, **options: Any) -> None:
+        """Calls a method of each batch for its simulations among some, all if `ids` is None."""
+        chosen = np.full(self._order.size, ids is None)
+        if ids is not None:
+            chosen[ids] = True
+        for batch, rows in zip(self.batches, self.rows, strict=True):
+            if (mask := chosen[rows]).any():
+                method(batch, None if mask.all() else mask, **options)
+
+
+class JoinedSimulation:
+    """The simulations of a joined batch, in whose models a column means the same; all that is read is a copy."""
+
+    def __init__(self, batch: JoinedBatch) -> None:
+        self.batch = batch
+        self.parts = [BatchSimulation(each) for each in batch.batches]
+
+    def read(self, field: str, columns: Columns, order: Literal["C", "F"] = "C") -> NDArray[np.float64]:
+        return self.batch.join([part.read(field, columns) for part in self.parts])
+
+    def write(self, field: str, columns: Columns, values: NDArray[np.float64]) -> None:
+        for part, rows in zip(self.parts, self.batch.rows, strict=True):
+            part.write(field, columns, values[rows])
+
+    def evaluate(self) -> None:
+        """Does nothing, as of a batch."""
+
+
+class JoinedSensors:
+    """The sensors of several models, each of which has columns of its own.
+
+    Attributes:
+      stage: greatest of theirs.
+    """
+
+    def __init__(self, sensors: Sequence[Any]) -> None:
+        """Takes the sensors of each model of a `JoinedSimulation`, in its order."""
+        self._sensors = sensors
+        self.stage = max((each.stage for each in sensors), key=int)
+
+    def read(self, simulation: JoinedSimulation) -> Any:
+        """Returns the values of all simulations, in fresh arrays `(n, ...)`."""
+        readings = [each.read(part) for each, part in zip(self._sensors, simulation.parts, strict=True)]
+        arrays = zip(*(tree.flatten(reading) for reading in readings), strict=True)
+        return tree.unflatten_as(readings[0], [simulation.batch.join(parts) for parts in arrays])
+
+
+def make_simulations(models: Sequence[mujoco.MjModel], threads: int) -> tuple[Any, Simulation]:
+    """Returns a batch with a simulation of each model, joined if these are several, and its simulations."""
+    if all(model is models[0] for model in models):
+        batch = make_batch(models[0], len(models), threads)
+        return batch, BatchSimulation(batch)
+    joined = JoinedBatch(models, threads)
+    return joined, JoinedSimulation(joined)

@@ -1,0 +1,199 @@
+"""Vectors of generated kitchens of several designs: each row is the single environment of its design and seed."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from helpers.errors import refused
+from helpers.vectors import batch
+from mujoco.batch import Batch
+
+from kitchen_suite.gymnasium_env.cabinets import FrankaOpenCabinetEnv, KitchensEnv
+from kitchen_suite.vector_env.episodes import BatchEpisodes
+from kitchen_suite.vector_env.kitchens import KitchensVectorEnv
+
+VERBS = ("open", "close", "turn_on", "turn_off", "move_kettle")
+# Two environments of the first design, which share a batch with the fifth.
+DESIGNS, COUNT, SEED, LIMIT = (0, 3, 0, 7), 5, 11, 4
+
+# All that an episode may hold, in a mode that reads poses of the hand from the physics.
+EVERYTHING = {
+    "reward": "dense",
+    "tasks_per_episode": (1, 3),
+    "control_mode": "ee_delta_pose",
+    "variations": {
+        "franka/joint_offset": {"uniform": [-0.05, 0.05]},
+        "fixtures/friction_scale": {"uniform": [0.8, 1.2]},
+        "sensing/action_delay": {"choice": [0, 1]},
+        "push/step": {"choice": [2, 3]},
+        "push/joint_offsets": {"uniform": [-0.2, 0.2]},
+    },
+    "extra_observables": ["franka/end_effector_pose"],
+}
+# Cameras move, but are no part of the state of the physics.
+SEEN = {"variations": ["camera"], "verbs": ["open"]}
+
+
+def many(count=COUNT, design=DESIGNS, **settings):
+    return KitchensVectorEnv(count, design=design, **{"verbs": VERBS, "num_threads": 1, **settings})
+
+
+def alone(count=COUNT, design=DESIGNS, **settings):
+    return [KitchensEnv(design[i % len(design)], **{"verbs": VERBS, **settings}) for i in range(count)]
+
+
+def row(value, i):
+    """Returns what the infos of environment `i` are without those of the others, and without masks."""
+    if isinstance(value, dict):
+        return {key: row(part, i) for key, part in value.items() if not key.startswith("_")}
+    return value[i]
+
+
+def assert_row(result, i, expected):
+    """Checks observation, numbers and infos of environment `i`."""
+    (observation, *numbers, infos), (single, *single_numbers, single_infos) = result, expected
+    np.testing.assert_array_equal(observation[i], single)
+    assert [array[i] for array in numbers] == single_numbers
+    present = row(infos, i)
+    np.testing.assert_equal({key: present[key] for key in single_infos}, single_infos)
+
+
+def play(env, singles, mode, steps, resets=lambda ended: ended):
+    """Compares a vector with single environments in random steps, with the resets of an autoreset mode.
+
+    `resets` returns the mask of a reset by hand, given which episodes have ended.
+    """
+    random = np.random.default_rng(0)
+    started, ended = env.reset(seed=SEED), np.zeros(env.num_envs, bool)
+    for i, single in enumerate(singles):
+        assert_row(started, i, single.reset(seed=SEED + i))
+    for _ in range(steps):
+        if mode == AutoresetMode.DISABLED and (mask := resets(ended)).any():
+            started = env.reset(options={"reset_mask": mask})
+            for i in np.flatnonzero(mask):
+                assert_row(started, i, singles[i].reset())
+            ended = ended & ~mask
+        actions = random.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
+        result = env.step(actions)
+        for i, single in enumerate(singles):
+            if ended[i] and mode == AutoresetMode.NEXT_STEP:
+                observation, infos = single.reset()
+                assert_row(result, i, (observation, 0.0, False, False, infos))
+                continue
+            observation, reward, terminated, truncated, infos = single.step(actions[i])
+            if (terminated or truncated) and mode == AutoresetMode.SAME_STEP:
+                np.testing.assert_array_equal(result[-1]["final_obs"][i], observation)
+                assert_row((result[0], result[-1]["final_info"]), i, (result[0][i], infos))
+                observation, infos = single.reset()
+            assert_row(result, i, (observation, reward, terminated, truncated, infos))
+        ended = result[2] | result[3]
+        assert env.instruction == env.get_attr("task") == tuple(single.instruction for single in singles)
+        assert env.get_attr("instructions") == tuple(single.instructions for single in singles)
+    return ended
+
+
+def test_every_row_of_sixteen_designs_is_the_single_environment_of_its_design_and_seed():
+    settings = {"verbs": VERBS, "max_episode_steps": 6}
+    env = gymnasium.make_vec(
+        "KitchenSuite/Kitchens-v1", 20, "vector_entry_point",
+        autoreset_mode="Disabled", num_threads=2, design=range(16), **settings,
+    )  # fmt: skip
+    assert [part.nsim for part in batch(env).batches] == [2] * 4 + [1] * 12
+    random = np.random.default_rng(1)
+    mode, singles = AutoresetMode.DISABLED, alone(20, range(16), **settings)
+    play(env.unwrapped, singles, mode, 16, resets=lambda ended: ended | (random.random(20) < 0.1))
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_every_row_is_the_single_environment_with_all_that_an_episode_may_hold(mode):
+    settings = {**EVERYTHING, "max_episode_steps": LIMIT}
+    env = many(autoreset_mode=mode, **settings)
+    assert [rows.tolist() for rows in batch(env).rows] == [[0, 2, 4], [1], [3]]
+    play(env, alone(**settings), mode, 3 * LIMIT)
+
+
+def test_one_design_however_often_has_one_batch():
+    assert isinstance(batch(many(3, [2, 2, 2])), Batch)
+    assert isinstance(batch(many(1, range(100))), Batch)
+
+
+def test_a_reset_asks_each_kitchen_for_tasks_of_its_own():
+    env = many(2, ["0", "7"])
+    tasks = [env.template_of(i).composer_task.requests.tasks for i in range(2)]
+    asked = [[next(task for task in tasks[i] if task not in tasks[1 - i])] for i in range(2)]
+    env.reset(seed=0, options={"requested_tasks": asked})
+    singles = alone(2, [0, 7])
+    for i, single in enumerate(singles):
+        single.reset(seed=i, options={"requested_tasks": asked[i]})
+    assert env.instruction == tuple(single.instruction for single in singles)
+    with refused(ValueError, "requested_tasks"):
+        env.reset(options={"requested_tasks": asked[::-1]})
+    assert env.instruction == tuple(single.instruction for single in singles)
+
+
+def test_where_a_simulation_diverges_only_its_own_episode_ends():
+    env, twin = many(), many()
+    env.reset(seed=SEED)
+    twin.reset(seed=SEED)
+    actions = np.zeros(env.action_space.shape, np.float32)
+    batch(env).batches[0].qvel[1] = np.nan
+    observations, rewards, terminations, _, infos = env.step(actions)
+    expected = twin.step(actions)
+    others = [0, 1, 3, 4]
+    assert terminations.tolist() == infos["physics_error"].tolist() == [i == 2 for i in range(COUNT)]
+    np.testing.assert_array_equal(observations[others], expected[0][others])
+    np.testing.assert_array_equal(rewards[others], expected[1][others])
+    assert infos["episode_step"].tolist() == [1, 1, 0, 1, 1]
+
+
+@pytest.mark.rendering
+def test_pictures_are_those_of_each_kitchen():
+    settings = {"obs_type": "pixels", "cameras": ["overview"], "image_size": (32, 48), **SEEN}
+    settings |= {"render_mode": "rgb_array", "width": 64, "height": 48}
+    env, singles = many(3, **settings), alone(3, **settings)
+    observations, _ = env.reset(seed=SEED)
+    actions = np.ones(env.action_space.shape, np.float32)
+    for step in range(2):
+        for i, single in enumerate(singles):
+            if step:
+                observation, *_ = single.step(actions[i])
+            else:
+                observation, _ = single.reset(seed=SEED + i)
+            np.testing.assert_array_equal(observations[i], observation)
+            np.testing.assert_array_equal(env.render_some([i])[0], single.render())
+            parameters = single.camera_parameters("overview", 48, 32)
+            present = env.camera_parameters("overview", 48, 32)
+            np.testing.assert_array_equal(present.world_from_camera[i], parameters.world_from_camera)
+        observations, *_ = env.step(actions)
+    assert len(np.unique(observations, axis=0)) == 3
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("design", "error", "message"),
+    [
+        ([], ValueError, "design must have at least one design"),
+        ([0, -1], ValueError, "design[1]: design must be"),
+        ([0, 1.5], TypeError, "design[1]: design must be"),
+        (
+            ["missing.json"],
+            ValueError,
+            "design[0]: design must be a number, a JSON object or a file with one; cannot read missing.json",
+        ),
+        (
+            [0, {"counter_height": 1.6, "style": "white", "rows": [{"side": "front"}]}],
+            ValueError,
+            "design[1]: rows[0] must have",
+        ),
+    ],
+    ids=["empty", "negative", "fraction", "file", "JSON"],
+)
+def test_a_bad_design_of_several_is_named_by_its_place(design, error, message):
+    with refused(error, message):
+        many(2, design)
+
+
+def test_environments_whose_robots_have_other_indices_are_refused():
+    kitchen, cabinet = KitchensEnv(0, verbs=VERBS), FrankaOpenCabinetEnv()
+    with refused(ValueError, "the robot must be attached before anything that differs"):
+        BatchEpisodes([kitchen.environment, cabinet.environment], threads=1)
