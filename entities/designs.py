@@ -17,7 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kitchen_suite import checks
-from kitchen_suite.entities.fixtures import HANDLES, KETTLE, KINDS, STYLES, Extent, FixtureDesign, Part
+from kitchen_suite.entities.assets import Vector
+from kitchen_suite.entities.fixtures import (
+    GAP,
+    HANDLES,
+    KETTLE,
+    KINDS,
+    PANEL,
+    STYLES,
+    Extent,
+    FixtureDesign,
+    Part,
+    Style,
+)
 from kitchen_suite.entities.franka import Franka
 from kitchen_suite.entities.parameters import Parameter, door_parameters
 from kitchen_suite.entities.props import Kettle, Prop
@@ -520,22 +532,63 @@ def build_generated_kitchen(
     if len(parts) > MAX_PARTS:
         raise ValueError(f"rows must have at most {MAX_PARTS} drawers, doors and knobs, got {len(parts)}")
     if visuals:
-        _add_walls(arena, made)
+        _add_surroundings(arena, made)
     scene = GeneratedKitchen(arena=arena, robot=robot, props=MappingProxyType(props), design=made, parts=tuple(parts))
     exclude_base_contacts(arena, robot)
     return scene
 
 
-def _add_walls(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
-    """Adds a wall behind the fixtures of each side."""
-    for side in {row.side for row in design.rows}:
-        placed = [each.bounds for each in design.placed if each.row.side == side]
-        low, high = np.min([each[0] for each in placed], axis=0), np.max([each[1] for each in placed], axis=0)
-        match side:
-            case "back":
-                corners = (min(low[0], -1.2), high[1]), (max(high[0], 1.2), high[1] + 0.05)
-            case "left":
-                corners = (low[0] - 0.05, low[1] - 0.1), (low[0], high[1] + 0.4)
-            case _:
-                corners = (high[0], low[1] - 0.1), (high[0] + 0.05, high[1] + 0.4)
-        arena.add_wall(f"{side}_wall", (*corners[0], FLOOR), (*corners[1], 3.1))
+# Half the width of the back wall, height of the walls' upper edges, thickness of the walls, height of the tiles above the
+# counter [m].
+_WALL_REACH, _WALL_TOP, _WALL, _TILES = 1.4, 3.1, 0.05, 0.5
+
+# Height of plinths, and how far they stand back [m].
+_PLINTH, _RECESS = 0.1, 0.05
+
+_PLINTH_COLOR, _TILES_COLOR = (0.15, 0.15, 0.16), (0.94, 0.94, 0.93)
+
+
+def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
+    """Adds what only pictures show: walls, tiles, and what is between fixtures and the floor or the wall behind them."""
+    style = STYLES[design.style]
+    backs = {side: 0.0 for side in SIDES}
+    for placed in design.placed:
+        depth = KINDS[placed.design.kind].extent(placed.design).high[1]
+        backs[placed.row.side] = max(backs[placed.row.side], placed.row.distance + depth)
+    for placed in design.placed:
+        for name, low, high, color in _fillings(placed, backs[placed.row.side], style):
+            if (np.subtract(high, low) > 1e-3).all():
+                corners = np.sort([placed.in_world(np.array(low)), placed.in_world(np.array(high))], axis=0)
+                arena.add_box(f"{placed.name}_{name}", *corners, rgba=(*color, 1))
+    paint = {"rgba": (*style.wall, 1)}
+    left, right = -max(backs["left"], _WALL_REACH), max(backs["right"], _WALL_REACH)
+    back = backs["back"] or _WALL_REACH
+    arena.add_box("back_wall", (left, back, FLOOR), (right, back + _WALL, _WALL_TOP), **paint)
+    tiles = (left, back - 0.005, design.counter_height), (right, back, design.counter_height + _TILES)
+    arena.add_box("tiles", *tiles, rgba=(*_TILES_COLOR, 1))
+    for side, inner, outer in (("left", left, left - _WALL), ("right", right, right + _WALL)):
+        fronts = [placed.bounds[0][1] for placed in design.placed if placed.row.side == side]
+        if fronts:
+            low, high = (min(inner, outer), min(fronts) - 0.1, FLOOR), (max(inner, outer), back + _WALL, _WALL_TOP)
+            arena.add_box(f"{side}_wall", low, high, **paint)
+
+
+def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, Vector, Vector, Vector]]:
+    """Yields names, corners in a fixture's frame [m] and colours of the boxes that complete the fixture.
+
+    Args:
+      placed: the fixture.
+      wall: distance of the wall behind it from the axis of the robot's base [m].
+      style: of the kitchen.
+    """
+    extent: Extent = KINDS[placed.design.kind].extent(placed.design)
+    (left, _, bottom), (right, depth, top) = extent.low, extent.high
+    back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
+    if placed.row.level != "counter":
+        yield "filling", (left, depth, bottom), (right, back, top), style.carcass
+    if placed.row.level in ("base", "tall") and placed.design.kind != "oven":
+        plinth = floor + _PLINTH
+        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), _PLINTH_COLOR
+        yield "lower_carcass", (left, PANEL, plinth), (right, back, bottom), style.carcass
+        front = style.metal if placed.design.kind == "stove" else style.front
+        yield "lower_front", (left + GAP, 0.0, plinth), (right - GAP, PANEL, bottom), front

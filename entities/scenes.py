@@ -3,11 +3,11 @@
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from dm_control import composer, mjcf
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from kitchen_suite import checks
 from kitchen_suite.entities import appearance, assets, viewpoints
@@ -23,6 +23,10 @@ from kitchen_suite.names import EXACT, FAST, PHYSICS
 
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82
+
+# Position [m] and axes of the camera `overview` of generated kitchens: 3.2 m from (0, 0.25, 1.75), azimuth 82 and
+# elevation -33 degrees.
+_OVERVIEW = (-0.374, -2.408, 3.493), (0.9903, -0.1392, 0.0, 0.0758, 0.5393, 0.8387)
 
 # Speed below which MuJoCo may put an object to sleep [m/s; rad/s scaled by the object's length].
 _SLEEP_TOLERANCE = 1e-8
@@ -247,17 +251,20 @@ class GeneratedKitchenArena(KitchenArena):
         world.find("body", "desk").remove()
         self._mjcf_root.find("site", "kettle").remove()
         self._mjcf_root.find("geom", "floor").pos = (0, 0, FLOOR)
+        # The kitchen's would cut off upper cabinets, and shadows on the higher floor.
+        self._mjcf_root.find("camera", "overview").set_attributes(pos=_OVERVIEW[0], xyaxes=_OVERVIEW[1])
+        self._mjcf_root.visual.map.shadowclip = 1.0
 
     def add_site(self, name: str, position: NDArray[np.float64], yaw: float) -> None:
         """Adds the site at which a fixture is attached: its position [m], and its rotation about the vertical [rad]."""
         quat = (np.cos(yaw / 2), 0, 0, np.sin(yaw / 2))
         self._mjcf_root.worldbody.add("site", name=name, pos=position, quat=quat, group=5)
 
-    def add_wall(self, name: str, low: Sequence[float], high: Sequence[float]) -> None:
-        """Adds a wall between two corners [m], which only pictures show."""
-        pos, size = (np.add(low, high) / 2, np.subtract(high, low) / 2)
-        shape = {"type": "box", "pos": pos, "size": size, "rgba": (0.87, 0.86, 0.83, 1)}
-        self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, group=1, mass=0, **shape)
+    def add_box(self, name: str, low: ArrayLike, high: ArrayLike, **attributes: Any) -> None:
+        """Adds a box between two corners [m], which only pictures show; attributes are its colour or material."""
+        pos, size = np.add(low, high) / 2, np.subtract(high, low) / 2
+        shape = {"type": "box", "pos": pos, "size": size, "group": 1}
+        self._mjcf_root.worldbody.add("geom", name=name, contype=0, conaffinity=0, mass=0, **shape, **attributes)
 
 
 def build_kitchen_scene(*, visuals: bool = True, sleep: bool = False) -> Scene:
