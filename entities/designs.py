@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from kitchen_suite import checks
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.fixtures import (
+    DARK,
     GAP,
     HANDLES,
     KETTLE,
     KINDS,
     PANEL,
+    STEEL,
     STYLES,
     Extent,
     FixtureDesign,
@@ -429,7 +431,9 @@ class _Grammar:
                 height = round(WORKTOP_AND_DRAWERS[count] + self._number(0.0, 0.04), 3)
                 return FixtureDesign(kind=kind, width=width, height=height, count=count, handle=self._handle)
             case "stove":
-                return FixtureDesign(kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1]))
+                return FixtureDesign(
+                    kind=kind, width=width, height=0.5, count=self._choice((2, 3, 4)[: int(8 * (width - 0.1)) - 1])
+                )
             case "wall_sliding":
                 height, hinge = self._number(0.35, 0.4), self._choice(("left", "right"))
                 return FixtureDesign(kind=kind, width=width, height=height, handle=self._handle, hinge=hinge)
@@ -538,20 +542,22 @@ def build_generated_kitchen(
     return scene
 
 
-# Half the width of the back wall, height of the walls' upper edges, thickness of the walls, height of the tiles above the
-# counter [m].
+# Half the width of the back wall, height of the walls' upper edges, thickness of the walls, height of the tiles [m].
 _WALL_REACH, _WALL_TOP, _WALL, _TILES = 1.4, 3.1, 0.05, 0.5
 
 # Height of plinths, and how far they stand back [m].
 _PLINTH, _RECESS = 0.1, 0.05
 
-_PLINTH_COLOR, _TILES_COLOR = (0.15, 0.15, 0.16), (0.94, 0.94, 0.93)
+# Of the panel behind the knobs of an oven: distance from the oven's front, lower and upper edge above the counter [m].
+_PANEL_FRONT, _PANEL_BOTTOM, _PANEL_TOP = 0.64, 0.57, 0.8
+
+_TILES_COLOR = (0.94, 0.94, 0.93)
 
 
 def _add_surroundings(arena: GeneratedKitchenArena, design: KitchenDesign) -> None:
-    """Adds what only pictures show: walls, tiles, and what is between fixtures and the floor or the wall behind them."""
+    """Adds what only pictures show: walls, tiles, and boxes between the fixtures and the floor or the wall."""
     style = STYLES[design.style]
-    backs = {side: 0.0 for side in SIDES}
+    backs = dict.fromkeys(SIDES, 0.0)
     for placed in design.placed:
         depth = KINDS[placed.design.kind].extent(placed.design).high[1]
         backs[placed.row.side] = max(backs[placed.row.side], placed.row.distance + depth)
@@ -586,9 +592,12 @@ def _fillings(placed: Placed, wall: float, style: Style) -> Iterator[tuple[str, 
     back, floor = wall - placed.row.distance, FLOOR - placed.position[2]
     if placed.row.level != "counter":
         yield "filling", (left, depth, bottom), (right, back, top), style.carcass
-    if placed.row.level in ("base", "tall") and placed.design.kind != "oven":
+    if placed.design.kind == "oven":
+        # Behind the knobs, where the hood is if there is one.
+        yield "panel", (left + 0.01, _PANEL_FRONT, _PANEL_BOTTOM), (right - 0.01, back, _PANEL_TOP), DARK
+    elif placed.row.level in ("base", "tall"):
         plinth = floor + _PLINTH
-        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), _PLINTH_COLOR
+        yield "plinth", (left, _RECESS, floor), (right, back, min(plinth, bottom)), DARK
         yield "lower_carcass", (left, PANEL, plinth), (right, back, bottom), style.carcass
-        front = style.metal if placed.design.kind == "stove" else style.front
+        front = STEEL if placed.design.kind == "stove" else style.front
         yield "lower_front", (left + GAP, 0.0, plinth), (right - GAP, PANEL, bottom), front

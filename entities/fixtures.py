@@ -46,6 +46,10 @@ DRAWER_OPENING, SLIDING_OPENING, DOOR_OPENING, KNOB_ANGLE, SWITCH_ANGLE = 0.2, 0
 _STIFF_FRICTION = (0.99, 0.999, 0.001)
 
 
+# Colours that do not depend on the style: of windows, cooktops and plinths, and of stoves.
+DARK, STEEL = (0.12, 0.12, 0.13), (0.72, 0.73, 0.75)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Style:
     """Colours of a kitchen: red, green and blue from 0 to 1.
@@ -54,7 +58,7 @@ class Style:
       front: of drawers and doors.
       carcass: of the boxes behind them.
       worktop: of the worktops.
-      metal: of handles, and of stoves.
+      metal: of handles.
       wall: of the walls.
     """
 
@@ -208,7 +212,8 @@ class Fixture(Prop):
         for part, shine in (("front", 0.3), ("carcass", 0.1), ("worktop", 0.25), ("metal", 0.8)):
             rgba = (*getattr(style, part), 1)
             asset.add("material", name=part, rgba=rgba, specular=shine, shininess=shine)
-        asset.add("material", name="dark", rgba=(0.12, 0.12, 0.13, 1), specular=0.3, shininess=0.5)
+        for name, color in (("dark", DARK), ("steel", STEEL)):
+            asset.add("material", name=name, rgba=(*color, 1), specular=0.3, shininess=0.5)
 
     def _add_box(
         self, body: mjcf.Element, name: str, low: Vector, high: Vector, material: str, mass: float = 0.0
@@ -374,7 +379,7 @@ class Stove(Fixture):
     def _furnish(self, width: float, depth: float, height: float, count: int) -> None:
         self._add_box(self._body, "top", (-width / 2, -0.01, -WORKTOP), (width / 2, depth, 0), "dark")
         low, high = (-width / 2 + GAP, 0, -height), (width / 2 - GAP, depth, -WORKTOP)
-        self._add_box(self._body, "case", low, high, "metal")
+        self._add_box(self._body, "case", low, high, "steel")
         window = (-0.35 * width, -0.004, -0.9 * height), (0.35 * width, 0, -0.4 * height)
         self._add_box(self._body, "window", *window, "dark")
         step = min(0.15, (width - 0.1) / count)
@@ -382,7 +387,7 @@ class Stove(Fixture):
             self._add_knob(number, (number - (count - 1) / 2) * step, -WORKTOP - 0.07, count)
         for x in (-0.22 * width, 0.22 * width):
             for y in (0.27 * depth, 0.73 * depth):
-                for radius, height, material in ((0.09, 0.002, "metal"), (0.08, 0.003, "dark")):
+                for radius, height, material in ((0.09, 0.002, "steel"), (0.08, 0.003, "dark")):
                     plate = {"type": "cylinder", "size": (radius, height), "pos": (x, y, 0)}
                     self._body.add("geom", dclass="visual", material=material, **plate)
 
@@ -401,7 +406,7 @@ class Stove(Fixture):
         self._add_part(part, body, type="hinge", axis=(0, 0, 1), range=(-1.57, 0), damping=2)
         shapes = (
             ("bar", {"type": "box", "pos": (0, 0, 0.038), "size": (0.014, 0.048, 0.018)}, "dark"),
-            ("disc", {"type": "cylinder", "pos": (0, 0, 0.013), "size": (0.05, 0.008)}, "metal"),
+            ("disc", {"type": "cylinder", "pos": (0, 0, 0.013), "size": (0.05, 0.008)}, "steel"),
         )
         for shape, attributes, material in shapes:
             body.add("geom", name=f"{name}_{shape}", dclass="collision", **{**attributes, "mass": 0.01})
