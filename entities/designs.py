@@ -5,7 +5,7 @@ Every pair of a split and a number is a kitchen. Designs of different splits hav
 
 import dataclasses
 import functools
-import json
+import numbers
 import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kitchen_suite import checks
+from kitchen_suite import checks, files
 from kitchen_suite.entities.assets import Vector
 from kitchen_suite.entities.fixtures import (
     DARK,
@@ -242,15 +242,10 @@ def _check_apart(one: Placed, other: Placed) -> None:
 
 def _read(path: Path) -> Any:
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"design must be a number, a JSON object or a file with one; cannot read {path}: {error}"
-        ) from None
-    try:
-        return json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"design {path} is not JSON: {error}") from None
+        return files.load_json(path, "a design")
+    except OSError as error:
+        problem = f"design must be a number, a JSON object or a file with one: {error}"
+        raise ValueError(checks.shortened(problem, 500)) from None
 
 
 def _parsed(cls: type[KitchenDesign], value: object) -> KitchenDesign:
@@ -290,18 +285,18 @@ def _parsed_fixture(value: object, path: str, level: str) -> FixtureDesign:
     options = KINDS[kind].options
     needed = [name for name in options if name != "hinge" or given.get("count") != 2]
     fields = _object(value, path, ("kind", *needed), ("gap",))
-    numbers = {
+    sizes = {
         name: _within(fields[name], f"{path}.{name}", options[name]) for name in ("width", "height") if name in options
     }
     if "count" in options:
         count = checks.integer(fields["count"], f"{path}.count", minimum=1, maximum=max(options["count"]))
-        numbers["count"] = count  # type: ignore[assignment]
+        sizes["count"] = count  # type: ignore[assignment]
     words = {
         name: checks.choice(fields[name], options[name], f"{path}.{name}")
         for name in ("handle", "hinge")
         if name in needed
     }
-    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **numbers, **words)  # type: ignore[arg-type]
+    return FixtureDesign(kind=kind, gap=_within(fields.get("gap", 0.0), f"{path}.gap", _GAP), **sizes, **words)  # type: ignore[arg-type]
 
 
 def _object(value: object, path: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -322,10 +317,11 @@ def _items(value: object, path: str) -> Sequence[object]:
 
 
 def _within(value: object, path: str, bounds: tuple[float, float]) -> float:
-    number = checks.number(value, path) if bounds[0] >= 0 else float(checks.vector([value], 1, path)[0])  # type: ignore[list-item]
-    if not bounds[0] <= number <= bounds[1]:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{path} must be a number, got {checks.shown(value)}")
+    if not bounds[0] <= value <= bounds[1]:
         raise ValueError(f"{path} must be between {bounds[0]:g} and {bounds[1]:g}, got {checks.shown(value)}")
-    return number
+    return float(value)
 
 
 class _Grammar:
