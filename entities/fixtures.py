@@ -472,6 +472,9 @@ _SLIDING_DOOR = Part(
 KETTLE = Part(kind="kettle", joint=None, handle="handle", opened=0.4, words="kettle", twin="kettle")
 """The kettle, which counts as moved when it has come 0.4 m back, to the next burner."""
 
+# Room before fixtures of boxes that handles take up [m].
+_ROOM = CLEARANCE + KNOB_RADIUS
+
 # Depths of parametric fixtures below and above a counter [m].
 _BASE_DEPTH, _WALL_DEPTH = 0.5, 0.32
 
@@ -543,7 +546,7 @@ def _parametric(
     def extent(design: FixtureDesign) -> Extent:
         assert design.width is not None
         (bottom, top), depth = _span(level, design.height), sizes(design)["depth"]
-        return Extent(low=(-design.width / 2, -0.025, bottom), high=(design.width / 2, depth, top))
+        return Extent(low=(-design.width / 2, -_ROOM, bottom), high=(design.width / 2, depth, top))
 
     return FixtureKind(level=level, build=build, extent=extent, words=words, options=MappingProxyType(options))
 
@@ -580,9 +583,15 @@ def _given(design: FixtureDesign, depth: float, *names: str) -> Mapping[str, Any
 
 
 def _kitchen_prop(
-    prop: type[kitchen_props.KitchenProp], level: str, words: str, low: Vector, high: Vector, *parts: Part
+    prop: type[kitchen_props.KitchenProp],
+    level: str,
+    words: str,
+    low: Vector,
+    high: Vector,
+    *parts: Part,
+    room: float = 0.0,
 ) -> FixtureKind:
-    """Returns the kind of a prop of the kitchen, which takes up a box in its own frame [m]."""
+    """Returns the kind of a prop of the kitchen, which takes up a box in its own frame, with room for handles [m]."""
     # The kitchen's counter is 1.6 m above the frame of its oven.
     height = 1.6 if level == "base" else low[2]
     origin = (-(low[0] + high[0]) / 2, -low[1], -height)
@@ -598,7 +607,7 @@ def _kitchen_prop(
     return FixtureKind(
         level=level,
         build=build,
-        extent=lambda design: Extent(low=lower, high=upper),
+        extent=lambda design: Extent(low=(lower[0], lower[1] - room, lower[2]), high=upper),
         words=words,
         parts=parts,
         origin=origin,
@@ -676,10 +685,22 @@ KINDS: Mapping[str, FixtureKind] = MappingProxyType(
             kitchen_props.Hood, "wall", "hood", (-0.402, -0.179, 2.164), (0.602, 0.597, 2.404), _SWITCH
         ),
         "hinge_cabinet": _kitchen_prop(
-            kitchen_props.HingeCabinet, "wall", "hinge cabinet", (-0.4, -0.35, -0.2), (0.4, 0.3, 0.2), _RIGHT_DOOR
+            kitchen_props.HingeCabinet,
+            "wall",
+            "hinge cabinet",
+            (-0.4, -0.35, -0.2),
+            (0.4, 0.3, 0.2),
+            _RIGHT_DOOR,
+            room=0.12,
         ),
         "slide_cabinet": _kitchen_prop(
-            kitchen_props.SlideCabinet, "wall", "slide cabinet", (-0.45, -0.36, -0.2), (0.45, 0.3, 0.2), _SLIDING_DOOR
+            kitchen_props.SlideCabinet,
+            "wall",
+            "slide cabinet",
+            (-0.45, -0.36, -0.2),
+            (0.45, 0.3, 0.2),
+            _SLIDING_DOOR,
+            room=0.11,
         ),
         "microwave": _kitchen_prop(
             kitchen_props.Microwave,
@@ -688,6 +709,7 @@ KINDS: Mapping[str, FixtureKind] = MappingProxyType(
             (-0.345, -0.221, 0.0),
             (0.345, 0.222, 0.374),
             _MICROWAVE_DOOR,
+            room=0.1,
         ),
     }
 )

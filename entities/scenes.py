@@ -21,6 +21,9 @@ from kitchen_suite.entities.parameters import POSITION_OFFSET, SLIDING_FRICTION_
 from kitchen_suite.entities.props import Microwave, Prop
 from kitchen_suite.names import EXACT, FAST, PHYSICS
 
+# Radius of the pedestal in generated kitchens [m].
+_PEDESTAL_RADIUS = 0.07
+
 # Height of the floor of generated kitchens [m]: their counters are 0.9 m above it.
 FLOOR = 0.82
 
@@ -254,6 +257,8 @@ class GeneratedKitchenArena(KitchenArena):
         # The kitchen's would cut off upper cabinets, and shadows on the higher floor.
         self._mjcf_root.find("camera", "overview").set_attributes(pos=_OVERVIEW[0], xyaxes=_OVERVIEW[1])
         self._mjcf_root.visual.map.shadowclip = 1.0
+        # Narrower than in the original kitchen, where the front of the oven is in the pedestal.
+        self._mjcf_root.find("geom", "pedestal").size = (_PEDESTAL_RADIUS, 0.9)
 
     def add_site(self, name: str, position: NDArray[np.float64], yaw: float) -> None:
         """Adds the site at which a fixture is attached: its position [m], and its rotation about the vertical [rad]."""

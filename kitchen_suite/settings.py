@@ -428,6 +428,29 @@ class VerifySettings:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CertifySettings:
+    """Settings of `kitchen-certify`."""
+
+    split: str = flag("train or test.", "train", choices=("train", "test"))
+    designs: str = flag("Numbers of the kitchens, from the first to before the last, such as 0:1000.", "0:10")
+    output: Path | None = flag(
+        "File of certificates, which is completed.", None, unset="one in the cache folder", check=check_file
+    )
+    check: bool = flag("Certify again, and compare with the file.", False)
+    num_workers: int | None = flag(
+        "Processes that certify.", None, minimum=1, maximum=checks.MAX_THREADS, unset="one per processor"
+    )
+
+    @property
+    def numbers(self) -> range:
+        """The numbers of the kitchens; a ValueError where they are not two numbers, the lower one first."""
+        first, _, last = self.designs.partition(":")
+        if not (first.isdecimal() and last.isdecimal() and int(first) < int(last) <= MAX_COUNT):
+            raise ValueError(f"designs must be two numbers such as 0:1000, got {checks.shown(self.designs)}")
+        return range(int(first), int(last))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class DoctorSettings:
     """Settings of `kitchen-doctor`, which has none."""
 

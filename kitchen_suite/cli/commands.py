@@ -17,6 +17,7 @@ from kitchen_suite.rendering import gl
 from kitchen_suite.settings import (
     WIDTH,
     BenchmarkSettings,
+    CertifySettings,
     ConvertSettings,
     DoctorSettings,
     EvaluateSettings,
@@ -232,6 +233,25 @@ Exit status: 0; 2 for a bad argument, with one line on stderr; 130 if interrupte
     renders=lambda settings: settings.measure == "rendering",
 )
 
+certify = Command(
+    name="kitchen-certify",
+    description="""Certifies generated kitchens: builds each, measures it, and has the expert play every task in it.
+
+  kitchen-certify                                             the first ten of the split train, to the cache folder
+  kitchen-certify --split=test --designs=0:1000               others; continues where it was interrupted
+  kitchen-certify --designs=0:200 --output=mine.jsonl         to a file of one's own
+  kitchen-certify --designs=0:20 --output=mine.jsonl --check  certifies again, and compares
+
+With the argument certified of the environments, episodes ask only for what the expert has completed. Exit status: 0; 1
+if fixtures are in each other, a certificate does not hold, or writing failed; 2 for a bad argument, with one line on
+stderr; 130 if interrupted, with all finished kitchens in the file.
+""",
+    settings=CertifySettings,
+    job="kitchen_suite.evaluation.certify_job:CertifyJob",
+    renders=lambda settings: False,
+    needs=(("mink",), "experts"),
+)
+
 doctor = Command(
     name="kitchen-doctor",
     description="""Says what is installed and what works here: the text to paste into an issue. Needs no display.
@@ -319,6 +339,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
             train,
             evaluate,
             verify,
+            certify,
             doctor,
             benchmark,
             export,

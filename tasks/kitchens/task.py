@@ -1,7 +1,7 @@
 """The task of the kitchens domain: open, close, turn on, turn off and move parts of a generated kitchen."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from kitchen_suite.tasks.kitchen.action import CONTROL_MODES, CONTROL_TIMESTEP
 from kitchen_suite.tasks.kitchen.goals import INITIAL_QPOS
 from kitchen_suite.tasks.kitchen.requests import REQUESTED, REQUESTED_ORDER, TaskDraw, in_order, order_of
 from kitchen_suite.tasks.kitchen.reward import CONTINUING, REWARDS
+from kitchen_suite.tasks.kitchens.certificates import certificate_of
 from kitchen_suite.tasks.kitchens.mdp import (
     PARTS,
     SIZE,
@@ -80,14 +81,17 @@ class PartRequests(ResetRequests):
 
     options = (REQUESTED,)
 
-    def __init__(self, scene: GeneratedKitchen, verbs: Sequence[str], count: object) -> None:
-        """Collects the tasks of some verbs in a kitchen, of which episodes ask for some."""
+    def __init__(
+        self, scene: GeneratedKitchen, verbs: Sequence[str], count: object, allowed: Collection[str] | None = None
+    ) -> None:
+        """Collects the tasks of some verbs in a kitchen, all or those allowed, of which episodes ask for some."""
         self._slots: dict[str, tuple[int, bool]] = {}
         for k, (name, part) in enumerate(scene.parts):
             for verb in verbs:
                 begins_open, kinds = VERBS[verb]
-                if part.kind in kinds:
-                    self._slots[f"{verb} {name}/{part.joint or part.handle}"] = k, not begins_open
+                task = f"{verb} {name}/{part.joint or part.handle}"
+                if part.kind in kinds and (allowed is None or task in allowed):
+                    self._slots[task] = k, not begins_open
         self.tasks = tuple(self._slots)
         if not self.tasks:
             parts = ", ".join(sorted({part.kind for _, part in scene.parts}))
@@ -165,6 +169,7 @@ class KitchensTask(SuiteTask):
         *,
         verbs: Sequence[str] = ("open",),
         tasks_per_episode: int | Sequence[int] = 1,
+        certified: bool = False,
         reward: str = "sparse",
         robot_noise_ratio: float = 0.01,
         object_noise_ratio: float = 0.01,
@@ -177,6 +182,7 @@ class KitchensTask(SuiteTask):
           scene: the kitchen; each task needs a scene of its own.
           verbs: keys of `VERBS`; an episode asks for parts of these.
           tasks_per_episode: number of parts that an episode asks for, or a pair of the least and greatest number.
+          certified: whether episodes ask only for what the scripted expert has completed, by the kitchen's certificate.
           reward: `sparse`, or `dense` or `dense_gain` as in the kitchen.
           robot_noise_ratio: scale of the noise of the robot's joints; 0 for none. The default is at most 1 mrad.
           object_noise_ratio: scale of the noise of handles and openings; 0 for none. The default is at most 2 mm, and
@@ -206,7 +212,8 @@ class KitchensTask(SuiteTask):
         super().__init__(scene, mdp, **observables)
         self._parts = scene.parts
         self._words = part_words(scene)
-        self.requests = PartRequests(scene, names, tasks_per_episode)
+        allowed = certificate_of(scene.design).certified if checks.boolean(certified, "certified") else None
+        self.requests = PartRequests(scene, names, tasks_per_episode, allowed)
         handles = [scene.props[name].mjcf_model.find("site", part.handle) for name, part in scene.parts]
         self.vary(handles=handles, parameters=scene.fixture_parameters, home=HOME)
         parts = {name: observable.Generic(functools.partial(self._part, part)) for name, part in PARTS.items()}

@@ -1,6 +1,6 @@
 """Decides whether an episode can be played in a layout: objects stand clear of each other, and handles are in reach."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 import numpy as np
@@ -42,9 +42,20 @@ class Clearance:
         first, second = (geoms[indices] for indices in np.triu_indices(geoms.size, 1))
         other_owner = owners[first] != owners[second]
         self._first, self._second = first[other_owner], second[other_owner]
+        self._props, self._first_owner, self._second_owner = (
+            tuple(scene.props),
+            owners[self._first],
+            owners[self._second],
+        )
         self._positions, self._rotations = data.geom_xpos.copy(), data.geom_xmat.copy()
         self._depths = np.zeros(self._first.size)
         self._depths[self._near(data)] = [self._depth(data, pair) for pair in self._near(data)]
+
+    def depth(self, together: Collection[str] = ()) -> float:
+        """Returns the greatest depth in the default layout [m], but for that of some props in each other."""
+        numbers = [number for number, name in enumerate(self._props, start=2) if name in together]
+        exempt = np.isin(self._first_owner, numbers) & np.isin(self._second_owner, numbers)
+        return float(self._depths.max(initial=0.0, where=~exempt))
 
     def excess(self, data: mujoco.MjData) -> float:
         """Returns the greatest depth beyond that of the default layout in the layout of some kinematics [m]."""

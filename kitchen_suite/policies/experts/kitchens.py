@@ -274,6 +274,7 @@ class _Kitchen:
     def __init__(self, design: KitchenDesign) -> None:
         built = build_generated_kitchen(design, visuals=False)
         self.parts = tuple(part for _, part in built.parts)
+        self.names = tuple(f"{name}/{part.joint or part.handle}" for name, part in built.parts)
         self._physics = physics = mjcf.Physics.from_mjcf_model(built.arena.mjcf_model)
         self.slots = Slots.of(built, physics)
         self._data = mujoco.MjData(physics.model.ptr)
@@ -323,6 +324,11 @@ class _Kitchen:
             assert best is not None, "there is at least one candidate"
             self._motions[key] = [*free, *others][:_ALTERNATIVES] or [best[1]]
         return self._motions[key]
+
+    def reaches(self, target: Target, limits: JointSpeedLimits) -> bool:
+        """Whether the arm can follow a motion for a part from its start."""
+        motion = self.motions(target, 0.0 if target.opens else 1.0, True, limits)[0]
+        return motion.planned(arm_model().kinematics, limits).position_error <= OUT_OF_REACH
 
     def path(self, start: Array, end: Array, target: Target) -> list[Array]:
         """Returns joint positions on the way from one `(7,)` to another: by places near the robot, unless they touch."""
@@ -519,6 +525,13 @@ def _default_handles() -> dict[str, Array]:
 @functools.lru_cache(maxsize=64)
 def _kitchen(design: KitchenDesign) -> _Kitchen:
     return _Kitchen(design)
+
+
+def reached_handles(design: KitchenDesign) -> dict[str, bool]:
+    """Returns whether the arm reaches each handle of a kitchen, for some motion that opens it, by name of the part."""
+    kitchen = _kitchen(design)
+    limits = make_encoder(make_mode("joint_velocity", CONTROL_MODES, {}), arm_model()).limits
+    return {name: kitchen.reaches(Target(k, True), limits) for k, name in enumerate(kitchen.names)}
 
 
 def _base() -> Array:

@@ -1,0 +1,126 @@
+"""The work of `kitchen-certify`: kitchens are built, measured, and played in by the scripted expert."""
+
+import concurrent.futures
+import functools
+import multiprocessing
+from collections.abc import Iterator
+
+import msgspec
+import mujoco
+import numpy as np
+from tqdm import tqdm
+
+from kitchen_suite import policies, suite
+from kitchen_suite.entities.designs import KitchenDesign
+from kitchen_suite.names import FAST
+from kitchen_suite.policies.experts.kitchens import reached_handles
+from kitchen_suite.rollouts.report import print_line, table
+from kitchen_suite.settings import CertifySettings
+from kitchen_suite.tasks.kitchens import certificates
+from kitchen_suite.tasks.kitchens.certificates import Certificate
+from kitchen_suite.tasks.variations.layouts import CLEARANCE_TOLERANCE, Clearance
+from kitchen_suite.vector_env.base import processors
+
+# Props that are in each other as in the original kitchen: the hood is part of the oven's back, on which a kettle stands.
+_TOGETHER = ("oven_1", "hood_1", "kettle")
+
+
+def certify(number: int, split: str, *, seed: int = 0) -> Certificate:
+    """Returns the certificate of a design; every task is played once, in an episode with a seed."""
+    design = KitchenDesign.drawn(number, split)
+    environment = suite.load("kitchens", "any", {"design": design, "visuals": False, "random": seed})
+    task, act = environment.task, policies.find("expert")(environment, np.random.default_rng(seed))
+    environment.reset()
+    model, data = environment.physics.model.ptr, mujoco.MjData(environment.physics.model.ptr)
+    mujoco.mj_kinematics(model, data)
+    depth = Clearance(task.scene, environment.physics, data).depth(_TOGETHER)
+    steps: dict[str, int | None] = {}
+    for name in task.requests.tasks:
+        environment.random_state.seed(seed)
+        task.requests.follow((name,))
+        timestep, count = environment.reset(), 0
+        while not timestep.last():
+            timestep, count = environment.step(act(timestep)), count + 1
+        steps[name] = count if task.episode_metrics["success"] else None
+    return Certificate(
+        design=number,
+        digest=certificates.design_digest(design),
+        physics=FAST,
+        depth_mm=round(1e3 * depth, 3),
+        reached=reached_handles(design),
+        steps=steps,
+    )
+
+
+class CertifyJob:
+    """Certifies kitchens, or checks their certificates."""
+
+    failures = (OSError, ValueError)
+    usage_errors = ()
+
+    def __init__(self, settings: CertifySettings) -> None:
+        """Checks the settings, and what is there of the file."""
+        self._settings, self._done = settings, 0
+        path = settings.output or certificates.default_path(settings.split)
+        if path is None:
+            raise ValueError("there is no cache folder: name a file with --output")
+        self._path, self._numbers = path, settings.numbers
+        self._present = certificates.read(path) if path.exists() else {}
+
+    def progress(self) -> str:
+        return f"after {self._done} kitchens"
+
+    def run(self) -> bool:
+        """Appends the certificates that are missing, or certifies again; returns whether all are as they should be."""
+        if self._settings.check:
+            return self._check()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        missing = [number for number in self._numbers if number not in self._present]
+        # What follows the last complete line was cut off.
+        with self._path.open("ab") as file:
+            file.truncate(self._path.read_bytes().rfind(b"\n") + 1)
+            for certificate in self._certified(missing):
+                file.write(msgspec.json.encode(certificate) + b"\n")
+                file.flush()
+                self._present[certificate.design] = certificate
+        found = [self._present[number] for number in self._numbers]
+        print_line(_report(found))
+        return all(certificate.depth_mm <= 1e3 * CLEARANCE_TOLERANCE for certificate in found)
+
+    def _check(self) -> bool:
+        """Certifies kitchens again that have a certificate in the file, and compares."""
+        numbers = [number for number in self._numbers if number in self._present]
+        different = [each.design for each in self._certified(numbers) if each != self._present[each.design]]
+        for number in different:
+            print_line(f"kitchen {self._settings.split}/{number} has another certificate now")
+        print_line(f"{len(numbers) - len(different)} of {len(numbers)} certificates hold")
+        return not different and bool(numbers)
+
+    def _certified(self, numbers: list[int]) -> Iterator[Certificate]:
+        """Yields the certificates of kitchens in the order of their numbers, from several processes."""
+        workers = min(self._settings.num_workers or processors(), max(len(numbers), 1))
+        work = functools.partial(certify, split=self._settings.split)
+        with concurrent.futures.ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            for certificate in tqdm(
+                pool.map(work, numbers), total=len(numbers), unit="kitchen", disable=None, leave=False
+            ):
+                self._done += 1
+                yield certificate
+
+
+def _report(found: list[Certificate]) -> str:
+    """Returns a table of tasks and how many of them the expert completed, and a line on the kitchens."""
+    rows: dict[str, list[bool]] = {}
+    for certificate in found:
+        for name, steps in certificate.steps.items():
+            verb, _, part = name.partition(" ")
+            rows.setdefault(f"{verb} {part.rpartition('/')[0].rpartition('_')[0] or part}", []).append(
+                steps is not None
+            )
+    everything = [done for each in rows.values() for done in each]
+    cells = [[name, str(len(each)), f"{np.mean(each):.0%}"] for name, each in sorted(rows.items())]
+    cells.append(["all", str(len(everything)), f"{np.mean(everything):.1%}"])
+    reached = [each for certificate in found for each in certificate.reached.values()]
+    line = f"{len(found)} kitchens; handles in reach: {np.mean(reached):.1%}; "
+    line += f"greatest depth: {max(certificate.depth_mm for certificate in found):.1f} mm"
+    return f"{table(['task', 'pairs', 'certified'], cells)}\n\n{line}"
