@@ -196,8 +196,6 @@ class KitchensTask(SuiteTask):
         """
         control, observables = split_options(options, self.control_modes)
         names = tuple(checks.choice(verb, VERBS, "verb") for verb in checks.unique_names(verbs, "verbs"))
-        if not names:
-            raise ValueError("verbs must have at least one")
         mdp = KitchensMDP(
             sensors=SlotSensors(scene),
             action_mode=make_mode(control_mode, self.control_modes, control),

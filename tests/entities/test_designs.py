@@ -78,7 +78,9 @@ def test_a_thousand_designs_of_each_split_can_be_built(drawn):
 def test_splits_share_no_sequence_of_fixtures(drawn):
     train, test = ({kitchen.sequence for kitchen in drawn[split]} for split in SPLITS)
     assert not train & test
-    assert min(len(train), len(test)) >= 200
+    # A quarter of the sequences is for tests.
+    assert len(train) >= 200
+    assert len(test) >= 150
 
 
 def test_every_kind_is_in_a_twentieth_of_the_kitchens(drawn):
