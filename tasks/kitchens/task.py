@@ -98,15 +98,17 @@ class PartRequests(ResetRequests):
             raise ValueError(
                 f"kitchen {scene.design.name or 'of this design'} has nothing to {' or '.join(verbs)}: it has {parts}"
             )
-        parts_asked = {k for k, _ in self._slots.values()}
-        self._draw = TaskDraw.make(count, len(parts_asked))
-        self._weights = np.isin(np.arange(MAX_PARTS), list(parts_asked)).astype(np.float64)
+        # The first task of each part.
+        slots = {k: (k, opens) for k, opens in reversed(self._slots.values())}
+        self._draw = TaskDraw.make(count, len(slots))
+        self._weights = np.isin(np.arange(MAX_PARTS), list(slots)).astype(np.float64)
         # Whether a part may be asked to be open, and to be closed.
         self._directions = np.zeros((2, MAX_PARTS), bool)
         for k, opens in self._slots.values():
             self._directions[int(opens), k] = True
         self._next: tuple[str, ...] | None = None
-        self.order, self.goal = np.full(MAX_PARTS, -1), np.zeros(MAX_PARTS)
+        # Before the first reset.
+        self._request([slots[k] for k in sorted(slots)[: self._draw.most]])
 
     def checked(self, options: Mapping[str, Any]) -> tuple[str, ...] | None:
         if options.get(REQUESTED) is None:
@@ -125,12 +127,15 @@ class PartRequests(ResetRequests):
         opens = np.where(random_state.random_sample(MAX_PARTS) < 0.5, self._directions[1], ~self._directions[0])
         self.order, self.goal = order, opens.astype(np.float64)
         if self._next is not None:
-            slots = [self._slots[task] for task in self._next]
-            self.order = order_of([k for k, _ in slots], MAX_PARTS)
-            self.goal = np.zeros(MAX_PARTS)
-            for k, is_open in slots:
-                self.goal[k] = is_open
+            self._request([self._slots[task] for task in self._next])
         self._next = None
+
+    def _request(self, slots: Sequence[tuple[int, bool]]) -> None:
+        """Asks for parts, each to be open or closed, in their sequence."""
+        self.order = order_of([k for k, _ in slots], MAX_PARTS)
+        self.goal = np.zeros(MAX_PARTS)
+        for k, opens in slots:
+            self.goal[k] = opens
 
     def recorded(self, arrays: Mapping[str, NDArray]) -> dict[str, Any]:
         orders, goals = arrays.get(f"info/{REQUESTED_ORDER}"), arrays.get("info/goal_openings")
